@@ -1,0 +1,149 @@
+"""Errors that all rooms share.
+
+In: what is wrong, as a sentence or as a list of :class:`Problem`. Out: one exception whose text
+holds one line per problem: *where, what was given, nearest names, what is allowed*. The library
+raises these and never prints; the command line turns them into exit codes.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+__all__ = [
+    "AssemblyError",
+    "BodyFileError",
+    "FlexmbError",
+    "FlexmbWarning",
+    "MaterialError",
+    "MeshError",
+    "OutputError",
+    "Problem",
+    "ReductionError",
+    "ResultFileError",
+    "SceneError",
+    "SolverError",
+    "ViewError",
+    "nearest",
+]
+
+_MOST_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake: where it is, what it is, and what would have been right.
+
+    Parameters
+    ----------
+    where : str
+        Scene path such as ``joints.crank_pin.between[0]``, or a file, or empty.
+    what : str
+        The sentence, including the value that was given. May have further lines.
+    allowed : tuple of str
+        The names or values that are accepted here.
+    nearest : tuple of str
+        Those of the allowed names that resemble the given one, best first.
+    """
+
+    where: str
+    what: str
+    allowed: tuple[str, ...] = ()
+    nearest: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        first, _, rest = self.what.partition("\n")
+        line = f"{self.where}: {first}" if self.where else first
+        if self.nearest:
+            line += f"; nearest: {', '.join(self.nearest)}"
+        if self.allowed:
+            line += f"; allowed: {_listed(self.allowed)}"
+        return f"{line}\n{rest}" if rest else line
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+class FlexmbError(Exception):
+    """Base of all errors of flexmb; ``problems`` holds what the text says, one by one."""
+
+    def __init__(self, message: str, problems: Sequence[Problem] = ()) -> None:
+        super().__init__(message)
+        self.problems: tuple[Problem, ...] = tuple(problems) or (Problem("", message),)
+
+    @classmethod
+    def from_problems(cls, problems: Iterable[Problem]) -> Self:
+        """Build the error from all mistakes found; its text has one line for each."""
+        found = tuple(problems)
+        return cls("\n".join(str(problem) for problem in found), found)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, tuple[Problem, ...]]]:
+        return type(self), (str(self), self.problems)
+
+
+class SceneError(FlexmbError):
+    """A scene, or a model built from Python, says something impossible."""
+
+
+class MeshError(FlexmbError):
+    """A mesh file cannot be read, or lacks what was asked of it."""
+
+
+class MaterialError(FlexmbError):
+    """An unknown material, or material values that cannot be."""
+
+
+class ReductionError(FlexmbError):
+    """A mesh cannot be reduced to a flexible body."""
+
+
+class BodyFileError(FlexmbError):
+    """A flexible-body file is not readable, not ours, or of another version."""
+
+
+class ResultFileError(FlexmbError):
+    """A result file is not readable, not ours, or of another version."""
+
+
+class AssemblyError(FlexmbError):
+    """The mechanism cannot be put together, or a name is unknown to its flexible bodies."""
+
+
+class SolverError(FlexmbError):
+    """The run cannot go on; names the time, the joint or body, and the likely cause."""
+
+
+class OutputError(FlexmbError):
+    """An output folder or file cannot be written."""
+
+
+class ViewError(FlexmbError):
+    """A picture or plot cannot be made."""
+
+
+class FlexmbWarning(UserWarning):
+    """Something allowed but suspicious, such as an implausible wave speed."""
+
+
+def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
+    """Names that resemble ``name``, best first, regardless of upper and lower case.
+
+    Parameters
+    ----------
+    name : str
+        What was given.
+    names : iterable of str
+        What there is.
+    n : int
+        How many to return at most.
+    """
+    folded: dict[str, list[str]] = {}
+    for candidate in names:
+        folded.setdefault(candidate.casefold(), []).append(candidate)
+    close = difflib.get_close_matches(name.casefold(), list(folded), n=n, cutoff=0.5)
+    return tuple(candidate for key in close for candidate in folded[key])[:n]
