@@ -1,0 +1,1 @@
+"""Compiled system: flat tables, kernels, integrators and the sparse KKT solver."""
