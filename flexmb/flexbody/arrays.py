@@ -1,0 +1,75 @@
+"""Turning what a caller gives into read-only arrays of a known shape, with sentences when it fails.
+
+In: an array-like and the shape it must have (``None`` leaves a length free). Out: a read-only
+float64 or int64 array. Mistakes are collected, so that a body tells all of them at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, ReductionError
+
+__all__ = ["Checker", "FloatArray", "IntArray"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Checker:
+    """Collects the problems of one object under its name, then raises them together."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.problems: list[Problem] = []
+
+    def add(self, field: str, what: str) -> None:
+        """Note that ``field`` is wrong, and how."""
+        self.problems.append(Problem(f"{self.where}.{field}", what))
+
+    def floats(self, field: str, value: Any, shape: Sequence[int | None]) -> FloatArray:
+        """A read-only, finite float64 array of the given shape; notes a problem otherwise."""
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            self.add(field, f"must be an array of numbers of shape {_text(shape)}")
+            return np.zeros([length or 0 for length in shape])
+        if not np.isfinite(array).all():
+            self.add(field, "has entries that are not finite numbers")
+        return self._shaped(field, array, shape)
+
+    def integers(self, field: str, value: Any, shape: Sequence[int | None]) -> IntArray:
+        """A read-only int64 array of the given shape; notes a problem otherwise."""
+        array = np.array(value)
+        if array.size and array.dtype.kind not in "iu":
+            self.add(field, "must hold whole numbers")
+        return self._shaped(field, array.astype(np.int64), shape)
+
+    def raise_problems(self) -> None:
+        """Raise all problems found so far, if any.
+
+        Raises
+        ------
+        ReductionError
+            With one line for each problem.
+        """
+        if self.problems:
+            raise ReductionError.from_problems(self.problems)
+
+    def _shaped(self, field: str, array: NDArray, shape: Sequence[int | None]) -> NDArray:
+        fits = array.ndim == len(shape) and all(
+            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            self.add(field, f"must have shape {_text(shape)}, has {_text(array.shape)}")
+            array = np.zeros([length or 0 for length in shape], dtype=array.dtype)
+        array.flags.writeable = False
+        return array
+
+
+def _text(shape: Sequence[int | None]) -> str:
+    return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"

@@ -1,0 +1,217 @@
+"""The flexible body: everything the multibody half needs to know of a reduced mesh.
+
+In: inertia integrals, reduced stiffness and damping, interfaces. Out: one immutable, validated
+object, in SI and in the body frame (the frame of the undeformed mesh). With s the undeformed
+position, N the displacement interpolation, Phi the modes and a, b in x, y, z:
+S1 = int rho s, S0 = int rho s s^T, p = int rho N_b Phi, P = int rho s_a N_b Phi,
+Mab = Phi^T (int rho N_a^T N_b) Phi. A rigid body has zero modes. Source of the integrals:
+Shabana, Dynamics of Multibody Systems, ch. 5, in second-moment form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.flexbody.arrays import Checker, FloatArray
+from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+
+__all__ = ["FlexBody"]
+
+_SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
+_SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class FlexBody:
+    """A body with m modal coordinates (m = 0: a rigid body).
+
+    Parameters
+    ----------
+    name : str
+        Name of the body.
+    mass : float
+        kg.
+    S1 : (3,) float
+        First moment of mass about the body-frame origin [kg m].
+    S0 : (3, 3) float
+        Second moment of mass about the origin, int rho s s^T [kg m^2].
+    p : (3, m) float
+        int rho N_b Phi.
+    P : (3, 3, m) float
+        P[a, b] = int rho s_a N_b Phi.
+    Mab : (3, 3, m, m) float
+        Mab[a, b] = Phi^T int rho N_a^T N_b Phi.
+    K : (m, m) float
+        Modal stiffness.
+    D : (m, m) float, optional
+        Modal damping; none by default.
+    interfaces : tuple of Interface
+        Reference points for joints and loads.
+    modes : tuple of ModeInfo
+        All candidates, kept or dropped, for the reader.
+    surface : Surface, optional
+        What is drawn.
+    nodes : NodeModes, optional
+        Motion of all mesh nodes.
+    provenance : mapping of str to str
+        Where the body comes from: hashes, material, options, versions.
+
+    Raises
+    ------
+    ReductionError
+        Arrays whose shapes disagree, entries that are not finite, or inertia and stiffness that
+        cannot be; all problems at once.
+    """
+
+    name: str
+    mass: float
+    S1: FloatArray
+    S0: FloatArray
+    p: FloatArray
+    P: FloatArray
+    Mab: FloatArray
+    K: FloatArray
+    D: FloatArray | None = None
+    interfaces: tuple[Interface, ...] = ()
+    modes: tuple[ModeInfo, ...] = ()
+    surface: Surface | None = None
+    nodes: NodeModes | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check = Checker(f"body {self.name}")
+        _convert(self, check)
+        check.raise_problems()
+        _check_inertia(self, check)
+        _check_modal(self, check)
+        _check_parts(self, check)
+        check.raise_problems()
+
+    @property
+    def m(self) -> int:
+        """Number of modal coordinates."""
+        return self.K.shape[0]
+
+    @property
+    def M_eta(self) -> FloatArray:
+        """(m, m) modal mass, the sum of Mab[b, b]."""
+        return np.einsum("bbij->ij", self.Mab)
+
+    @property
+    def center(self) -> FloatArray:
+        """(3,) undeformed centre of mass, body frame [m]."""
+        return self.S1 / self.mass
+
+    @property
+    def inertia_about_center(self) -> FloatArray:
+        """(3, 3) undeformed inertia about the centre of mass, body axes [kg m^2]."""
+        S = self.S0 - np.outer(self.S1, self.S1) / self.mass
+        return np.trace(S) * np.eye(3) - S
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """(m,) natural frequencies of the free body, ascending [Hz]."""
+        if self.m == 0:
+            return np.zeros(0)
+        L = np.linalg.cholesky(self.M_eta)
+        half = np.linalg.solve(L, self.K)
+        values = np.linalg.eigvalsh(np.linalg.solve(L, half.T))
+        return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+
+    @property
+    def characteristic_length(self) -> float:
+        """Length of the uniform bar with the body's largest radius of gyration [m]."""
+        S = self.S0 - np.outer(self.S1, self.S1) / self.mass
+        return float(np.sqrt(12 * max(np.linalg.eigvalsh(S)[-1], 0.0) / self.mass))
+
+    def interface(self, name: str) -> Interface:
+        """The interface of that name.
+
+        Raises
+        ------
+        ReductionError
+            There is none; lists those there are, nearest first.
+        """
+        names = tuple(interface.name for interface in self.interfaces)
+        if name in names:
+            return self.interfaces[names.index(name)]
+        what = f'the body has no interface "{name}"'
+        problem = Problem(f"body {self.name}", what, names, nearest(name, names))
+        raise ReductionError.from_problems([problem])
+
+
+def _convert(body: FlexBody, check: Checker) -> None:
+    m = np.shape(body.K)[0] if np.ndim(body.K) == 2 else 0
+    shapes: dict[str, tuple[int, ...]] = {
+        "S1": (3,),
+        "S0": (3, 3),
+        "p": (3, m),
+        "P": (3, 3, m),
+        "Mab": (3, 3, m, m),
+        "K": (m, m),
+        "D": (m, m),
+    }
+    for name, shape in shapes.items():
+        given = getattr(body, name)
+        value = np.zeros(shape) if given is None else given
+        object.__setattr__(body, name, check.floats(name, value, shape))
+    object.__setattr__(body, "mass", float(body.mass))
+    object.__setattr__(body, "interfaces", tuple(body.interfaces))
+    object.__setattr__(body, "modes", tuple(body.modes))
+    provenance = {str(key): str(value) for key, value in body.provenance.items()}
+    object.__setattr__(body, "provenance", MappingProxyType(provenance))
+
+
+def _check_inertia(body: FlexBody, check: Checker) -> None:
+    if not (np.isfinite(body.mass) and body.mass > 0):
+        check.add("mass", f"must be positive, is {body.mass:g} kg")
+        return
+    if not _symmetric(body.S0):
+        check.add("S0", "is not symmetric")
+        return
+    S = body.S0 - np.outer(body.S1, body.S1) / body.mass
+    if np.linalg.eigvalsh(S)[0] < -_SEMIDEFINITE * np.trace(body.S0):
+        check.add("S0", "is impossible: the second moment of mass about the centre is negative")
+
+
+def _check_modal(body: FlexBody, check: Checker) -> None:
+    if body.m == 0:
+        return
+    for name in ("K", "D"):
+        matrix = getattr(body, name)
+        if not _symmetric(matrix):
+            check.add(name, "is not symmetric")
+        elif np.linalg.eigvalsh(matrix)[0] < -_SEMIDEFINITE * np.abs(matrix).max():
+            check.add(name, "has a negative eigenvalue")
+    if not _symmetric(body.Mab.transpose(0, 2, 1, 3).reshape(3 * body.m, 3 * body.m)):
+        check.add("Mab", "is not symmetric: Mab[a, b] must be the transpose of Mab[b, a]")
+    elif np.linalg.eigvalsh(body.M_eta)[0] <= 0:
+        check.add("Mab", "gives a modal mass that is not positive definite")
+
+
+def _check_parts(body: FlexBody, check: Checker) -> None:
+    names = [interface.name for interface in body.interfaces]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        check.add("interfaces", f'the name "{name}" is used twice')
+    columns = {f"interface {part.name}": part.Phi_t.shape[1] for part in body.interfaces}
+    if body.surface is not None:
+        columns["surface"] = body.surface.modes.shape[2]
+    if body.nodes is not None:
+        columns["nodes"] = body.nodes.Phi_t.shape[2]
+    for part, count in columns.items():
+        if count != body.m:
+            check.add(part, f"has {count} modes where the body has {body.m}")
+    kept = [mode.index for mode in body.modes if mode.kept]
+    if body.modes and kept != list(range(body.m)):
+        check.add("modes", f"must number the kept modes 0 to {body.m - 1} in order")
+
+
+def _symmetric(matrix: FloatArray) -> bool:
+    return bool(
+        np.abs(matrix - matrix.T).max(initial=0) <= _SYMMETRY * np.abs(matrix).max(initial=0)
+    )

@@ -1,0 +1,168 @@
+"""The parts of a flexible body: interfaces, mode descriptions, drawn surface, nodal modes.
+
+All in SI and in the body frame, which is the frame of the undeformed mesh. m is the number of
+modal coordinates eta; Phi_t and Phi_r are the translation [m] and rotation [rad] per unit eta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
+
+__all__ = ["Interface", "ModeInfo", "NodeModes", "Surface"]
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """A named reference point with six degrees of freedom, where a body takes loads and joints.
+
+    Parameters
+    ----------
+    name : str
+        Name of the marker it becomes.
+    position : (3,) float
+        Undeformed reference point, body frame [m].
+    Phi_t, Phi_r : (3, m) float
+        Translation [m] and small rotation [rad] of the point per unit modal coordinate, body axes.
+    """
+
+    name: str
+    position: FloatArray
+    Phi_t: FloatArray
+    Phi_r: FloatArray
+
+    def __post_init__(self) -> None:
+        check = Checker(f"interface {self.name}")
+        _set(self, position=check.floats("position", self.position, (3,)))
+        _set(self, Phi_t=check.floats("Phi_t", self.Phi_t, (3, None)))
+        _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, self.Phi_t.shape[1])))
+        check.raise_problems()
+
+
+@dataclass(frozen=True)
+class ModeInfo:
+    """What one candidate mode is, and whether it became a modal coordinate.
+
+    After orthonormalisation a coordinate has no kind of its own; the shares of the constraint
+    modes (unit motions of the interfaces) in its energies tell what it mostly is.
+
+    Parameters
+    ----------
+    index : int
+        Number of the modal coordinate, -1 for a dropped candidate.
+    kind : str
+        ``"rigid"`` or ``"elastic"``, or what the maker of the body calls it.
+    frequency : float
+        Of the free body in this mode [Hz].
+    kept : bool
+        Whether it is a modal coordinate of the body.
+    why : str
+        Why it was kept or dropped.
+    mostly : str
+        The Craig-Bampton mode that holds the largest share of its kinetic energy.
+    interface_kinetic, interface_strain : float
+        Share of the constraint modes in the kinetic and strain energy, 0 to 1 (NaN if unknown).
+    """
+
+    index: int
+    kind: str
+    frequency: float
+    kept: bool
+    why: str
+    mostly: str = ""
+    interface_kinetic: float = float("nan")
+    interface_strain: float = float("nan")
+
+    def __post_init__(self) -> None:
+        check = Checker(f"mode {self.index}")
+        if not (np.isfinite(self.frequency) and self.frequency >= 0):
+            check.add("frequency", f"must be a number >= 0, given {self.frequency} Hz")
+        if self.kept != (self.index >= 0):
+            check.add("index", f"must be -1 for a dropped mode and >= 0 else, given {self.index}")
+        check.raise_problems()
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What is drawn of a body: points, triangles, lines, and how the modes move the points.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Undeformed, body frame [m].
+    faces : (t, 3) int
+        Triangles as rows of indices into ``points``.
+    lines : (l, 2) int
+        Line segments (beams) as indices into ``points``.
+    modes : (n, 3, m) float
+        Displacement of the points per unit modal coordinate, body axes [m].
+    node_ids : (n,) int
+        Index of each point among the nodes of the mesh.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    lines: IntArray
+    modes: FloatArray
+    node_ids: IntArray
+
+    def __post_init__(self) -> None:
+        check = Checker("surface")
+        _set(self, points=check.floats("points", self.points, (None, 3)))
+        n = len(self.points)
+        _set(self, faces=check.integers("faces", self.faces, (None, 3)))
+        _set(self, lines=check.integers("lines", self.lines, (None, 2)))
+        _set(self, modes=check.floats("modes", self.modes, (n, 3, None)))
+        _set(self, node_ids=check.integers("node_ids", self.node_ids, (n,)))
+        for field in ("faces", "lines"):
+            rows = getattr(self, field)
+            if rows.size and not (rows.min() >= 0 and rows.max() < n):
+                check.add(field, f"points to entries outside the {n} points")
+        check.raise_problems()
+
+
+@dataclass(frozen=True, eq=False)
+class NodeModes:
+    """Displacement and rotation of all mesh nodes, for markers at any of them.
+
+    Parameters
+    ----------
+    ids : (k,) int
+        Index of each node in the mesh, ascending.
+    position : (k, 3) float
+        Undeformed, body frame [m].
+    Phi_t : (k, 3, m) float
+        Displacement per unit modal coordinate [m].
+    Phi_r : (k, 3, m) float or None
+        Small rotation per unit modal coordinate [rad]; None if the body knows none.
+    """
+
+    ids: IntArray
+    position: FloatArray
+    Phi_t: FloatArray
+    Phi_r: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        check = Checker("nodes")
+        _set(self, ids=check.integers("ids", self.ids, (None,)))
+        k = len(self.ids)
+        _set(self, position=check.floats("position", self.position, (k, 3)))
+        _set(self, Phi_t=check.floats("Phi_t", self.Phi_t, (k, 3, None)))
+        if self.Phi_r is not None:
+            _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, self.Phi_t.shape))
+        if (np.diff(self.ids) <= 0).any():
+            check.add("ids", "must be ascending without repetition")
+        check.raise_problems()
+
+    def row(self, node: int) -> int:
+        """Row of the mesh node with index ``node``; -1 if the body has no such node."""
+        row = int(np.searchsorted(self.ids, node))
+        return row if row < len(self.ids) and self.ids[row] == node else -1
+
+
+def _set(part: object, **fields: object) -> None:
+    for name, value in fields.items():
+        object.__setattr__(part, name, value)

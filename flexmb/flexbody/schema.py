@@ -1,0 +1,144 @@
+"""The layout of a flexible-body file, in one table, and its translation to and from a body.
+
+A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
+``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
+points, t triangles, l lines, k nodes, s entries of provenance. All in SI, body frame; a group may
+be absent only where the table says so. ``RESERVED`` groups exist in every file, empty until a body
+carries such data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+
+__all__ = [
+    "FORMAT",
+    "FRAME",
+    "RESERVED",
+    "TABLE",
+    "VERSION",
+    "Dataset",
+    "from_datasets",
+    "to_datasets",
+]
+
+FORMAT = "flexmb-flexbody"
+VERSION = 1
+FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
+RESERVED = ("geometric_stiffness", "load_vectors", "stress_recovery")
+
+
+class Dataset(NamedTuple):
+    """One dataset: where it is, what it holds, and whether a body may lack it."""
+
+    path: str
+    kind: str  # "f8", "i8", "bool" or "text"
+    shape: tuple[str | int, ...]
+    meaning: str
+    optional: bool = False
+
+
+TABLE = (
+    Dataset("inertia/S1", "f8", (3,), "int rho s [kg m]"),
+    Dataset("inertia/S0", "f8", (3, 3), "int rho s s^T [kg m^2]"),
+    Dataset("inertia/p", "f8", (3, "m"), "int rho N_b Phi"),
+    Dataset("inertia/P", "f8", (3, 3, "m"), "int rho s_a N_b Phi"),
+    Dataset("inertia/Mab", "f8", (3, 3, "m", "m"), "Phi^T int rho N_a^T N_b Phi"),
+    Dataset("stiffness/K", "f8", ("m", "m"), "modal stiffness"),
+    Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
+    Dataset("interfaces/name", "text", ("i",), "names of the markers"),
+    Dataset("interfaces/position", "f8", ("i", 3), "reference points [m]"),
+    Dataset("interfaces/Phi_t", "f8", ("i", 3, "m"), "translation per unit eta [m]"),
+    Dataset("interfaces/Phi_r", "f8", ("i", 3, "m"), "rotation per unit eta [rad]"),
+    Dataset("modes/index", "i8", ("c",), "modal coordinate, -1 if dropped"),
+    Dataset("modes/kind", "text", ("c",), "rigid or elastic"),
+    Dataset("modes/frequency", "f8", ("c",), "of the free body [Hz]"),
+    Dataset("modes/kept", "bool", ("c",), "is a modal coordinate"),
+    Dataset("modes/why", "text", ("c",), "why kept or dropped"),
+    Dataset("modes/mostly", "text", ("c",), "largest Craig-Bampton contribution"),
+    Dataset("modes/interface_kinetic", "f8", ("c",), "energy share of the constraint modes"),
+    Dataset("modes/interface_strain", "f8", ("c",), "energy share of the constraint modes"),
+    Dataset("surface/points", "f8", ("n", 3), "undeformed [m]", True),
+    Dataset("surface/faces", "i8", ("t", 3), "triangles", True),
+    Dataset("surface/lines", "i8", ("l", 2), "beam lines", True),
+    Dataset("surface/modes", "f8", ("n", 3, "m"), "displacement per unit eta [m]", True),
+    Dataset("surface/node_ids", "i8", ("n",), "mesh node of each point", True),
+    Dataset("nodes/ids", "i8", ("k",), "mesh nodes, ascending", True),
+    Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
+    Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
+    Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("provenance/key", "text", ("s",), "what is told"),
+    Dataset("provenance/value", "text", ("s",), "and what it is"),
+)
+
+_NAN_ALLOWED = ("modes/interface_kinetic", "modes/interface_strain")  # unknown shares
+
+
+def to_datasets(body: FlexBody) -> dict[str, Any]:
+    """Arrays and lists of text by path in the file."""
+    i, m, c = len(body.interfaces), body.m, len(body.modes)
+    found: dict[str, Any] = {
+        f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
+    }
+    found |= {"stiffness/K": body.K, "stiffness/D": body.D}
+    for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
+        rows = [getattr(part, name) for part in body.interfaces]
+        found[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
+    found["interfaces/name"] = [part.name for part in body.interfaces]
+    for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
+        found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
+    for name in ("interface_kinetic", "interface_strain"):
+        found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes]).reshape(c)
+    for name in ("kind", "why", "mostly"):
+        found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
+    for group, part in (("surface", body.surface), ("nodes", body.nodes)):
+        for row in TABLE:
+            owner, _, name = row.path.partition("/")
+            if owner == group and part is not None and getattr(part, name) is not None:
+                found[row.path] = getattr(part, name)
+    found["provenance/key"] = list(body.provenance)
+    found["provenance/value"] = list(body.provenance.values())
+    return found
+
+
+def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
+    """The body that these arrays describe; validated as any other."""
+    group = {
+        owner: _members(found, owner) for owner in ("inertia", "stiffness", "surface", "nodes")
+    }
+    return FlexBody(
+        name=name,
+        mass=mass,
+        **group["inertia"],
+        **group["stiffness"],
+        interfaces=tuple(Interface(**row) for row in _rows(_members(found, "interfaces"))),
+        modes=tuple(ModeInfo(**row) for row in _rows(_members(found, "modes"))),
+        surface=Surface(**group["surface"]) if group["surface"] else None,
+        nodes=NodeModes(**group["nodes"]) if group["nodes"] else None,
+        provenance=dict(zip(found["provenance/key"], found["provenance/value"], strict=True)),
+    )
+
+
+def may_hold_nan(path: str) -> bool:
+    """Whether the dataset may hold NaN, which there means unknown."""
+    return path in _NAN_ALLOWED
+
+
+def _members(found: Mapping[str, Any], owner: str) -> dict[str, Any]:
+    prefix = owner + "/"
+    return {path[len(prefix) :]: value for path, value in found.items() if path.startswith(prefix)}
+
+
+def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
+    plain = {
+        name: values.tolist() if isinstance(values, np.ndarray) and values.ndim == 1 else values
+        for name, values in columns.items()
+    }
+    count = len(next(iter(plain.values())))
+    return [{name: values[row] for name, values in plain.items()} for row in range(count)]
