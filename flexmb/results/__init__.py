@@ -1,0 +1,17 @@
+"""Results: written while a run goes on, readable at any moment, also after a kill."""
+
+from __future__ import annotations
+
+from flexmb.results.file import OutputBlock, ResultWriter
+from flexmb.results.layout import BodyColumns, Columns
+from flexmb.results.result import Pose, Result, load_result
+
+__all__ = [
+    "BodyColumns",
+    "Columns",
+    "OutputBlock",
+    "Pose",
+    "Result",
+    "ResultWriter",
+    "load_result",
+]

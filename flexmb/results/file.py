@@ -1,0 +1,281 @@
+"""Writing a result file while the run goes on.
+
+In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
+state. Out: one HDF5 file as `schema` describes it, readable at any moment, also after a kill. All
+space is reserved before the run; a block is written, flushed, and only then counted, so that the
+row counter never runs ahead of the rows; the integrator's state alternates between two slots, of
+which one is always whole. Rows that are not finite are refused; what came before them is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import OutputError
+from flexmb.results.create import create_content, create_state, report_text
+from flexmb.results.disk import DiskFile
+from flexmb.results.layout import Columns, SystemLayout
+from flexmb.results.schema import DRIFT, STATUS, TABLES
+
+__all__ = ["OutputBlock", "ResultWriter"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OutputBlock:
+    """k output rows: times and everything known at them (SI; columns as the layout says)."""
+
+    t: Array  # (k,)
+    q: Array  # (k, nq)
+    v: Array  # (k, nv)
+    vd: Array  # (k, nv)
+    lam: Array  # (k, nc)
+    sensors: Array  # (k, channels)
+    energy: Array  # (k, energies)
+    drift: Array  # (k, 2)
+
+    def tables(self) -> dict[str, Array]:
+        """The arrays by the name of their dataset."""
+        named = {field.name: getattr(self, field.name) for field in fields(self)}
+        named["time"] = named.pop("t")
+        return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
+
+
+class ResultWriter:
+    """Writes one result file; use it in a ``with`` statement or call :meth:`close`.
+
+    Parameters
+    ----------
+    path : path
+        The file, usually ``result.h5``; its folder is made, an older file is replaced.
+    layout : SystemLayout
+        Names and offsets of bodies, rows, channels and energies.
+    n_outputs : int
+        Number of rows to reserve. More may be appended, at the cost of growing the file.
+    scene : mapping
+        The scene as JSON-able data, as ``Model.to_scene_dict`` gives it.
+    flexbodies : mapping of str to str
+        For each flexible body its file, relative to the folder of `path`.
+    texts : mapping of str to str
+        Further texts to keep, such as the scene file's own.
+
+    Raises
+    ------
+    OutputError
+        The file or its folder cannot be written, or the disk lacks the space.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        layout: SystemLayout,
+        n_outputs: int,
+        *,
+        scene: Mapping[str, Any],
+        flexbodies: Mapping[str, str] | None = None,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self.columns = Columns.of(layout)
+        self._rows = 0
+        self._saves = 0
+        self._capacity = max(int(n_outputs), 1)
+        self._disk = _open_disk(self.path)
+        self._file = h5py.File(self._disk, "w")
+        create_content(
+            self._file, self.columns, self._capacity, scene, texts or {}, flexbodies or {}
+        )
+        self._flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def rows_written(self) -> int:
+        """Number of rows that are in the file and counted."""
+        return self._rows
+
+    def append(self, block: OutputBlock) -> None:
+        """Add the rows of `block` and make them readable for others.
+
+        Raises
+        ------
+        OutputError
+            The disk failed, or a row is not finite: the rows before it are kept.
+        """
+        tables = block.tables()
+        self._check_shapes(tables)
+        good = _finite_rows(tables)
+        if good > 0:
+            self._write_rows(tables, good)
+        if good < len(tables["time"]):
+            raise OutputError(self._not_finite(tables, good))
+
+    def save_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Keep the integrator's complete state; the one before it stays until this one is whole.
+
+        The names and shapes of the first call are those of all later calls. Make the first call
+        before the first rows are appended, so that the space is reserved before the run.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        arrays = {name: np.asarray(value) for name, value in state.items()}
+        group = self._file["state"]
+        if self._saves == 0:
+            create_state(group, arrays)
+            self._flush()
+        slot = self._saves % 2
+        if set(arrays) != set(group[str(slot)]):
+            raise KeyError("the state's names differ from those of the first call")
+        group["saves"][slot] = 0  # not valid while it is being written
+        self._flush()
+        for name, value in arrays.items():
+            group[str(slot)][name][...] = value
+        group["rows"][slot] = self._rows
+        self._flush()
+        self._saves += 1
+        group["saves"][slot] = self._saves
+        self._flush()
+
+    def finish(
+        self, statistics: Mapping[str, float | int | str], status: str, message: str = ""
+    ) -> None:
+        """Write the statistics and how the run ended.
+
+        Parameters
+        ----------
+        statistics : mapping
+            Steps, iterations, seconds by phase and so on.
+        status : str
+            ``"finished"``, ``"stopped"`` (by the user) or ``"failed"``.
+        message : str
+            One sentence on the end: why a run stopped or failed.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        code = STATUS.index(status)
+        self._file["report"][()] = report_text(statistics, message)
+        self._flush()
+        self._file["progress"][1] = code
+        self._flush()
+
+    def close(self) -> None:
+        """Close the file; calling it again does nothing."""
+        if self._file:
+            self._file.close()
+        self._disk.close()
+
+    def _flush(self) -> None:
+        self._file.flush()
+        failure = self._disk.failure
+        if failure is None:
+            return
+        size = self._file.id.get_filesize() / 1e6
+        self.close()
+        raise OutputError(
+            f"{self.path}: the disk takes no more of this file of {size:.3g} MB "
+            f"({failure.strerror}); the {self._rows} rows until then are kept"
+            if self._rows
+            else f"{self.path}: the disk has no room for this file of {size:.3g} MB "
+            f"({failure.strerror}); ask for fewer outputs or choose another folder"
+        ) from failure
+
+    def _check_shapes(self, tables: dict[str, Array]) -> None:
+        k = len(tables["time"])
+        for name, values in tables.items():
+            expected = (k, *self._file[name].shape[1:])
+            if values.shape != expected:
+                raise ValueError(f"block.{name} has shape {values.shape}, not {expected}")
+
+    def _write_rows(self, tables: dict[str, Array], k: int) -> None:
+        start, stop = self._rows, self._rows + k
+        if stop > self._capacity:
+            self._grow(stop)
+        for name, values in tables.items():
+            if values[:k].size:
+                self._file[name][start:stop] = values[:k]
+        self._flush()
+        self._file["progress"][0] = stop
+        self._flush()
+        self._rows = stop
+
+    def _grow(self, rows: int) -> None:
+        self._capacity = max(rows, 2 * self._capacity)
+        for name in TABLES:
+            self._file[name].resize(self._capacity, axis=0)
+        self._flush()
+
+    def _not_finite(self, tables: dict[str, Array], row: int) -> str:
+        time = (
+            f"at t = {tables['time'][row]:g} s" if np.isfinite(tables["time"][row]) else "in time"
+        )
+        where = ", ".join(_bad_columns(self.columns, tables, row))
+        return (
+            f"the solution is no longer a finite number {time} ({where}); "
+            f"the {self._rows} rows until then are kept in {self.path}"
+        )
+
+
+def _open_disk(path: Path) -> DiskFile:
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file in it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return DiskFile(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); choose another folder") from error
+
+
+def _finite_rows(tables: dict[str, Array]) -> int:
+    """Number of leading rows that hold finite numbers only."""
+    k = len(tables["time"])
+    finite = np.ones(k, dtype=bool)
+    for values in tables.values():
+        finite &= np.isfinite(values.reshape(k, -1)).all(axis=1)
+    return k if finite.all() else int(np.argmin(finite))
+
+
+def _bad_columns(columns: Columns, tables: dict[str, Array], row: int) -> list[str]:
+    """Bodies, joints and channels that are not finite in this row, at most five of them."""
+    names: list[str] = []
+    for key, start in (("q", "iq"), ("v", "iv"), ("vd", "iv")):
+        bad = np.flatnonzero(~np.isfinite(tables[key][row]))
+        for index in bad:
+            owner = max(
+                (b for b in columns.bodies if getattr(b, start) <= index),
+                key=lambda b: getattr(b, start),
+            )
+            names.append(f"body {owner.name}")
+    labels = {
+        "lam": [f"constraint {name}" for name in columns.rows],
+        "sensors": [f"sensor {name}" for name in columns.channels],
+        "energy": [f"energy {name}" for name in columns.energies],
+        "drift": [f"{name} drift" for name in DRIFT],
+    }
+    for key, label in labels.items():
+        names += [label[i] for i in np.flatnonzero(~np.isfinite(tables[key][row]))]
+    return list(dict.fromkeys(names))[:5] or ["time"]

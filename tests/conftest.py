@@ -1,0 +1,19 @@
+"""What all tests share: a cache folder of their own, so that they neither use nor fill the user's."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+# Kernels are compiled once per set of sources and renderers probed once per machine: one folder for
+# all test sessions of this user keeps them fast, away from the user's own cache.
+os.environ.setdefault("FLEXMB_CACHE_DIR", str(Path(tempfile.gettempdir()) / "flexmb-test-cache"))
+
+
+@pytest.fixture(scope="session")
+def project() -> Path:
+    """The folder that holds pyproject.toml, flexmb, meshes, cases and tests."""
+    return Path(__file__).resolve().parents[1]

@@ -1,0 +1,72 @@
+"""A result file is readable after a kill at any moment, and holds what was appended until then."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from resultfiles import block
+
+from flexmb.results import Result
+
+WRITE = """
+import sys
+import numpy as np
+from resultfiles import block, writer
+out = writer(sys.argv[1], n_outputs=int(sys.argv[2]))
+out.save_state({"v": np.zeros(500), "step": np.array(0)})
+for i in range(100_000):
+    out.append(block(5 * i, 5))
+    out.save_state({"v": np.full(500, float(i)), "step": np.array(i)})
+    sys.stdout.write(f"{5 * (i + 1)}\\n")
+    sys.stdout.flush()
+"""
+
+
+def _kill_and_read(path: Path, seconds: float, n_outputs: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITE, str(path), str(n_outputs)],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()  # the run has begun
+    time.sleep(seconds)
+    process.send_signal(signal.SIGKILL)
+    told = [int(line) for line in process.stdout.read().split("\n")[:-1]]
+    process.wait()
+    process.stdout.close()
+    result = Result(path)
+    rows = len(result.time)
+    assert rows >= max(told, default=5)
+    assert result.status == "running"
+    np.testing.assert_array_equal(result.q, block(0, rows).q)
+    np.testing.assert_array_equal(result.lam, block(0, rows).lam)
+    rows_then, state = result.last_state()
+    assert rows - 5 <= rows_then <= rows
+    np.testing.assert_array_equal(state["v"], np.full(500, float(state["step"])))
+
+
+def _kill_many(tmp_path: Path, kills: int) -> None:
+    moments = random.Random(5)
+    for kill in range(kills):
+        n_outputs = 500_000 if kill % 2 else 100  # reserved whole, or growing
+        _kill_and_read(tmp_path / f"{kill}.h5", moments.uniform(0.0, 0.1), n_outputs)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
+def test_readable_after_some_kills(tmp_path: Path) -> None:
+    _kill_many(tmp_path, 5)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
+def test_readable_after_many_kills(tmp_path: Path) -> None:
+    _kill_many(tmp_path, 40)
