@@ -1,0 +1,125 @@
+"""Make connecting_rod.msh: a steel connecting rod, second-order tetrahedra, in millimetres.
+
+Run ``python meshes/connecting_rod.py`` (needs the package gmsh). Two bored eyes, 450 mm apart along
++x, are joined by a tapering shank; the big-end bore is centred at the origin, its axis is z, and
+z = 0 is the mid-plane. Physical groups: surfaces ``bore_big`` and ``bore_small``, volume ``rod``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import gmsh
+
+LENGTH = 450.0  # mm between the bore axes
+BIG = {"bore": 32.0, "outer": 48.0, "width": 36.0}  # radii and width along z, mm
+SMALL = {"bore": 17.0, "outer": 28.0, "width": 36.0}
+SHANK_HEIGHT = (34.0, 26.0)  # mm at the big and at the small end
+SHANK_WIDTH = 18.0  # mm along z
+FILLET = 16.0  # mm, where the shank meets the eyes
+SIZE_SHANK, SIZE_BORE = 12.0, 10.0  # element sizes, mm
+
+
+def main(path: Path) -> None:
+    """Build the geometry, mesh it and write the file."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("connecting_rod")
+    volume = build()
+    name_groups(volume)
+    mesh()
+    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+    gmsh.write(str(path))
+    gmsh.finalize()
+    path.write_text(compact(path.read_text()))
+
+
+def build() -> int:
+    """The solid; returns its tag."""
+    occ = gmsh.model.occ
+    body = shank()
+    for x, eye in ((0.0, BIG), (LENGTH, SMALL)):
+        disc = occ.addCylinder(x, 0, -eye["width"] / 2, 0, 0, eye["width"], eye["outer"])
+        body = occ.fuse([(3, body)], [(3, disc)])[0][0][1]
+    occ.synchronize()
+    body = occ.fillet([body], corners(body), [FILLET])[0][1]
+    for x, eye in ((0.0, BIG), (LENGTH, SMALL)):
+        hole = occ.addCylinder(x, 0, -eye["width"], 0, 0, 2 * eye["width"], eye["bore"])
+        body = occ.cut([(3, body)], [(3, hole)])[0][0][1]
+    occ.synchronize()
+    return body
+
+
+def shank() -> int:
+    """The tapering bar between the bore axes; returns its tag."""
+    occ = gmsh.model.occ
+    big, small, z = SHANK_HEIGHT[0] / 2, SHANK_HEIGHT[1] / 2, -SHANK_WIDTH / 2
+    corner = [(0, -big), (LENGTH, -small), (LENGTH, small), (0, big)]
+    points = [occ.addPoint(x, y, z) for x, y in corner]
+    lines = [occ.addLine(points[k], points[(k + 1) % 4]) for k in range(4)]
+    face = occ.addPlaneSurface([occ.addCurveLoop(lines)])
+    return next(tag for dim, tag in occ.extrude([(2, face)], 0, 0, SHANK_WIDTH) if dim == 3)
+
+
+def corners(volume: int) -> list[int]:
+    """Edges along z where the shank meets an eye."""
+    found = []
+    for _, edge in gmsh.model.getBoundary([(3, volume)], recursive=False, combined=False):
+        for _, curve in gmsh.model.getBoundary([(2, edge)], oriented=False):
+            x0, y0, z0, x1, y1, z1 = gmsh.model.getBoundingBox(1, curve)
+            upright = x1 - x0 < 0.1 and y1 - y0 < 0.1 and abs(z1 - z0 - SHANK_WIDTH) < 0.1
+            if upright and curve not in found:
+                found.append(curve)
+    return found
+
+
+def name_groups(volume: int) -> None:
+    """Name the bores and the volume."""
+    for name, x, eye in (("bore_big", 0.0, BIG), ("bore_small", LENGTH, SMALL)):
+        tags = bore_faces(volume, x, eye["bore"])
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, [volume], name="rod")
+
+
+def bore_faces(volume: int, x: float, radius: float) -> list[int]:
+    """Faces whose bounding box is that of a bore."""
+    found = []
+    for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
+        x0, y0, _, x1, y1, _ = gmsh.model.getBoundingBox(2, face)
+        box = (x0 - x + radius, y0 + radius, x1 - x - radius, y1 - radius)
+        if max(map(abs, box)) < 0.01 * radius:
+            found.append(face)
+    return found
+
+
+def mesh() -> None:
+    """Second-order tetrahedra, a little finer at the eyes."""
+    field = gmsh.model.mesh.field
+    field.add("MathEval", 1)
+    ends = f"Min(sqrt(x*x+y*y)/{2 * BIG['outer']}, sqrt((x-{LENGTH})^2+y*y)/{2 * SMALL['outer']})"
+    field.setString(1, "F", f"{SIZE_BORE}+({SIZE_SHANK}-{SIZE_BORE})*Min(1,{ends})")
+    field.setAsBackgroundMesh(1)
+    for name in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.optimize("Netgen")
+    gmsh.model.mesh.setOrder(2)
+    gmsh.model.mesh.optimize("HighOrder")
+
+
+def compact(text: str) -> str:
+    """The file with coordinates of nine significant digits."""
+
+    def shorten(match: re.Match[str]) -> str:
+        value = float(match.group())
+        return f"{0.0 if math.fabs(value) < 1e-9 else value:.9g}"
+
+    start, end = text.index("$Nodes"), text.index("$EndNodes")
+    number = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?|-?\d+e[-+]?\d+")
+    return text[:start] + number.sub(shorten, text[start:end]) + text[end:]
+
+
+if __name__ == "__main__":
+    main(Path(__file__).with_suffix(".msh"))
