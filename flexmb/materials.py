@@ -41,27 +41,28 @@ class Material:
             raise MaterialError.from_problems(problems)
 
 
-_EN1993 = "EN 1993-1-1:2005, 3.2.6; density EN 1991-1-1:2002, table A.4"
+_EN1993 = "EN 1993-1-1:2005, 3.2.6 (E, nu); EN 1991-1-1:2002, table A.4 (density)"
+_EN10088 = "EN 10088-1:2014, grade 1.4301 (E, density); EN 1993-1-4:2006, 2.1.3 (nu)"
 _EN1999 = "EN 1999-1-1:2007, 3.2.5"
-_GERE = "Gere and Goodno, Mechanics of Materials, 9th ed., tables I-1 and I-2"
-_ASHBY = "Ashby, Materials Selection in Mechanical Design, 5th ed., appendix A, mid-range"
 _SHIGLEY = "Shigley's Mechanical Engineering Design, 10th ed., table A-5"
+_ASHBY = (
+    "Ashby, Materials Selection in Mechanical Design, appendix A, mid-range (E, density); nu usual"
+)
 
 LIBRARY: dict[str, Material] = {
     entry.name: entry
     for entry in (
         Material("steel", 210e9, 0.3, 7850.0, _EN1993),
-        Material("stainless steel", 200e9, 0.3, 7900.0, "EN 10088-1:2014, 1.4301, annex E"),
+        Material("stainless steel", 200e9, 0.3, 7900.0, _EN10088),
         Material("aluminium", 70e9, 0.3, 2700.0, _EN1999),
-        Material("titanium", 114e9, 0.34, 4430.0, "Ti-6Al-4V: MMPDS-01 (2003), table 5.4.1.0"),
+        Material("titanium", 114e9, 0.34, 4420.0, _SHIGLEY + ", titanium alloys"),
         Material("cast iron", 100e9, 0.211, 7200.0, _SHIGLEY + ", gray cast iron"),
-        Material("brass", 106e9, 0.324, 8530.0, _SHIGLEY),
-        Material("copper", 119e9, 0.326, 8910.0, _SHIGLEY),
-        Material("magnesium", 44.8e9, 0.35, 1800.0, _SHIGLEY),
+        Material("brass", 106e9, 0.324, 8540.0, _SHIGLEY),
+        Material("copper", 119e9, 0.326, 8900.0, _SHIGLEY),
+        Material("magnesium", 44.8e9, 0.35, 1790.0, _SHIGLEY),
         Material("abs", 2.0e9, 0.4, 1110.0, _ASHBY),
-        Material("nylon", 2.9e9, 0.4, 1130.0, _ASHBY + ", PA unfilled"),
+        Material("nylon", 2.9e9, 0.4, 1130.0, _ASHBY),
         Material("pom", 3.8e9, 0.4, 1410.0, _ASHBY),
-        Material("rubber", 2e6, 0.499, 930.0, _ASHBY + ", natural rubber, small strain"),
     )
 }
 _ALIASES = {"aluminum": "aluminium", "grey cast iron": "cast iron", "gray cast iron": "cast iron"}

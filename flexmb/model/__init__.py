@@ -1,0 +1,9 @@
+"""What the user says: bodies, markers, joints, drivers, forces, sensors, as validated data.
+
+No numerics live here: the engine compiles a :class:`Model` together with its flexible bodies.
+"""
+
+from flexmb.model.model import Model
+from flexmb.model.scene import load_scene
+
+__all__ = ["Model", "load_scene"]

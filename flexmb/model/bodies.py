@@ -1,0 +1,150 @@
+"""Bodies: rigid by their mass properties or a shape, flexible by a mesh or a reduced body.
+
+Everything in SI and in the body frame; ``position`` and ``orientation`` place the body frame in the
+global one. Initial velocities are those of the body frame's origin and in global axes; where none
+is given the assembly is free to choose.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import PlainValidator, model_validator
+
+from flexmb.errors import Problem
+from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
+from flexmb.model.inertia import Inertia, MassProperties
+from flexmb.model.markers import Marker
+from flexmb.model.orientation import Orientation
+from flexmb.model.quantities import Integer, Quantity, Text, Vector
+from flexmb.model.reading import Spec, fail, given
+from flexmb.model.sections import Sections
+from flexmb.model.shapes import Shape
+
+__all__ = [
+    "COLORS",
+    "BodySpec",
+    "FlexbodySpec",
+    "MeshBodySpec",
+    "RigidBodySpec",
+    "body_kind",
+]
+
+COLORS = (
+    "black",
+    "gray",
+    "silver",
+    "white",
+    "maroon",
+    "red",
+    "orange",
+    "gold",
+    "yellow",
+    "olive",
+    "green",
+    "lime",
+    "teal",
+    "cyan",
+    "blue",
+    "navy",
+    "purple",
+    "magenta",
+    "pink",
+    "brown",
+)
+_HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
+
+
+def _color(value: Any) -> str:
+    if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
+        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS)))
+    return value
+
+
+class BodySpec(Spec):
+    """What all bodies have: place, initial velocity, markers, color."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
+    velocity: Vector | None = None
+    angular_velocity: Vector | None = None
+    markers: dict[str, Marker] = {}
+    color: Annotated[str, PlainValidator(_color)] | None = None
+
+    @property
+    def flexible(self) -> bool:
+        """Whether its modes come from a mesh or a reduced body."""
+        return not isinstance(self, RigidBodySpec)
+
+
+class RigidBodySpec(BodySpec):
+    """A rigid body: mass and inertia, or a shape with a density, a material or the mass."""
+
+    mass: Annotated[float, Quantity("kg", "positive")] | None = None
+    center: Vector = (0.0, 0.0, 0.0)
+    inertia: Inertia | None = None
+    shape: Shape | None = None
+    density: Annotated[float, Quantity("kg/m^3", "positive")] | None = None
+    material: MaterialField | None = None
+
+    @model_validator(mode="after")
+    def _mass_is_told_once(self) -> Self:
+        told = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
+        names = " and ".join(f'"{key}"' for key in told)
+        if len(told) > 1:
+            raise fail(Problem("", f"the mass is told twice, by {names}"))
+        if not told:
+            what = 'has no mass: give "mass" and "inertia", or a "shape" with "density", '
+            raise fail(Problem("", what + '"material" or "mass"; or "mesh" for a flexible body'))
+        if self.shape is None and self.mass is None:
+            raise fail(Problem("", f"{names} needs a shape"))
+        if self.shape is None and self.inertia is None:
+            raise fail(Problem("inertia", "is missing (or give a shape to compute it from)"))
+        if self.mass is None and self.inertia is not None:
+            raise fail(Problem("inertia", f"follows from the shape and {names}; leave it out"))
+        return self
+
+    @property
+    def mass_properties(self) -> MassProperties:
+        """Mass, centre and inertia about the centre, as given or from the shape."""
+        mass = self.mass
+        if mass is None:
+            density = self.material.density if self.material else self.density
+            mass = float(density) * self.shape.volume
+        if self.inertia is None:
+            inertia = mass * np.diag(self.shape.inertia_per_mass)
+        else:
+            inertia = np.array(self.inertia)
+        return MassProperties(mass, np.array(self.center), inertia)
+
+
+class MeshBodySpec(BodySpec):
+    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame."""
+
+    mesh: Text
+    units: UnitsName = "SI"
+    material: MaterialField
+    interfaces: Groups
+    modes: Annotated[int, Integer(0)] = 20
+    damping: Annotated[float, Quantity("", "not negative")] = 0.0
+    sections: Sections = {}
+
+
+class FlexbodySpec(BodySpec):
+    """A flexible body that is already reduced: its file, or the object itself."""
+
+    flexbody: FlexibleSource
+
+
+def body_kind(keys: Any) -> type[BodySpec] | Problem:
+    """Which kind of body a table with these keys is."""
+    flexible = [key for key in ("mesh", "flexbody") if key in keys]
+    rigid = [key for key in ("mass", "inertia", "shape", "density", "center") if key in keys]
+    if len(flexible) > 1 or (flexible and rigid):
+        several = " and ".join(f'"{key}"' for key in (*flexible, *rigid))
+        return Problem("", f"is either rigid, or from a mesh, or a reduced body; given {several}")
+    if not flexible:
+        return RigidBodySpec
+    return MeshBodySpec if flexible == ["mesh"] else FlexbodySpec

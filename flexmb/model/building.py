@@ -1,0 +1,122 @@
+"""A model from a scene as plain data, with all mistakes of the scene found at once.
+
+In: the dictionaries of a scene. Out: the model, or one :class:`SceneError` with every problem:
+first each table by itself, then how they fit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model import references
+from flexmb.model.checks import CheckSpec
+from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.entries import SECTIONS, read_named
+from flexmb.model.head import read_gravity
+from flexmb.model.markers import GroundSpec
+from flexmb.model.names import bad_name
+from flexmb.model.parameters import resolve
+from flexmb.model.reading import Spec, given, read_entry, under, unknown_key
+from flexmb.model.view import ViewSpec
+
+if TYPE_CHECKING:
+    from flexmb.model.model import Model
+
+__all__ = ["TOP_KEYS", "build"]
+
+TOP_KEYS = ("title", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics", "view")
+"""Everything a scene may say at its top level."""
+
+M = TypeVar("M", bound="Model")
+S = TypeVar("S", bound=Spec)
+
+
+def build(cls: type[M], scene: Mapping[str, Any], folder: Path) -> M:
+    """Build and check a model.
+
+    Raises
+    ------
+    SceneError
+        All problems of the scene.
+    """
+    builder = _Builder(cls(folder=folder), scene)
+    builder.head()
+    for section in SECTIONS:
+        builder.section(section)
+    builder.rest()
+    found = builder.problems
+    found += references.problems(builder.model, {}, builder.broken)
+    if found:
+        raise SceneError.from_problems(found)
+    model: M = builder.model  # type: ignore[assignment]
+    return model
+
+
+class _Builder:
+    """Fills a model; keeps the raw tables of entries that cannot be read in ``broken``."""
+
+    def __init__(self, model: Model, scene: Mapping[str, Any]) -> None:
+        self.model, self.scene = model, scene
+        self.names: dict[str, float] = {}
+        self.problems: list[Problem] = []
+        self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
+
+    def head(self) -> None:
+        self.problems += [unknown_key(key, TOP_KEYS) for key in self.scene if key not in TOP_KEYS]
+        title = self.scene.get("title", "")
+        if not isinstance(title, str):
+            self.problems.append(Problem("title", f"text is expected, given {given(title)}"))
+            title = ""
+        self.model.title = title
+        parameters = self.table("parameters")
+        values, problems = resolve(parameters)
+        self.problems += problems
+        self.model.given_parameters, self.model.parameters = dict(parameters), values
+        # A wrong parameter is reported once, not again wherever it is used.
+        self.names = {**dict.fromkeys(parameters, 1.0), **values}
+        self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
+        self.problems += problems
+
+    def table(self, key: str) -> Mapping[str, Any]:
+        value = self.scene.get(key, {})
+        if isinstance(value, Mapping):
+            return value
+        self.problems.append(Problem(key, f"a table is expected, given {given(value)}"))
+        return {}
+
+    def section(self, section: str) -> None:
+        entries = getattr(self.model, section)
+        for name, data in self.table(section).items():
+            spec, problems = read_named(section, name, data, self.names)
+            self.problems += problems
+            if spec is None:
+                self.broken[section][name] = data
+            else:
+                entries[name] = spec
+
+    def rest(self) -> None:
+        ground = self.single("ground", GroundSpec)
+        if ground is not None:
+            bad = [bad_name(name) for name in ground.markers]
+            self.problems += [Problem("ground.markers", what) for what in bad if what]
+            self.model.ground = ground
+        if "dynamics" in self.scene:
+            self.model.dynamics = self.single("dynamics", DynamicsSpec)
+        self.model.view = self.single("view", ViewSpec) or ViewSpec()
+        checks = self.scene.get("check", [])
+        if not isinstance(checks, list | tuple):
+            self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
+            checks = []
+        for i, data in enumerate(checks):
+            spec, problems = read_entry(CheckSpec, data, self.names)
+            self.problems += under(f"check[{i}]", problems)
+            if spec is not None:
+                self.model.checks.append(spec)
+
+    def single(self, key: str, cls: type[S]) -> S | None:
+        spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
+        self.problems += under(key, problems)
+        return spec

@@ -1,0 +1,79 @@
+"""What a model consists of, counted from its data: bodies, coordinates, equations, freedoms.
+
+In: a model, and the flexible bodies as far as they are known. Out: :class:`Counts`. The mobility is
+Grübler's number, coordinates less equations; it says nothing about redundant equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from flexmb.model import lookup
+from flexmb.model.joints import JOINT_TYPES
+
+if TYPE_CHECKING:
+    from flexmb.model.model import Model
+
+__all__ = ["Counts", "JointCount", "count"]
+
+
+@dataclass(frozen=True)
+class JointCount:
+    """Joints of one type and the equations they bring."""
+
+    type: str
+    joints: int
+    equations: int
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Counts of a model in space."""
+
+    rigid_bodies: int
+    flexible_bodies: int
+    joints: tuple[JointCount, ...]
+    drivers: int
+    forces: int
+    sensors: int
+    modes: int | None
+    """Modal coordinates of all flexible bodies; None while one of them is not reduced."""
+
+    @property
+    def rigid_coordinates(self) -> int:
+        """Six for each body, modes apart."""
+        return 6 * (self.rigid_bodies + self.flexible_bodies)
+
+    @property
+    def equations(self) -> int:
+        """Of the joints, without drivers."""
+        return sum(row.equations for row in self.joints)
+
+    @property
+    def mobility(self) -> int:
+        """Rigid coordinates less the equations of joints and drivers."""
+        return self.rigid_coordinates - self.equations - self.drivers
+
+
+def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
+    """Count what a model consists of."""
+    flexbodies = flexbodies or {}
+    flexible = [name for name, spec in model.bodies.items() if spec.flexible]
+    known = [lookup.flexbody_of(model, name, flexbodies) for name in flexible]
+    bodies = [body for body in known if body is not None]
+    used = [spec.type for spec in model.joints.values()]
+    joints = tuple(
+        JointCount(name, used.count(name), used.count(name) * row.equations)
+        for name, row in JOINT_TYPES.items()
+        if name in used
+    )
+    return Counts(
+        rigid_bodies=len(model.bodies) - len(flexible),
+        flexible_bodies=len(flexible),
+        joints=joints,
+        drivers=len(model.drivers),
+        forces=len(model.forces),
+        sensors=len(model.sensors),
+        modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
+    )

@@ -1,0 +1,52 @@
+"""How a scene is run in time: span, step, outputs, method and its numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import PlainValidator, ValidationInfo, model_validator
+
+from flexmb.errors import Problem
+from flexmb.model.quantities import Integer, Quantity, Time
+from flexmb.model.reading import Spec, fail
+
+__all__ = ["DynamicsSpec"]
+
+
+def _radius(value: Any, info: ValidationInfo) -> float:
+    number = Quantity().read(value, info)
+    if not 0 <= number <= 1:
+        raise fail(Problem("", f"must lie between 0 and 1, is {number:g}"))
+    return number
+
+
+def _tolerance(value: Any, info: ValidationInfo) -> float:
+    number = Quantity("", "positive").read(value, info)
+    if number >= 1:
+        raise fail(Problem("", f"is relative and must be less than 1, is {number:g}"))
+    return number
+
+
+class DynamicsSpec(Spec):
+    """Run in time.
+
+    ``duration`` and ``step`` [s]; ``outputs`` intervals of equal length are recorded;
+    ``spectral_radius`` is that of generalized-alpha at infinite frequency (1: no numerical
+    damping); ``newton_tolerance`` is relative; ``start = "quasi-static"`` puts the flexible bodies
+    into elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
+    """
+
+    duration: Time
+    step: Time
+    outputs: Annotated[int, Integer(1)] = 200
+    method: Literal["generalized-alpha", "explicit-rk"] = "generalized-alpha"
+    spectral_radius: Annotated[float, PlainValidator(_radius)] = 0.8
+    newton_tolerance: Annotated[float, PlainValidator(_tolerance)] = 1e-8
+    start: Literal["undeformed", "quasi-static"] = "undeformed"
+
+    @model_validator(mode="after")
+    def _step_fits(self) -> Self:
+        if self.step > self.duration:
+            what = f"must not exceed the duration {self.duration:g} s, is {self.step:g} s"
+            raise fail(Problem("step", what))
+        return self

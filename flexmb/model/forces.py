@@ -1,0 +1,56 @@
+"""Forces: applied force and torque at a marker, spring-damper between two markers.
+
+SI: N, N m, N/m, N s/m. The components of a force are in global axes, or in the marker's own axes,
+which turn with the body. A spring-damper acts along the line between its markers and pulls with
+k (d - d0) + c d', d the distance.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import PlainValidator, ValidationInfo
+
+from flexmb.errors import Problem
+from flexmb.model.functions import Function
+from flexmb.model.quantities import Pair, Quantity, Text
+from flexmb.model.reading import Spec, fail, given
+
+__all__ = ["FORCE_TYPES", "LoadSpec", "SpringDamperSpec"]
+
+Triple = tuple[Function, Function, Function]
+
+
+class LoadSpec(Spec):
+    """A force or a torque on a marker, three functions of time; its reaction is on ground."""
+
+    type: Literal["force", "torque"]
+    at: Text
+    value: Triple
+    axes: Literal["global", "body"] = "global"
+
+
+def _free_length(value: Any, info: ValidationInfo) -> float | str:
+    if value == "placed":
+        return "placed"
+    if isinstance(value, str) and value.isalpha() and value not in (info.context or {}):
+        what = f"a length [m] is expected, given {given(value)}"
+        raise fail(Problem("", what, ("placed", "a number or an expression")))
+    return Quantity("m", "not negative").read(value, info)
+
+
+class SpringDamperSpec(Spec):
+    """A linear spring and damper; ``free_length = "placed"``: no force in the placed pose."""
+
+    type: Literal["spring-damper"]
+    between: Pair
+    stiffness: Annotated[float, Quantity("N/m", "not negative")]
+    damping: Annotated[float, Quantity("N s/m", "not negative")] = 0.0
+    free_length: Annotated[float | str, PlainValidator(_free_length)] = "placed"
+
+
+FORCE_TYPES: dict[str, type[Spec]] = {
+    "force": LoadSpec,
+    "torque": LoadSpec,
+    "spring-damper": SpringDamperSpec,
+}

@@ -1,0 +1,163 @@
+"""Finding things by their names: markers, their places, the frames of joints.
+
+Every body has the marker ``origin``; a rigid one also ``center``, a flexible one one for each of
+its interfaces. Out: specifications, and :class:`PlacedMarker` for the engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.bodies import BodySpec, FlexbodySpec, MeshBodySpec, RigidBodySpec
+from flexmb.model.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.names import GROUND, split_reference
+from flexmb.model.orientation import rotation_matrix, triad
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+    from flexmb.model.model import Model
+
+__all__ = ["Found", "automatic_markers", "find", "frames", "marker_names", "markers_known", "pose"]
+
+Array = NDArray[np.float64]
+Bodies = Mapping[str, "FlexBody"]
+
+
+class Found(NamedTuple):
+    """A marker by name."""
+
+    body: str
+    name: str
+    spec: MarkerSpec
+
+
+def flexbody_of(model: Model, body: str, flexbodies: Bodies) -> FlexBody | None:
+    """The body's FlexBody as far as it is known."""
+    spec = model.bodies.get(body)
+    if body in flexbodies:
+        return flexbodies[body]
+    if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
+        held: FlexBody = spec.flexbody
+        return held
+    return None
+
+
+def markers_known(model: Model, body: str, flexbodies: Bodies) -> bool:
+    """Whether all markers of the body are known before it is reduced or read."""
+    spec = model.bodies.get(body)
+    return not isinstance(spec, FlexbodySpec) or flexbody_of(model, body, flexbodies) is not None
+
+
+def automatic_markers(model: Model, body: str, flexbodies: Bodies) -> dict[str, MarkerSpec]:
+    """The markers a body has without being told."""
+    markers = {"origin": MarkerSpec()}
+    spec = model.bodies.get(body)
+    if isinstance(spec, RigidBodySpec):
+        markers["center"] = MarkerSpec(position=spec.center)
+    names = tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else ()
+    flexbody = flexbody_of(model, body, flexbodies)
+    if flexbody is not None:
+        names = tuple(interface.name for interface in flexbody.interfaces)
+    return markers | {name: MarkerSpec(interface=name) for name in names}
+
+
+def _markers(model: Model, body: str, flexbodies: Bodies) -> dict[str, MarkerSpec]:
+    owner = model.ground if body == GROUND else model.bodies[body]
+    return automatic_markers(model, body, flexbodies) | dict(owner.markers)
+
+
+def marker_names(model: Model, body: str, flexbodies: Bodies | None = None) -> tuple[str, ...]:
+    """Names of the markers of a body."""
+    return tuple(_markers(model, body, flexbodies or {}))
+
+
+def missing(model: Model, reference: str, flexbodies: Bodies) -> Problem | None:
+    """The problem of a reference to a marker that does not exist; its place is left open."""
+    body, marker = split_reference(reference)
+    bodies = (*model.bodies, GROUND)
+    if body not in bodies:
+        return Problem("", f'unknown body "{body}"', bodies, nearest(body, bodies))
+    known = marker_names(model, body, flexbodies)
+    if marker in known or not markers_known(model, body, flexbodies):
+        return None
+    what = f'body "{body}" has no marker "{marker}"'
+    return Problem("", what, known, nearest(marker, known))
+
+
+def find(model: Model, reference: str, flexbodies: Bodies | None = None) -> Found:
+    """The marker of that name.
+
+    Raises
+    ------
+    SceneError
+        No such body or marker.
+    """
+    flexbodies = flexbodies or {}
+    problem = missing(model, reference, flexbodies)
+    if problem is not None:
+        raise SceneError.from_problems([problem])
+    body, name = split_reference(reference)
+    markers = _markers(model, body, flexbodies)
+    return Found(body, name, markers.get(name, MarkerSpec(interface=name)))
+
+
+def pose(body: BodySpec) -> tuple[Array, Array]:
+    """Placed position r (3,) [m] and Euler parameters p (4,), scalar first, of a body frame."""
+    return np.array(body.position), np.array(body.orientation)
+
+
+def placed(model: Model, reference: str, flexbodies: Bodies | None = None) -> PlacedMarker:
+    """The marker as the engine needs it; flexible bodies must be given.
+
+    Raises
+    ------
+    SceneError
+        No such body, marker, node or interface.
+    """
+    flexbodies = flexbodies or {}
+    found = find(model, reference, flexbodies)
+    return place(found.body, found.spec, flexbody_of(model, found.body, flexbodies))
+
+
+def frames(
+    model: Model, between: tuple[str, str], axis: Any, flexbodies: Bodies | None = None
+) -> tuple[PlacedMarker, PlacedMarker]:
+    """Markers I and J of a joint, their R being the joint's triad (z: the axis).
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    between : pair of str
+        References I and J.
+    axis : (3,) float or None
+        Global direction in the placed pose, in which both triads then coincide (angle 0); None
+        takes the markers' own axes.
+    flexbodies : mapping, optional
+        The flexible bodies by name.
+    """
+    I, J = (placed(model, reference, flexbodies) for reference in between)  # noqa: E741
+    return _turned(model, I, axis), _turned(model, J, axis)
+
+
+def _turned(model: Model, marker: PlacedMarker, axis: Any) -> PlacedMarker:
+    if axis is None:
+        return marker
+    R = triad(axis)
+    if marker.body != GROUND:
+        R = rotation_matrix(model.bodies[marker.body].orientation).T @ R
+    return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)
+
+
+def global_position(model: Model, marker: PlacedMarker) -> Array:
+    """Position (3,) of a marker in the placed, undeformed pose, global [m]."""
+    if marker.body == GROUND:
+        return marker.position
+    r, p = pose(model.bodies[marker.body])
+    moved: Array = r + rotation_matrix(p) @ marker.position
+    return moved

@@ -1,0 +1,248 @@
+"""The model: what the user says, by name, validated and ready to be compiled.
+
+In: a scene file (:func:`flexmb.load_scene`) or calls with the same words. Out: dictionaries of
+frozen specifications in SI. The model stores and names; :mod:`flexmb.model.references` checks how
+its parts fit together, the engine compiles it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model import lookup, references, writing
+from flexmb.model.bodies import BodySpec
+from flexmb.model.checks import CheckSpec
+from flexmb.model.drivers import DriverSpec
+from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.entries import read_named
+from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.head import read_gravity
+from flexmb.model.joints import JointSpec
+from flexmb.model.markers import GroundSpec, MarkerSpec
+from flexmb.model.names import GROUND, split_reference
+from flexmb.model.parameters import resolve
+from flexmb.model.reading import Spec, read_entry, under
+from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channels_of
+from flexmb.model.view import ViewSpec
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+
+__all__ = ["Model", "Source"]
+
+
+class Source(NamedTuple):
+    """The scene file a model was read from."""
+
+    path: Path
+    text: str
+
+
+class Model:
+    """A flexible multibody model.
+
+    Parameters
+    ----------
+    title : str
+        Name of the model.
+    parameters : mapping, optional
+        Numbers or expressions that all other numbers may use by name.
+    gravity : three numbers, optional
+        Acceleration of gravity, global axes [m/s^2]; none by default.
+    folder : path, optional
+        What relative paths of meshes are relative to; the current folder by default.
+    """
+
+    def __init__(
+        self,
+        title: str = "",
+        *,
+        parameters: Mapping[str, Any] | None = None,
+        gravity: Any = None,
+        folder: str | Path = ".",
+    ) -> None:
+        self.title = title
+        self.folder = Path(folder)
+        self.given_parameters: dict[str, Any] = dict(parameters or {})
+        self.parameters, problems = resolve(self.given_parameters)
+        _raise(problems)
+        self.gravity: tuple[float, float, float] | None = None
+        self.set_gravity(gravity)
+        self.ground = GroundSpec()
+        self.bodies: dict[str, BodySpec] = {}
+        self.joints: dict[str, JointSpec] = {}
+        self.drivers: dict[str, DriverSpec] = {}
+        self.forces: dict[str, LoadSpec | SpringDamperSpec] = {}
+        self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
+        self.checks: list[CheckSpec] = []
+        self.dynamics: DynamicsSpec | None = None
+        self.view = ViewSpec()
+        self.source: Source | None = None
+
+    def __repr__(self) -> str:
+        counts = ", ".join(
+            f"{len(getattr(self, section))} {section}"
+            for section in ("bodies", "joints", "drivers", "forces", "sensors")
+        )
+        return f"Model({self.title!r}: {counts})"
+
+    def add_body(
+        self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
+    ) -> BodySpec:
+        """Add a body: a FlexBody, or the fields of ``[bodies.name]``."""
+        data: Any = fields
+        if isinstance(body, Spec):
+            data = body
+        elif body is not None:
+            data = {"flexbody": body, **fields}
+        spec = self._add("bodies", name, data)
+        assert isinstance(spec, BodySpec)
+        return spec
+
+    def add_marker(self, reference: str, **fields: Any) -> MarkerSpec:
+        """Add the marker ``"body.name"`` (or ``"ground.name"``)."""
+        body, name = split_reference(reference)
+        owner = self.ground if body == GROUND else self.bodies.get(body)
+        if owner is None:
+            _raise([references.unknown_body(self, reference, reference)])
+        assert owner is not None
+        spec, problems = read_named("markers", name, fields, self.parameters)
+        where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
+        problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
+        if name in lookup.marker_names(self, body):
+            problems.append(Problem(where, f'the name "{name}" is used twice'))
+        _raise(problems)
+        assert isinstance(spec, MarkerSpec)
+        owner = owner.model_copy(update={"markers": {**owner.markers, name: spec}})
+        if isinstance(owner, BodySpec):
+            self.bodies[body] = owner
+        else:
+            self.ground = owner
+        return spec
+
+    def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
+        """Add a joint: ``between=[I, J]``, ``axis``."""
+        spec = self._add("joints", name, {"type": type, **fields})
+        assert isinstance(spec, JointSpec)
+        return spec
+
+    def add_driver(self, name: str, **fields: Any) -> DriverSpec:
+        """Add a driver: ``joint`` and one of ``angle`` and ``stroke``."""
+        spec = self._add("drivers", name, fields)
+        assert isinstance(spec, DriverSpec)
+        return spec
+
+    def add_force(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a force, torque or spring-damper."""
+        return self._add("forces", name, {"type": type, **fields})
+
+    def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a sensor."""
+        return self._add("sensors", name, {"type": type, **fields})
+
+    def add_check(self, **fields: Any) -> CheckSpec:
+        """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``."""
+        spec, problems = read_entry(CheckSpec, fields, self.parameters)
+        _raise(under(f"check[{len(self.checks)}]", problems))
+        assert spec is not None
+        self.checks.append(spec)
+        return spec
+
+    def set_gravity(self, gravity: Any) -> None:
+        """Set the acceleration of gravity (3,), global axes [m/s^2]; None or ``"none"`` for none."""
+        self.gravity, problems = read_gravity(gravity, self.parameters)
+        _raise(problems)
+
+    def set_dynamics(self, **fields: Any) -> DynamicsSpec:
+        """Say how to run in time: ``duration``, ``step``, ..."""
+        spec, problems = read_entry(DynamicsSpec, fields, self.parameters)
+        _raise(under("dynamics", problems))
+        assert spec is not None
+        self.dynamics = spec
+        return spec
+
+    def set_view(self, **fields: Any) -> ViewSpec:
+        """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""
+        spec, problems = read_entry(ViewSpec, fields, self.parameters)
+        _raise(under("view", problems))
+        assert spec is not None
+        self.view = spec
+        return spec
+
+    def _add(self, section: str, name: str, data: Any) -> Spec:
+        entries = getattr(self, section)
+        if name in entries:
+            _raise([Problem(f"{section}.{name}", f'the name "{name}" is used twice')])
+        spec, problems = read_named(section, name, data, self.parameters)
+        _raise(problems)
+        assert spec is not None
+        entries[name] = spec
+        return spec
+
+    def channels(self) -> tuple[str, ...]:
+        """Names of all sensor channels, in order."""
+        pairs = self.sensors.items()
+        return tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+
+    def marker(self, reference: str) -> lookup.Found:
+        """Body, name and specification of ``"body.marker"``, automatic markers included.
+
+        Raises
+        ------
+        SceneError
+            No such body or marker; lists those there are, nearest first.
+        """
+        return lookup.find(self, reference)
+
+    def path(self, given: str) -> Path:
+        """A path of the scene, made absolute."""
+        return (self.folder / given).resolve()
+
+    def problems(self, flexbodies: Mapping[str, FlexBody] | None = None) -> list[Problem]:
+        """Everything in the model that does not fit together.
+
+        Parameters
+        ----------
+        flexbodies : mapping, optional
+            The flexible bodies by name, once they are known; their markers are checked then.
+        """
+        return references.problems(self, flexbodies or {})
+
+    def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
+        """Raise a :class:`SceneError` with all problems, if there are any."""
+        _raise(self.problems(flexbodies))
+
+    def to_scene_dict(
+        self, folder: str | Path | None = None, flexbodies: Mapping[str, str | Path] | None = None
+    ) -> dict[str, Any]:
+        """The model as a scene: plain data with all numbers resolved.
+
+        Parameters
+        ----------
+        folder : path, optional
+            Write paths relative to this folder; as given by default.
+        flexbodies : mapping, optional
+            Files of reduced bodies by name, written as they are; needed for those given as objects.
+        """
+        return writing.scene_dict(self, folder, flexbodies or {})
+
+    @classmethod
+    def from_scene_dict(cls, scene: Mapping[str, Any], folder: str | Path = ".") -> Self:
+        """The model of a scene given as plain data.
+
+        Raises
+        ------
+        SceneError
+            All that is wrong with it.
+        """
+        from flexmb.model.building import build
+
+        return build(cls, scene, Path(folder))
+
+
+def _raise(problems: list[Problem]) -> None:
+    if problems:
+        raise SceneError.from_problems(problems)

@@ -1,0 +1,185 @@
+"""Reading one table of a scene into its specification, with messages a user can act on.
+
+In: a class derived from :class:`Spec`, the raw table, and the values of the parameters. Out: the
+frozen specification, or all :class:`Problem` of the table: what pydantic found, translated into
+where, what was given, what is allowed, nearest names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, ValidationInfo
+from pydantic_core import PydanticCustomError, core_schema
+
+from flexmb.errors import Problem, SceneError, nearest
+
+__all__ = ["Entry", "Spec", "Variant", "fail", "given", "names_of", "read_entry", "under"]
+
+S = TypeVar("S", bound="Spec")
+Names = Mapping[str, float]
+_LONGEST = 60  # characters of a value shown in a message
+
+
+class Spec(BaseModel):
+    """Base of all specifications: frozen, and unknown keys are mistakes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def fail(*problems: Problem) -> PydanticCustomError:
+    """The exception a validator raises to report problems; their ``where`` is relative."""
+    return PydanticCustomError("flexmb", "see problems", {"problems": problems})
+
+
+def names_of(info: ValidationInfo) -> Names:
+    """Values of the parameters that expressions may use."""
+    names: Names | None = info.context
+    return names or {}
+
+
+def given(value: Any) -> str:
+    """A value as a message shows it: like TOML, and short."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = f'"{value}"' if isinstance(value, str) else str(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def under(where: str, problems: Iterable[Problem]) -> list[Problem]:
+    """The problems with ``where`` put before their own place."""
+    return [replace(problem, where=_join(where, problem.where)) for problem in problems]
+
+
+def _join(where: str, place: str) -> str:
+    if not where or not place:
+        return where or place
+    return where + place if place.startswith("[") else f"{where}.{place}"
+
+
+def read_entry(cls: type[S], data: Any, names: Names) -> tuple[S | None, list[Problem]]:
+    """Read a table; either the specification or the problems, places relative to the table."""
+    if isinstance(data, cls):
+        return data, []
+    if not isinstance(data, Mapping):
+        return None, [Problem("", f"a table is expected, given {given(data)}")]
+    try:
+        return cls.model_validate(dict(data), context=names), []
+    except ValidationError as error:
+        return None, _translate(cls, error)
+    except SceneError as error:
+        return None, list(error.problems)
+
+
+def _translate(cls: type[Spec], error: ValidationError) -> list[Problem]:
+    problems: list[Problem] = []
+    misspelt: set[str] = set()
+    details = error.errors(include_url=False)
+    for detail in details:
+        if detail["type"] == "extra_forbidden":
+            key = str(detail["loc"][-1])
+            problem = unknown_key(key, tuple(cls.model_fields))
+            misspelt.update(problem.nearest[:1])
+            problems.append(problem)
+    for detail in details:
+        where = ""
+        for part in detail["loc"]:
+            where = _join(where, f"[{part}]" if isinstance(part, int) else str(part))
+        if detail["type"] == "flexmb":
+            problems += under(where, detail["ctx"]["problems"])
+        elif detail["type"] == "missing" and where not in misspelt:
+            problems.append(Problem(where, "is missing"))
+        elif detail["type"] not in ("extra_forbidden", "missing"):
+            problems.append(_plain(where, detail))
+    return problems
+
+
+def unknown_key(key: str, allowed: tuple[str, ...]) -> Problem:
+    """The problem of a key that does not exist."""
+    return Problem(key, f'unknown key "{key}"', allowed, nearest(key, allowed))
+
+
+_EXPECTED = {
+    "string_type": "text is expected",
+    "tuple_type": "a list is expected",
+    "list_type": "a list is expected",
+    "dict_type": "a table is expected",
+    "bool_type": "true or false is expected",
+}
+
+
+def _plain(where: str, detail: Any) -> Problem:
+    """One of pydantic's own errors in our words."""
+    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    if kind == "literal_error":
+        allowed = tuple(re.findall(r"'([^']*)'", str(context["expected"])))
+        return Problem(
+            where, f"unknown choice {given(value)}", allowed, nearest(str(value), allowed)
+        )
+    if kind in ("too_long", "too_short"):
+        count = context.get("max_length", context.get("min_length"))
+        return Problem(where, f"{count} values are expected, given {given(value)}")
+    if kind in _EXPECTED:
+        return Problem(where, f"{_EXPECTED[kind]}, given {given(value)}")
+    return Problem(where, f"{detail['msg']}, given {given(value)}")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Marks a field that is a table of its own, so that its problems carry its path."""
+
+    def __get_pydantic_core_schema__(
+        self, source: type[Spec], handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> Spec:
+            spec, problems = read_entry(source, value, names_of(info))
+            if spec is None:
+                raise fail(*problems)
+            return spec
+
+        return core_schema.with_info_plain_validator_function(read, serialization=_as_table())
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Marks a field whose table says by ``type`` which of several specifications it is."""
+
+    noun: str
+    kinds: Callable[[], Mapping[str, type[Spec]]]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> Spec:
+            if isinstance(value, Spec):
+                return value
+            spec, problems = read_variant(self.noun, self.kinds(), value, names_of(info))
+            if spec is None:
+                raise fail(*problems)
+            return spec
+
+        return core_schema.with_info_plain_validator_function(read, serialization=_as_table())
+
+
+def read_variant(
+    noun: str, kinds: Mapping[str, type[S]], data: Any, names: Names
+) -> tuple[S | None, list[Problem]]:
+    """Read a table whose key ``type`` chooses the specification."""
+    if isinstance(data, Mapping) and "type" not in data:
+        return None, [Problem("type", "is missing", tuple(kinds))]
+    if isinstance(data, Mapping) and data["type"] not in kinds:
+        what = f"unknown {noun} {given(data['type'])}"
+        near = nearest(str(data["type"]), kinds)
+        return None, [Problem("type", what, tuple(kinds), near)]
+    chosen = next(iter(kinds.values())) if not isinstance(data, Mapping) else kinds[data["type"]]
+    return read_entry(chosen, data, names)
+
+
+def _as_table() -> core_schema.SerSchema:
+    def write(value: Spec) -> dict[str, Any]:
+        return value.model_dump(mode="json", exclude_none=True)
+
+    return core_schema.plain_serializer_function_ser_schema(write)

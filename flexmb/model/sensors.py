@@ -1,0 +1,58 @@
+"""Sensors: what a run records, by channel.
+
+Position [m], velocity [m/s] and acceleration [m/s^2] of a marker, absolute or relative to another
+one, in global axes: channels ``name.x``, ``name.y``, ``name.z``. Angle [rad] of a joint, or between
+two markers about an axis: channel ``name``, continuous over turns.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from flexmb.errors import Problem
+from flexmb.model.quantities import Axis, Pair, Text
+from flexmb.model.reading import Spec, fail
+
+__all__ = ["SENSOR_TYPES", "AngleSensorSpec", "MarkerSensorSpec", "channels_of"]
+
+
+class MarkerSensorSpec(Spec):
+    """Motion of the marker ``of``, less that of ``relative_to``; components in global axes."""
+
+    type: Literal["position", "velocity", "acceleration"]
+    of: Text
+    relative_to: Text | None = None
+
+
+class AngleSensorSpec(Spec):
+    """Angle of a joint, or from marker I to J about ``axis`` (as for joints)."""
+
+    type: Literal["angle"]
+    joint: Text | None = None
+    between: Pair | None = None
+    axis: Axis | None = None
+
+    @model_validator(mode="after")
+    def _joint_or_markers(self) -> Self:
+        if (self.joint is None) == (self.between is None):
+            raise fail(Problem("", 'give either "joint" or "between" (with "axis")'))
+        if self.joint is not None and self.axis is not None:
+            raise fail(Problem("axis", "is the joint's own; leave it out"))
+        return self
+
+
+SENSOR_TYPES: dict[str, type[Spec]] = {
+    "position": MarkerSensorSpec,
+    "velocity": MarkerSensorSpec,
+    "acceleration": MarkerSensorSpec,
+    "angle": AngleSensorSpec,
+}
+
+
+def channels_of(name: str, sensor: Spec) -> tuple[str, ...]:
+    """Names of the channels a sensor writes."""
+    if isinstance(sensor, MarkerSensorSpec):
+        return tuple(f"{name}.{axis}" for axis in "xyz")
+    return (name,)
