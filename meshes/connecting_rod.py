@@ -30,6 +30,8 @@ def main(path: Path) -> None:
     volume = build()
     name_groups(volume)
     mesh()
+    for x, eye in ((0.0, BIG), (LENGTH, SMALL)):
+        place_bore_nodes(bore_faces(volume, x, eye["bore"]), x, eye)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
     gmsh.write(str(path))
     gmsh.finalize()
@@ -46,8 +48,10 @@ def build() -> int:
     occ.synchronize()
     body = occ.fillet([body], corners(body), [FILLET])[0][1]
     for x, eye in ((0.0, BIG), (LENGTH, SMALL)):
-        hole = occ.addCylinder(x, 0, -eye["width"], 0, 0, 2 * eye["width"], eye["bore"])
-        body = occ.cut([(3, body)], [(3, hole)])[0][0][1]
+        hole = (x, 0, -eye["width"], 0, 0, 2 * eye["width"], eye["bore"])
+        halves = [(3, occ.addCylinder(*hole, angle=math.pi)) for _ in range(2)]
+        occ.rotate(halves[1:], x, 0, 0, 0, 0, 1, math.pi)
+        body = occ.cut([(3, body)], halves)[0][0][1]
     occ.synchronize()
     return body
 
@@ -80,16 +84,44 @@ def name_groups(volume: int) -> None:
     for name, x, eye in (("bore_big", 0.0, BIG), ("bore_small", LENGTH, SMALL)):
         tags = bore_faces(volume, x, eye["bore"])
         gmsh.model.addPhysicalGroup(2, tags, name=name)
+        rule_bore(tags, eye["bore"])
     gmsh.model.addPhysicalGroup(3, [volume], name="rod")
 
 
+def rule_bore(faces: list[int], radius: float) -> None:
+    """Even divisions around and along a bore, so that its area centroid lies on its axis."""
+    for face in faces:
+        for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False):
+            _, _, z0, _, _, z1 = gmsh.model.getBoundingBox(1, curve)
+            around, along = divisions(radius)
+            count = around if z1 - z0 < 1.0 else along
+            gmsh.model.mesh.setTransfiniteCurve(curve, count + 1)
+        gmsh.model.mesh.setTransfiniteSurface(face)
+
+
+def divisions(radius: float) -> tuple[int, int]:
+    """Elements along half the circumference of a bore, and along its axis."""
+    return round(math.pi * radius / SIZE_BORE), round(BIG["width"] / SIZE_BORE)
+
+
+def place_bore_nodes(faces: list[int], x: float, eye: dict[str, float]) -> None:
+    """Move the nodes of a bore to exact places: the mesher leaves them off by 1e-6 mm."""
+    around, along = divisions(eye["bore"])
+    angle, height = math.pi / (2 * around), eye["width"] / (2 * along)
+    for face in faces:
+        tags, coordinates, _ = gmsh.model.mesh.getNodes(2, face, includeBoundary=True)
+        for tag, (px, py, pz) in zip(tags, coordinates.reshape(-1, 3), strict=True):
+            turn = angle * round(math.atan2(py, px - x) / angle)
+            place = [x + eye["bore"] * math.cos(turn), eye["bore"] * math.sin(turn)]
+            gmsh.model.mesh.setNode(tag, [*place, height * round(pz / height)], [])
+
+
 def bore_faces(volume: int, x: float, radius: float) -> list[int]:
-    """Faces whose bounding box is that of a bore."""
+    """Faces that lie within the bounding square of a bore."""
     found = []
     for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
         x0, y0, _, x1, y1, _ = gmsh.model.getBoundingBox(2, face)
-        box = (x0 - x + radius, y0 + radius, x1 - x - radius, y1 - radius)
-        if max(map(abs, box)) < 0.01 * radius:
+        if max(x - x0, x1 - x, -y0, y1) < 1.01 * radius:
             found.append(face)
     return found
 
@@ -110,11 +142,11 @@ def mesh() -> None:
 
 
 def compact(text: str) -> str:
-    """The file with coordinates of nine significant digits."""
+    """The file with coordinates of twelve significant digits."""
 
     def shorten(match: re.Match[str]) -> str:
         value = float(match.group())
-        return f"{0.0 if math.fabs(value) < 1e-9 else value:.9g}"
+        return f"{0.0 if math.fabs(value) < 1e-9 else value:.12g}"
 
     start, end = text.index("$Nodes"), text.index("$EndNodes")
     number = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?|-?\d+e[-+]?\d+")
