@@ -1,0 +1,42 @@
+"""The finite-element half: mesh in, flexible body out. The only home of scikit-fem and meshio."""
+
+from __future__ import annotations
+
+from flexmb.fe.assembly import FEMatrices, assemble
+from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
+from flexmb.fe.integrals import Integrals, integrals
+from flexmb.fe.interface import RigidInterface, make_interfaces
+from flexmb.fe.key import reduction_key
+from flexmb.fe.material import resolve
+from flexmb.fe.mesh import Mesh
+from flexmb.fe.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.reader import read_mesh
+from flexmb.fe.recovery import node_modes, surface
+from flexmb.fe.reduce import make_body, reduce
+from flexmb.fe.section import Section, circle, rectangle, section_from, tube
+
+__all__ = [
+    "CraigBampton",
+    "FEMatrices",
+    "Integrals",
+    "Mesh",
+    "ReducedModes",
+    "RigidInterface",
+    "Section",
+    "assemble",
+    "circle",
+    "craig_bampton",
+    "integrals",
+    "make_body",
+    "make_interfaces",
+    "node_modes",
+    "orthonormalise",
+    "read_mesh",
+    "rectangle",
+    "reduce",
+    "reduction_key",
+    "resolve",
+    "section_from",
+    "surface",
+    "tube",
+]

@@ -1,8 +1,8 @@
 """From a mesh in SI units to its stiffness, mass and inertia.
 
-In: a mesh, a material and the sections of beams. Out: :class:`FEMatrices` with sparse K and M over the
-body's own numbering. Each element kind contributes batches of element matrices, so that solids and
-beams of one mesh add up in the same matrices.
+In: a mesh, a material and the sections of beams. Out: :class:`FEMatrices` with sparse K and M over
+the body's own numbering. Each element kind contributes batches of element matrices, so that solids
+and beams of one mesh add up in the same matrices.
 """
 
 from __future__ import annotations

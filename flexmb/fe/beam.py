@@ -1,12 +1,13 @@
 """Straight Euler-Bernoulli and Timoshenko beams in space: stiffness, mass and mass components.
 
 In: end coordinates, a section and a material for each element. Out: (ne, 12, 12) matrices in body
-axes, degrees of freedom (displacement, rotation) of the first node, then of the second. In local axes
-the material point (x, y, z) moves by (u - y psi_z + z psi_y, v - z phi, w + y phi) with the section
-rotations psi_z = v' - g_v, psi_y = -(w' - g_w); u and phi are linear, v and w cubic with nodal slope
-theta + g, the shear strains g constant: g = Phi/(1+Phi) ((w2-w1)/L - (th1+th2)/2) with
+axes, degrees of freedom (displacement, rotation) of the first node, then of the second. In local
+axes the material point (x, y, z) moves by (u - y psi_z + z psi_y, v - z phi, w + y phi) with the
+section rotations psi_z = v' - g_v, psi_y = -(w' - g_w); u and phi are linear, v and w cubic with
+nodal slope theta + g, the shear strains g constant: g = Phi/(1+Phi) ((w2-w1)/L - (th1+th2)/2) with
 Phi = 12 E I/(k G A L^2), so Phi = 0 is Euler-Bernoulli. Source: Przemieniecki, Theory of Matrix
-Structural Analysis, sections 5.6 and 11.7. scikit-fem gives basis and quadrature on a disjoint mesh.
+Structural Analysis, sections 5.6 and 11.7. scikit-fem gives basis and quadrature on a disjoint
+mesh.
 """
 
 from __future__ import annotations
@@ -144,7 +145,7 @@ def _rigid(beams: Beams) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 class _Rows:
-    """Kinematic rows (ne, quadrature points, 12) of the local fields on degrees of freedom in body axes."""
+    """Local fields as rows (ne, quadrature points, 12) on degrees of freedom in body axes."""
 
     def __init__(self, beams: Beams) -> None:
         L = beams.length

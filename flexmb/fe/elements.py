@@ -1,8 +1,8 @@
 """Which elements of a mesh form the body.
 
-In: a mesh and the sections of its beams. Out: :class:`Elements`, the tetrahedra and the beams. Other
-elements only define groups (surfaces of solids, edges); a volume element that cannot be used is
-refused by name, never skipped.
+In: a mesh and the sections of its beams. Out: :class:`Elements`, the tetrahedra and the beams.
+Other elements only define groups (surfaces of solids, edges); a volume element that cannot be used
+is refused by name, never skipped.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The inertia of a finite-element model in second-moment form, before reduction.
 
-In: scalar mass of solids, mass components of beams. Out: :class:`Inertia`, which holds the rigid data
-and, over all degrees of freedom, p_b = int rho N_b, P_ab = int rho s_a N_b and M_ab = int rho N_a^T N_b.
-Solids store one scalar mass matrix for all nine M_ab; elements with nodal rotations store components.
+In: scalar mass of solids, mass components of beams. Out: :class:`Inertia`, which holds the rigid
+data and, over all degrees of freedom, p_b = int rho N_b, P_ab = int rho s_a N_b and M_ab = int rho
+N_a^T N_b. Solids store one scalar mass matrix for all nine M_ab; elements with nodal rotations
+store components.
 """
 
 from __future__ import annotations

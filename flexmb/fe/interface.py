@@ -1,8 +1,8 @@
 """Interfaces: groups of nodes tied rigidly to a reference point with six degrees of freedom (RBE2).
 
-In: a finite-element model and the group of each interface. Out: one :class:`RigidInterface` each, with
-u_slave = T q, q the displacement and rotation of the reference point. The point is the area centroid
-of a surface group (length centroid of a line group, mean of a group of nodes).
+In: a finite-element model and the group of each interface. Out: one :class:`RigidInterface` each,
+with u_slave = T q, q the displacement and rotation of the reference point. The point is the area
+centroid of a surface group (length centroid of a line group, mean of a group of nodes).
 """
 
 from __future__ import annotations

@@ -58,7 +58,9 @@ def plausibility(given: Material) -> list[str]:
     found = []
     if not _DENSITY[0] <= given.density <= _DENSITY[1]:
         hint = _slip(given.density, _DENSITY, _SLIPS, "kg/m^3")
-        found.append(f"density {given.density:g} kg/m^3 is not that of an engineering material{hint}")
+        found.append(
+            f"density {given.density:g} kg/m^3 is not that of an engineering material{hint}"
+        )
     if not _MODULUS[0] <= given.E <= _MODULUS[1]:
         hint = _slip(given.E, _MODULUS, _MODULUS_SLIPS, "Pa")
         found.append(f"Young's modulus {given.E:g} Pa is implausible{hint}")

@@ -66,7 +66,9 @@ class Mesh:
             raise MeshError(f"{self.source}: {what}")
         for kind, cells in self.blocks.items():
             if cells.size and (cells.min() < 0 or cells.max() >= len(points)):
-                raise MeshError(f"{self.source}: elements of kind {kind} name nodes that are absent")
+                raise MeshError(
+                    f"{self.source}: elements of kind {kind} name nodes that are absent"
+                )
         object.__setattr__(self, "points", points)
         element_nodes = {name: self._touched(rows) for name, rows in self.element_sets.items()}
         given = {name: np.unique(nodes) for name, nodes in self.node_sets.items()}

@@ -1,8 +1,8 @@
 """Degrees of freedom of a mesh: three displacements a node, six where a beam ends.
 
-In: for each node, whether solids and beams touch it. Out: a table of degree-of-freedom numbers with
--1 for those that do not exist. Order at a node: x, y, z displacement, then rotation about x, y, z,
-all in body axes.
+In: for each node, whether solids and beams touch it. Out: a table of degree-of-freedom numbers
+with -1 for those that do not exist. Order at a node: x, y, z displacement, then rotation about x,
+y, z, all in body axes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Reading a mesh file with meshio, without its surprises.
 
-In: a path. Out: a :class:`Mesh`. meshio prints, may end the process on a file it cannot read, keeps
-bookkeeping among the groups, and leaves gmsh's two formats different; here all of that is caught
-or normalised: one block per element kind, every group under its name (or ``"dim:tag"`` where the
-file names none), elements repeated by the file for several groups kept once.
+In: a path. Out: a :class:`Mesh`. meshio prints, may end the process on a file it cannot read,
+keeps bookkeeping among the groups, and leaves gmsh's two formats different; here all of that is
+caught or normalised: one block per element kind, every group under its name (or ``"dim:tag"``
+where the file names none), elements repeated by the file for several groups kept once.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 In: dimensions in metres. Out: a :class:`Section` with area, second moments, torsion constant and
 shear coefficients, in its principal centroidal axes y and z (x runs along the beam from its first
 to its second node). Iy = int z^2 dA bends in the xz plane, Iz = int y^2 dA in the xy plane.
-Sources: torsion of a rectangle, Timoshenko and Goodier, Theory of Elasticity, 3rd ed., section 109;
-shear coefficients, Cowper (1966), J. Appl. Mech. 33, at nu = 0.
+Sources: torsion of a rectangle, Timoshenko and Goodier, Theory of Elasticity, 3rd ed., section
+109; shear coefficients, Cowper (1966), J. Appl. Mech. 33, at nu = 0.
 """
 
 from __future__ import annotations

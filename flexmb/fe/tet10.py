@@ -1,10 +1,11 @@
 """Second-order tetrahedra: stiffness, scalar mass and gradients of all elements at once.
 
-In: node coordinates by element, (ne, 10, 3) [m], VTK node order (which is scikit-fem's). Out: batches
-of element matrices. Each element gets its own copy of its nodes in a disjoint scikit-fem mesh, whose
-isoparametric mapping, P2 basis and quadrature are used; products are batched BLAS instead of
-scikit-fem's vector forms. Stiffness by a rule of order 2, mass of order 4 (a rule of order 3 has a
-negative weight and spoils the mass). Source: Zienkiewicz, Taylor, The Finite Element Method, vol. 1.
+In: node coordinates by element, (ne, 10, 3) [m], VTK node order (which is scikit-fem's). Out:
+batches of element matrices. Each element gets its own copy of its nodes in a disjoint scikit-fem
+mesh, whose isoparametric mapping, P2 basis and quadrature are used; products are batched BLAS
+instead of scikit-fem's vector forms. Stiffness by a rule of order 2, mass of order 4 (a rule of
+order 3 has a negative weight and spoils the mass). Source: Zienkiewicz, Taylor, The Finite Element
+Method, vol. 1.
 """
 
 from __future__ import annotations

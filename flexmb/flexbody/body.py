@@ -2,10 +2,10 @@
 
 In: inertia integrals, reduced stiffness and damping, interfaces. Out: one immutable, validated
 object, in SI and in the body frame (the frame of the undeformed mesh). With s the undeformed
-position, N the displacement interpolation, Phi the modes and a, b in x, y, z:
-S1 = int rho s, S0 = int rho s s^T, p = int rho N_b Phi, P = int rho s_a N_b Phi,
-Mab = Phi^T (int rho N_a^T N_b) Phi. A rigid body has zero modes. Source of the integrals:
-Shabana, Dynamics of Multibody Systems, ch. 5, in second-moment form.
+position, N the displacement interpolation, Phi the modes and a, b in x, y, z: S1 = int rho s, S0 =
+int rho s s^T, p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T (int rho N_a^T N_b) Phi. A
+rigid body has zero modes. Source of the integrals: Shabana, Dynamics of Multibody Systems, ch. 5,
+in second-moment form.
 """
 
 from __future__ import annotations

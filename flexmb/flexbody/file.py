@@ -1,7 +1,7 @@
 """Reading and writing flexible-body files (HDF5, no code objects inside).
 
-In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading is
-strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
+In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
+is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
 The layout is the table in :mod:`flexmb.flexbody.schema`.
 """
 

@@ -46,8 +46,8 @@ class Interface:
 class ModeInfo:
     """What one candidate mode is, and whether it became a modal coordinate.
 
-    After orthonormalisation a coordinate has no kind of its own; the shares of the constraint
-    modes (unit motions of the interfaces) in its energies tell what it mostly is.
+    After orthonormalisation a coordinate has no kind of its own; the shares in its energies tell
+    what it mostly is.
 
     Parameters
     ----------
@@ -62,9 +62,12 @@ class ModeInfo:
     why : str
         Why it was kept or dropped.
     mostly : str
-        The Craig-Bampton mode that holds the largest share of its kinetic energy.
-    interface_kinetic, interface_strain : float
-        Share of the constraint modes in the kinetic and strain energy, 0 to 1 (NaN if unknown).
+        The Craig-Bampton mode that holds the largest share of its strain energy.
+    interface_share : float
+        Share of the constraint modes (unit motions of the interfaces) in the strain energy, 0 to 1;
+        NaN if unknown.
+    kinetic_share : (3,) float
+        Shares of the motion along the body's x, y and z in the kinetic energy; NaN if unknown.
     """
 
     index: int
@@ -73,11 +76,12 @@ class ModeInfo:
     kept: bool
     why: str
     mostly: str = ""
-    interface_kinetic: float = float("nan")
-    interface_strain: float = float("nan")
+    interface_share: float = float("nan")
+    kinetic_share: tuple[float, float, float] = (float("nan"),) * 3
 
     def __post_init__(self) -> None:
         check = Checker(f"mode {self.index}")
+        object.__setattr__(self, "kinetic_share", tuple(float(v) for v in self.kinetic_share))
         if not (np.isfinite(self.frequency) and self.frequency >= 0):
             check.add("frequency", f"must be a number >= 0, given {self.frequency} Hz")
         if self.kept != (self.index >= 0):

@@ -62,8 +62,8 @@ TABLE = (
     Dataset("modes/kept", "bool", ("c",), "is a modal coordinate"),
     Dataset("modes/why", "text", ("c",), "why kept or dropped"),
     Dataset("modes/mostly", "text", ("c",), "largest Craig-Bampton contribution"),
-    Dataset("modes/interface_kinetic", "f8", ("c",), "energy share of the constraint modes"),
-    Dataset("modes/interface_strain", "f8", ("c",), "energy share of the constraint modes"),
+    Dataset("modes/interface_share", "f8", ("c",), "of the constraint modes in strain energy"),
+    Dataset("modes/kinetic_share", "f8", ("c", 3), "of motion along x, y, z in kinetic energy"),
     Dataset("surface/points", "f8", ("n", 3), "undeformed [m]", True),
     Dataset("surface/faces", "i8", ("t", 3), "triangles", True),
     Dataset("surface/lines", "i8", ("l", 2), "beam lines", True),
@@ -77,7 +77,7 @@ TABLE = (
     Dataset("provenance/value", "text", ("s",), "and what it is"),
 )
 
-_NAN_ALLOWED = ("modes/interface_kinetic", "modes/interface_strain")  # unknown shares
+_NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
 
 def to_datasets(body: FlexBody) -> dict[str, Any]:
@@ -93,8 +93,9 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
     found["interfaces/name"] = [part.name for part in body.interfaces]
     for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
         found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
-    for name in ("interface_kinetic", "interface_strain"):
-        found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes]).reshape(c)
+    for name, shape in (("interface_share", (c,)), ("kinetic_share", (c, 3))):
+        values = [getattr(mode, name) for mode in body.modes]
+        found[f"modes/{name}"] = np.array(values, dtype=float).reshape(shape)
     for name in ("kind", "why", "mostly"):
         found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
     for group, part in (("surface", body.surface), ("nodes", body.nodes)):

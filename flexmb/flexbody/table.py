@@ -17,8 +17,8 @@ MODE_COLUMNS = (
     "kind",
     "frequency [Hz]",
     "mostly",
-    "interface share of kinetic energy",
-    "of strain energy",
+    "interface share",
+    "moves along x, y, z",
     "kept or why dropped",
 )
 
@@ -34,11 +34,11 @@ def _row(mode: ModeInfo) -> tuple[str, ...]:
         mode.kind,
         f"{mode.frequency:.6g}",
         mode.mostly,
-        _share(mode.interface_kinetic),
-        _share(mode.interface_strain),
+        _share(mode.interface_share),
+        " ".join(_share(value) for value in mode.kinetic_share).strip(),
         f"{'kept' if mode.kept else 'dropped'}: {mode.why}",
     )
 
 
 def _share(value: float) -> str:
-    return "" if math.isnan(value) else f"{100 * value:.1f} %"
+    return "" if math.isnan(value) else f"{100 * value:.0f} %"

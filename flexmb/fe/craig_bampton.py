@@ -1,0 +1,134 @@
+"""Craig-Bampton reduction: unit motions of the interfaces and modes with the interfaces held.
+
+In: a finite-element model, its interfaces, the number of fixed-interface modes. Out: a basis (n,
+k) and its reduced matrices, k = 6 interfaces + modes. One factorisation of K_ii, the stiffness
+with all interfaces held, gives the constraint modes Psi = -K_ii^-1 K_ib and serves the
+eigensolver. Source: Craig, Bampton (1968), AIAA Journal 6(7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array
+
+from flexmb.errors import ReductionError
+from flexmb.fe.assembly import FEMatrices
+from flexmb.fe.canonical import canonical_rotation, test_fields
+from flexmb.fe.eigen import dense_modes, lowest_modes
+from flexmb.fe.interface import RigidInterface
+from flexmb.fe.linear_solver import Factor, factor
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.progress import Progress, silent
+
+__all__ = ["CraigBampton", "craig_bampton"]
+
+_DENSE = 300  # below this many interior degrees of freedom full matrices are faster
+_SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
+_DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
+
+
+@dataclass(frozen=True, eq=False)
+class CraigBampton:
+    """A basis of constraint modes, then fixed-interface modes, and its matrices.
+
+    Parameters
+    ----------
+    basis : (n, k) float
+        Columns over all degrees of freedom of the model.
+    K, M : (k, k) float
+        Reduced stiffness and mass.
+    constraints : int
+        How many columns are constraint modes; their coordinates are the interfaces' motions.
+    labels : tuple of str
+        Name of each column.
+    """
+
+    basis: FloatArray
+    K: FloatArray
+    M: FloatArray
+    constraints: int
+    labels: tuple[str, ...]
+
+
+def craig_bampton(
+    fe: FEMatrices,
+    interfaces: tuple[RigidInterface, ...],
+    modes: int = 20,
+    progress: Progress = silent,
+) -> CraigBampton:
+    """Reduce a model with at least one interface.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : tuple of RigidInterface
+        What is held; at least one.
+    modes : int
+        Number of fixed-interface modes.
+    progress : Progress
+        Told the phases ``"factor"`` and ``"modes"``.
+
+    Raises
+    ------
+    ReductionError
+        More modes than the model has, or a part that nothing holds.
+    """
+    b, T = _interface_motion(interfaces)
+    i = np.setdiff1d(np.arange(fe.numbering.n), b)
+    if modes > len(i):
+        what = f"the model has only {len(i)} fixed-interface modes"
+        raise ReductionError(f"modes: {modes} asked, but {what}")
+    K_i = fe.K[i]
+    K_ii, K_ib, M_ii = K_i[:, i], K_i[:, b], fe.M[i][:, i]
+    progress("factor", 0.0, f"{len(i)} unknowns")
+    held = factor(K_ii) if len(i) else None
+    progress("factor", 1.0)
+    basis = np.zeros((fe.numbering.n, T.shape[1] + modes))
+    basis[b, : T.shape[1]] = T
+    coupling = K_ib @ T
+    if held is not None:
+        basis[i, : T.shape[1]] = -held.solve(coupling)
+        omega2, V = _fixed_modes(fe, i, K_ii, M_ii, held, modes, progress)
+        basis[i, T.shape[1] :] = V
+    else:
+        omega2 = np.zeros(0)
+    K_cc = T.T @ (fe.K[b][:, b] @ T) + coupling.T @ basis[i, : T.shape[1]]
+    M = basis.T @ (fe.M @ basis)
+    progress("modes", 1.0)
+    K = block_diag(0.5 * (K_cc + K_cc.T), np.diag(omega2))
+    return CraigBampton(basis, K, 0.5 * (M + M.T), T.shape[1], _labels(interfaces, modes))
+
+
+def _interface_motion(interfaces: tuple[RigidInterface, ...]) -> tuple[np.ndarray, FloatArray]:
+    """Held degrees of freedom, and how they follow the six motions of every interface."""
+    if not interfaces:
+        raise ReductionError("interfaces: a Craig-Bampton reduction needs at least one")
+    held = np.concatenate([interface.dofs for interface in interfaces])
+    return held, block_diag(*[interface.T for interface in interfaces])
+
+
+def _fixed_modes(
+    fe: FEMatrices,
+    i: np.ndarray,
+    K_ii: csr_array,
+    M_ii: csr_array,
+    held: Factor,
+    modes: int,
+    progress: Progress,
+) -> tuple[FloatArray, FloatArray]:
+    wanted = min(modes + _SPARE, len(i)) if modes else 0
+    if len(i) <= _DENSE or 2 * wanted >= len(i):
+        omega2, V = dense_modes(K_ii, M_ii, wanted)
+    else:
+        omega2, V = lowest_modes(M_ii, held.solve, wanted, progress)
+    V = V @ canonical_rotation(omega2, test_fields(fe)[i].T @ (M_ii @ V))
+    return omega2[:modes], V[:, :modes]
+
+
+def _labels(interfaces: tuple[RigidInterface, ...], modes: int) -> tuple[str, ...]:
+    constraint = [f"{part.name}.{direction}" for part in interfaces for direction in _DIRECTIONS]
+    return (*constraint, *(f"fixed-interface {k + 1}" for k in range(modes)))

@@ -1,0 +1,79 @@
+"""The lowest vibration modes of a model whose stiffness is factorised already.
+
+In: mass, and the solution operator of the stiffness. Out: squared circular frequencies, ascending,
+and mass-normalised modes. Shift-invert Lanczos (ARPACK) at shift zero, which needs no scale, with
+a fixed start vector, so that a second run gives the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.progress import Progress, silent
+
+__all__ = ["dense_modes", "lowest_modes", "start_vector"]
+
+
+def lowest_modes(
+    M: csr_array,
+    solve: Callable[[FloatArray], FloatArray],
+    count: int,
+    progress: Progress = silent,
+    start: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest modes of K x = omega^2 M x by the inverse of K.
+
+    Parameters
+    ----------
+    M : (n, n) sparse
+        Mass.
+    solve : callable
+        K^-1 b for b (n,); a pseudo-inverse leaves the motions it maps to zero out.
+    count : int
+        How many, fewer than n.
+    progress : Progress
+        Told the phase ``"modes"``.
+    start : (n,) float, optional
+        Start vector; it must lie where ``solve`` maps to, if that is a pseudo-inverse.
+
+    Returns
+    -------
+    omega2 : (count,) float
+        Squared circular frequencies, ascending [1/s^2].
+    V : (n, count) float
+        Modes with V^T M V = I.
+    """
+    n = M.shape[0]
+    if count == 0:
+        return np.zeros(0), np.zeros((n, 0))
+    expected, done = 4 * count + 20, 0
+
+    def counted(b: FloatArray) -> FloatArray:
+        nonlocal done
+        done += 1
+        progress("modes", min(0.99, done / expected), f"{done} solves")
+        return solve(np.ravel(b))
+
+    inverse = LinearOperator((n, n), matvec=counted, dtype=float)
+    v0 = start_vector(n) if start is None else start
+    omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=0)
+    order = np.argsort(omega2)
+    return omega2[order], V[:, order]
+
+
+def dense_modes(K: csr_array, M: csr_array, count: int) -> tuple[FloatArray, FloatArray]:
+    """The same from full matrices, where many or all modes of a small model are asked."""
+    if count == 0:
+        return np.zeros(0), np.zeros((K.shape[0], 0))
+    return eigh(K.toarray(), M.toarray(), subset_by_index=[0, count - 1])
+
+
+def start_vector(n: int) -> FloatArray:
+    """(n,) the fixed start vector: no symmetry of a mesh makes it miss a mode."""
+    return np.random.default_rng(1).standard_normal(n)

@@ -1,0 +1,72 @@
+"""The fingerprint of a reduction: what makes two reductions give the same body.
+
+In: a mesh file and the options of :func:`flexmb.fe.reduce`. Out: a SHA-256 in hexadecimal over the
+file's bytes, the values (not the names) of material and sections, and the version of the method.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from flexmb.errors import MeshError
+from flexmb.fe.material import MaterialLike, resolve
+from flexmb.fe.section import Section, section_from
+from flexmb.flexbody.schema import VERSION
+from flexmb.units import unit_system
+
+__all__ = ["mesh_hash", "reduction_key"]
+
+_METHOD = 1  # raise it whenever the same input gives another body
+
+
+def reduction_key(
+    mesh: str | os.PathLike[str],
+    *,
+    units: str = "SI",
+    material: MaterialLike,
+    interfaces: Mapping[str, str] | None = None,
+    modes: int = 20,
+    damping: float = 0.0,
+    name: str | None = None,
+    sections: Mapping[str, Section | Mapping[str, Any]] | None = None,
+) -> str:
+    """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
+
+    Raises
+    ------
+    MeshError
+        The mesh file cannot be read.
+    """
+    chosen = {
+        "mesh": mesh_hash(mesh),
+        "units": unit_system(units).name,
+        "material": asdict(resolve(material)),
+        "interfaces": list((interfaces or {}).items()),
+        "modes": modes,
+        "damping": float(damping),
+        "name": Path(mesh).stem if name is None else name,
+        "sections": {key: asdict(section_from(s)) for key, s in (sections or {}).items()},
+        "method": _METHOD,
+        "file": VERSION,
+    }
+    return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
+
+
+def mesh_hash(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a mesh file's bytes.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be read.
+    """
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError as error:
+        raise MeshError(f"{path}: there is no such mesh file, or it cannot be read") from error
