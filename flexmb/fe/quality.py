@@ -16,6 +16,7 @@ from flexmb.fe.craig_bampton import CraigBampton
 from flexmb.fe.interface import RigidInterface
 from flexmb.fe.material import plausibility
 from flexmb.fe.orthonormal import ReducedModes
+from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import ModeInfo
 
 __all__ = ["mode_infos", "orphans", "require_one_part", "suspicions"]
@@ -64,8 +65,18 @@ def require_one_part(fe: FEMatrices, interfaces: tuple[RigidInterface, ...]) -> 
         )
 
 
-def mode_infos(fe: FEMatrices, reduced: CraigBampton, modes: ReducedModes) -> tuple[ModeInfo, ...]:
-    """The six rigid motions, dropped, then the modal coordinates with their energy shares."""
+def mode_infos(
+    fe: FEMatrices, reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray
+) -> tuple[ModeInfo, ...]:
+    """The six rigid motions, dropped, then the modal coordinates with their energy shares.
+
+    Parameters
+    ----------
+    fe, reduced, modes
+        The model, the reduced basis and the modes made of it.
+    Mab : (3, 3, m, m) float
+        Mass components reduced onto the modes.
+    """
     R = fe.rigid
     energy, mass = np.sum(R * (fe.K @ R), axis=0), np.sum(R * (fe.M @ R), axis=0)
     residual = np.sqrt(np.maximum(energy / mass, 0.0)) / (2 * np.pi)
@@ -74,24 +85,24 @@ def mode_infos(fe: FEMatrices, reduced: CraigBampton, modes: ReducedModes) -> tu
         ModeInfo(-1, "rigid", float(f), False, why, name)
         for f, name in zip(residual, _RIGID, strict=True)
     ]
-    return (*rigid, *_elastic_infos(reduced, modes))
+    return (*rigid, *_elastic_infos(reduced, modes, Mab))
 
 
-def _elastic_infos(reduced: CraigBampton, modes: ReducedModes) -> list[ModeInfo]:
+def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
     c = reduced.constraints
-    kinetic = modes.Z * (reduced.M @ modes.Z)
     strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
-    largest = np.argmax(kinetic, axis=0)
+    largest = np.argmax(strain, axis=0)
+    kinetic = np.einsum("bbjj->jb", Mab)
     return [
         ModeInfo(
             j,
             "elastic",
             float(frequency),
             True,
-            "elastic",
+            "elastic mode of the free body",
             reduced.labels[largest[j]],
-            float(kinetic[:c, j].sum()),
             float(strain[:c, j].sum()),
+            tuple(kinetic[j]),
         )
         for j, frequency in enumerate(modes.frequencies)
     ]

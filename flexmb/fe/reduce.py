@@ -142,7 +142,7 @@ def make_body(
             Interface(tie.name, tie.position, q[:3], q[3:])
             for tie, q in zip(ties, motion, strict=True)
         ),
-        modes=mode_infos(fe, reduced, elastic),
+        modes=mode_infos(fe, reduced, elastic, inertia.Mab),
         surface=surface(fe, nodes),
         nodes=nodes,
     )
