@@ -1,8 +1,8 @@
-"""Poses between output times: linear in position and modes, spherical in orientation.
+"""Orientations between output times: evenly along the shorter arc.
 
-In: two rows of Euler parameters or a row of them (scalar part first, body to global). Out: unit
-quaternions and direction-cosine matrices A. Source: K. Shoemake, Animating rotation with quaternion
-curves, SIGGRAPH 1985 (spherical linear interpolation).
+In: Euler parameters of two rows (scalar part first, body to global). Out: those
+between. Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985
+(spherical linear interpolation).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["rotation_matrix", "slerp"]
+__all__ = ["slerp"]
 
 Array = NDArray[np.float64]
 
@@ -28,15 +28,3 @@ def slerp(first: Array, second: Array, s: float) -> Array:
         angle = np.arccos(cosine)
         mixed = (np.sin((1.0 - s) * angle) * first + np.sin(s * angle) * second) / np.sin(angle)
     return np.asarray(mixed / np.linalg.norm(mixed))
-
-
-def rotation_matrix(p: Array) -> Array:
-    """Direction-cosine matrix (3, 3), body to global, of Euler parameters p (4,)."""
-    w, x, y, z = p / np.linalg.norm(p)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

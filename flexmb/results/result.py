@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
+from flexmb.model.orientation import rotation_matrix
 from flexmb.results.layout import Columns
-from flexmb.results.pose import rotation_matrix, slerp
+from flexmb.results.pose import slerp
 from flexmb.results.read import read_contents, read_state, read_table
 
 __all__ = ["Pose", "Result", "load_result"]

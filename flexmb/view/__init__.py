@@ -1,0 +1,8 @@
+"""Pictures of mechanisms and plots of time histories; VTK and matplotlib are loaded when needed."""
+
+from __future__ import annotations
+
+from flexmb.view.picture import render
+from flexmb.view.plot import history_figure, plot_history, save_figure
+
+__all__ = ["history_figure", "plot_history", "render", "save_figure"]

@@ -1,0 +1,87 @@
+"""From where to look: along the joint axes of a planar mechanism, slightly from above.
+
+In: a :class:`Mechanism`, or a direction. Out: a :class:`Camera`. Up is against gravity where there
+is any, else z, else (for a mechanism seen along z) y.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ViewError
+from flexmb.view.content import Camera
+from flexmb.view.mechanism import Mechanism
+
+__all__ = ["camera_of"]
+
+Array = NDArray[np.float64]
+
+_ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
+_PARALLEL = 0.999  # cosine above which two directions count as one
+_SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
+
+
+def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None) -> Camera:
+    """The camera for a direction from the scene towards the eye, or by the joint axes.
+
+    Raises
+    ------
+    ViewError
+        The direction has no length.
+    """
+    given = direction if direction is not None else mechanism.model.view.direction
+    if given is not None:
+        towards = np.array(given, dtype=float)
+        length = float(np.linalg.norm(towards))
+        if not (np.isfinite(length) and length > 0):
+            raise ViewError(f"the direction {tuple(given)} has no length")
+        return _camera(towards / length, _up(mechanism, towards / length))
+    normal = _common_axis(mechanism)
+    up = _up(mechanism, normal)
+    if normal is None:
+        aside = np.cross(up, _horizontal(up))
+        frame = np.stack([aside, up, np.cross(aside, up)], axis=1)
+        return _camera(frame @ _SPATIAL, up)
+    right = np.cross(up, normal)
+    if right[int(np.argmax(np.abs(right)))] < 0:  # the axes that grow to the right are the usual
+        normal, right = -normal, -right
+    return _camera(normal + _ABOVE * up + _ASIDE * right, up)
+
+
+def _common_axis(mechanism: Mechanism) -> Array | None:
+    """The direction that all turning joints share; None if they share none."""
+    turning = [
+        mechanism.axes[name]
+        for name, spec in mechanism.model.joints.items()
+        if spec.type in ("revolute", "cylindrical")
+    ]
+    if not turning or any(abs(axis @ turning[0]) < _PARALLEL for axis in turning):
+        return None
+    return turning[0]
+
+
+def _up(mechanism: Mechanism, towards: Array | None) -> Array:
+    candidates = [np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])]
+    gravity = mechanism.model.gravity
+    if gravity is not None and np.linalg.norm(gravity) > 0:
+        candidates.insert(0, -np.array(gravity) / np.linalg.norm(gravity))
+    if towards is None:
+        return candidates[0]
+    across = next(up for up in candidates if abs(up @ towards) < _PARALLEL)
+    across = across - (across @ towards) * towards
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def _horizontal(up: Array) -> Array:
+    """A unit vector across `up`, from which the usual view of space is turned."""
+    helper = np.array([0.0, -1.0, 0.0]) if abs(up[1]) < _PARALLEL else np.array([0.0, 0.0, 1.0])
+    across = helper - (helper @ up) * up
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def _camera(towards: Array, up: Array) -> Camera:
+    t = towards / np.linalg.norm(towards)
+    return Camera(
+        (float(t[0]), float(t[1]), float(t[2])), (float(up[0]), float(up[1]), float(up[2]))
+    )

@@ -1,0 +1,145 @@
+"""Where everything in a mechanism is at one time of a run.
+
+In: a :class:`Result`, a time. Out: poses, marker positions, deformed surfaces and joint axes in
+global axes [m]. The scene kept in the result says what there is; the flexible-body files beside it
+say how the modes move their surfaces.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ViewError
+from flexmb.flexbody import FlexBody, load
+from flexmb.model import Model
+from flexmb.model.lookup import frames, placed
+from flexmb.model.names import GROUND, split_reference
+from flexmb.results import Pose, Result
+
+__all__ = ["Mechanism"]
+
+Array = NDArray[np.float64]
+
+_GROUND_POSE = Pose(np.zeros(3), np.eye(3), np.zeros(0))
+
+
+class Mechanism:
+    """The bodies, joints and markers of a result's scene, placed at a time of the run.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    time : float, optional
+        Within the run [s]; by default what the scene's ``[view]`` says, else the end.
+
+    Raises
+    ------
+    ViewError
+        The result holds no rows, or a flexible-body file is not the one of this run.
+    BodyFileError
+        A flexible-body file is missing or damaged.
+    ResultFileError
+        The time lies outside the run.
+    """
+
+    def __init__(self, result: Result, time: float | None = None) -> None:
+        if not len(result.time):
+            raise ViewError(f"{result.path}: the result holds no rows to draw")
+        self.result = result
+        self.model = Model.from_scene_dict(result.model, result.path.parent)
+        self.flexbodies = {name: _load(result, name) for name in result.flexbodies}
+        self.time = self._chosen(time)
+        self._poses: dict[str, Pose] = {}
+
+    def pose(self, body: str) -> Pose:
+        """Origin, direction cosines and modal coordinates of a body or the ground."""
+        if body == GROUND:
+            return _GROUND_POSE
+        if body not in self._poses:
+            self._poses[body] = self.result.pose(body, self.time)
+        return self._poses[body]
+
+    def point(self, reference: str) -> Array:
+        """Position (3,) of the marker ``"body.marker"``, its body deformed."""
+        marker = placed(self.model, reference, self.flexbodies)
+        pose = self.pose(marker.body)
+        s = marker.position
+        if marker.Phi_t is not None and marker.Phi_r is not None:
+            turn = marker.Phi_r @ pose.eta
+            s = s + marker.Phi_t @ pose.eta + np.cross(turn, marker.arm)
+        return pose.r + pose.A @ s
+
+    def travel(self, reference: str, axis: Array) -> tuple[float, float]:
+        """Least and greatest position of a marker along an axis through the run, rigidly [m]."""
+        body, _ = split_reference(reference)
+        if body == GROUND:
+            here = float(self.point(reference) @ axis)
+            return here, here
+        marker = placed(self.model, reference, self.flexbodies)
+        times = np.linspace(self.result.time[0], self.result.time[-1], 60)
+        poses = [self.result.pose(body, float(t)) for t in times]
+        along = [float((p.r + p.A @ marker.position) @ axis) for p in poses]
+        return min(along), max(along)
+
+    def used_markers(self, body: str) -> list[str]:
+        """References to the markers of a body that joints and spring-dampers hold on to."""
+        return [
+            reference
+            for spec in (*self.model.joints.values(), *self.model.forces.values())
+            for reference in getattr(spec, "between", ())
+            if split_reference(reference)[0] == body
+        ]
+
+    @cached_property
+    def axes(self) -> dict[str, Array]:
+        """Global direction (3,) of each joint's axis, in the placed pose."""
+        found = {}
+        for name, spec in self.model.joints.items():
+            marker, _ = frames(self.model, spec.between, spec.axis, self.flexbodies)
+            A = np.eye(3)
+            if marker.body != GROUND:
+                from flexmb.model.orientation import rotation_matrix
+
+                A = rotation_matrix(self.model.bodies[marker.body].orientation)
+            found[name] = A @ marker.R[:, 2]
+        return found
+
+    def surface(self, name: str, exaggeration: float) -> tuple[Array, Array, Array] | None:
+        """Exaggerated and undeformed points (n, 3), true displacements (n,) of a flexible body.
+
+        None where the body has no surface.
+        """
+        surface = self.flexbodies[name].surface
+        if surface is None or not len(surface.points):
+            return None
+        pose = self.pose(name)
+        u = surface.modes @ pose.eta
+        undeformed = pose.r + surface.points @ pose.A.T
+        return undeformed + exaggeration * (u @ pose.A.T), undeformed, np.linalg.norm(u, axis=1)
+
+    def _chosen(self, time: float | None) -> float:
+        if time is None:
+            time = self.model.view.time
+        return float(self.result.time[-1]) if time is None else float(time)
+
+
+def _load(result: Result, name: str) -> FlexBody:
+    path = result.flexbodies[name]
+    body = load(path)
+    m = result.layout.body(name).m
+    if body.m != m:
+        raise ViewError(
+            f"{path}: has {body.m} modes, the run was made with {m}; "
+            "run the scene again, or bring back the flexible-body file of the run"
+        )
+    return body
+
+
+def size_of(points: Any) -> float:
+    """Diagonal of the box around points (n, 3) [m]."""
+    return float(np.linalg.norm(np.ptp(np.asarray(points), axis=0))) if len(points) else 0.0

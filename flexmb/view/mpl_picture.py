@@ -1,0 +1,150 @@
+"""Drawing a picture's content with matplotlib, where VTK cannot render.
+
+In: a :class:`Content`, a size in pixels, a file. Out: a PNG of the same content, shaded triangles
+sorted by depth, which names in the picture what to install for the better one.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.view.content import Content
+from flexmb.view.geometry import sphere
+from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
+
+__all__ = ["draw"]
+
+Array = NDArray[np.float64]
+
+_DPI = 100
+_AMBIENT = 0.45  # brightness of a face turned away from the light
+_WARNING = "#a33a00"
+
+
+def draw(content: Content, path: Path, size: tuple[int, int], reason: str) -> None:
+    """Draw `content` into a PNG file of `size` (width, height) pixels; `reason` is shown in it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.03, 0.13, 0.84, 0.74))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    view = _axes_of_view(content)
+    polygons, colors = _shaded(content, view)
+    axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors="face", lw=0.2))
+    for segments, color, width in _segments(content, view):
+        axes.add_collection(LineCollection(segments, colors=color, linewidths=width))
+    flat = content.all_points() @ view.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    pad = 0.06 * max(high - low)
+    axes.set_xlim(low[0] - pad, high[0] + pad)
+    axes.set_ylim(low[1] - pad, high[1] + pad)
+    _write_texts(figure, content, reason)
+    if content.scale is not None and content.deformed:
+        _add_scale(figure, content)
+    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+
+
+def _axes_of_view(content: Content) -> Array:
+    """Rows: right, above, towards the eye, in global axes."""
+    towards = np.array(content.camera.direction)
+    right = np.cross(content.camera.up, towards)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
+    """Corners of all triangles in the picture plane (t, 3, 2), far ones first, and RGBA (t, 4)."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgba
+
+    corners, colors = [np.zeros((0, 3, 3))], [np.zeros((0, 4))]
+
+    def add(points: Array, faces: NDArray[np.int64], rgba: Any) -> None:
+        corners.append(points[faces])
+        colors.append(np.broadcast_to(rgba, (len(faces), 4)))
+
+    for solid in content.solids:
+        rgba = to_rgba(solid.color, solid.opacity)
+        add(solid.triangles.points, solid.triangles.faces, rgba)
+    for body in content.deformed:
+        rgba = to_rgba(body.color)
+        if content.scale is not None and len(body.faces):
+            share = body.displacement[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
+            rgba = colormaps[COLORMAP](share)
+        add(body.points, body.faces, rgba)
+    for center in content.joints:
+        ball = sphere(content.joint_radius, center)
+        add(ball.points, ball.faces, to_rgba(JOINT))
+    seen = np.concatenate(corners) @ view.T
+    rgba = np.concatenate(colors).copy()
+    rgba[:, :3] *= _brightness(seen)[:, None]
+    order = np.argsort(seen[:, :, 2].mean(axis=1))
+    return seen[order, :, :2], np.clip(rgba[order], 0.0, 1.0)
+
+
+def _brightness(corners: Array) -> Array:
+    """Share of light (t,) on triangles given in view axes, the lamp above the eye's shoulder."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    lamp = np.array([-0.3, 0.5, 0.8]) / np.linalg.norm([-0.3, 0.5, 0.8])
+    return _AMBIENT + (1.0 - _AMBIENT) * np.abs(normals @ lamp)
+
+
+def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
+    """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
+    from matplotlib import colormaps
+
+    drawn: list[tuple[Array, Any, float]] = []
+    for body in content.deformed:
+        ghost = _outline(body.undeformed, body.faces, body.lines)
+        drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))
+        if len(body.lines):
+            color: Any = body.color
+            if content.scale is not None:
+                share = body.displacement[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
+                color = colormaps[COLORMAP](share)
+            drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
+    return drawn
+
+
+def _outline(points: Array, faces: NDArray[np.int64], lines: NDArray[np.int64]) -> Any:
+    """Point pairs of the sharp edges of a surface, or its lines."""
+    if not len(faces):
+        return lines
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, owner = edges[order], owner[order]
+    twin = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    cosine = np.einsum("ti,ti->t", normals[owner[twin]], normals[owner[twin + 1]])
+    return edges[twin[cosine < np.cos(np.radians(35.0))]]
+
+
+def _write_texts(figure: Any, content: Content, reason: str) -> None:
+    figure.text(0.02, 0.955, content.title, fontsize=13, color=INK, va="center")
+    figure.text(0.02, 0.91, content.caption, fontsize=10, color=INK, va="center")
+    lines = [*content.notes, *textwrap.wrap(f"Simple picture: {reason}", 150)]
+    figure.text(0.02, 0.02, "\n".join(lines), fontsize=8.5, color=_WARNING, va="bottom")
+
+
+def _add_scale(figure: Any, content: Content) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    assert content.scale is not None
+    mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
+    bar = figure.colorbar(mapped, cax=figure.add_axes((0.9, 0.2, 0.018, 0.6)))
+    bar.set_label(f"displacement [{content.scale.unit}]", color=INK)
+    bar.outline.set_visible(False)

@@ -1,0 +1,162 @@
+"""Time histories of channels, drawn with matplotlib without its global state.
+
+In: a :class:`Result` and channel names. Out: a matplotlib ``Figure`` or its file: one pair of axes
+per unit, stacked over a common time axis, legends outside the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmb.errors import ViewError
+from flexmb.view.files import writable_file
+from flexmb.view.style import INK, LINES, PAPER
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmb.results import Result
+
+__all__ = ["history_figure", "plot_history", "save_figure"]
+
+_DPI = 150
+_QUANTITIES = {
+    "m": "position",
+    "m/s": "velocity",
+    "m/s²": "acceleration",
+    "rad": "angle",
+    "": "value",
+}
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def plot_history(
+    result: Result, channels: Sequence[str] = (), output: str | Path = "history.png"
+) -> Path:
+    """Draw channels over time into a file.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    channels : sequence of str
+        Names such as ``"slider.x"``; none: those the scene's ``[view]`` names, else all that move.
+    output : path
+        A file that ends in .png, .pdf or .svg.
+
+    Raises
+    ------
+    ResultFileError
+        No such channel.
+    ViewError
+        The result has nothing to draw, or the file cannot be written.
+    """
+    return save_figure(history_figure(result, channels), output)
+
+
+def history_figure(result: Result, channels: Sequence[str] = ()) -> Figure:
+    """Channels over time as a matplotlib ``Figure``, which notebooks show by themselves.
+
+    Raises
+    ------
+    ResultFileError
+        No such channel.
+    ViewError
+        The result has no channels or no rows.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    names = tuple(channels) or _chosen(result)
+    if not names or not len(result.time):
+        lacks = "rows" if names else "sensor channels"
+        raise ViewError(f"{result.path}: the result has no {lacks} to draw")
+    panels = _panels(result, names)
+    figure = Figure(figsize=(9.6, 1.2 + 2.5 * len(panels)), dpi=_DPI, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    figure.set_layout_engine("constrained")
+    grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (unit, members) in zip(grid, panels.items(), strict=True):
+        _draw_panel(axes, result, unit, members)
+    factor, unit = _prefixed(float(np.ptp(result.time)), "s")
+    grid[-1].set_xlabel(f"time [{unit}]", color=INK)
+    grid[-1].set_xlim(result.time[0] / factor, max(result.time[-1] / factor, 1e-300))
+    if result.title:
+        figure.suptitle(result.title, color=INK, fontsize=12, x=0.02, ha="left")
+    return figure
+
+
+def save_figure(figure: Figure, output: str | Path) -> Path:
+    """Write a figure to a file that ends in .png, .pdf or .svg.
+
+    Raises
+    ------
+    ViewError
+        Another ending, or the file cannot be written.
+    """
+    path = writable_file(output, (".png", ".pdf", ".svg"))
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise ViewError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path
+
+
+def _chosen(result: Result) -> tuple[str, ...]:
+    """Channels the scene asks for, else those that change, else all."""
+    asked = tuple(result.model.get("view", {}).get("history", ()))
+    if asked:
+        return asked
+    names = result.layout.channels
+    largest = {name: float(np.abs(result[name]).max(initial=0.0)) for name in names}
+    scale = {}
+    for name in names:
+        unit = result.unit(name)
+        scale[unit] = max(scale.get(unit, 0.0), largest[name])
+    moving = tuple(n for n in names if np.ptp(result[n]) > 1e-9 * scale[result.unit(n)])
+    return moving or names
+
+
+def _panels(result: Result, names: Sequence[str]) -> dict[str, list[str]]:
+    """The channels by unit, in the order given."""
+    panels: dict[str, list[str]] = {}
+    for name in names:
+        panels.setdefault(result.unit(name), []).append(name)
+    return panels
+
+
+def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
+    time_factor, _ = _prefixed(float(np.ptp(result.time)), "s")
+    largest = max(float(np.abs(result[name]).max()) for name in names)
+    factor, shown = _prefixed(largest, unit)
+    for i, name in enumerate(names):
+        axes.plot(
+            result.time / time_factor,
+            result[name] / factor,
+            color=LINES[i % len(LINES)],
+            lw=1.6,
+            ls=("-", "--", ":")[i // len(LINES) % 3],
+            label=name,
+        )
+    quantity = _QUANTITIES.get(unit, "value")
+    axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
+    axes.set_facecolor("white")
+    axes.grid(True, color="#d9dbe0", lw=0.6)
+    axes.tick_params(colors=INK)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, labelcolor=INK)
+
+
+def _prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit that bring `largest` near 1 to 1000; only m, s and their quotients."""
+    if unit not in ("m", "m/s", "m/s²", "s"):
+        return 1.0, unit
+    for factor, prefix in _PREFIXES:
+        if largest >= factor:
+            return factor, prefix + unit
+    return 1.0, unit

@@ -1,0 +1,156 @@
+"""A slider-crank with a bending rod, moved by closed-form kinematics: a result made without running.
+
+Crank r, rod l, in the x-y plane; the rod is a prismatic bar whose surface bends in the first mode
+of a free beam's half sine, with an amplitude that follows the crank.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmb.flexbody import FlexBody, Interface, ModeInfo, Surface, save
+from flexmb.model import Model
+from flexmb.results import OutputBlock, ResultWriter
+
+R, L, SPEED = 0.15, 0.56, 2 * np.pi * 25  # m, m, rad/s
+_AMPLITUDE = 40e-6  # m, of the half sine
+_BAR = (0.03, 0.012)  # m, height and width of the bar
+
+
+def bent_bar(n: int = 40) -> FlexBody:
+    """A bar from (0, 0, 0) to (L, 0, 0) with one mode: half a sine in y, one metre at mid-span."""
+    x = np.linspace(0.0, L, n + 1)
+    ring = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * _BAR
+    points = np.array([[xi, y, z] for xi in x for y, z in ring])
+    quads = [
+        [4 * i + k, 4 * i + (k + 1) % 4, 4 * i + 4 + (k + 1) % 4, 4 * i + 4 + k]
+        for i in range(n)
+        for k in range(4)
+    ] + [[3, 2, 1, 0], [4 * n, 4 * n + 1, 4 * n + 2, 4 * n + 3]]
+    faces = np.array([corners for a, b, c, d in quads for corners in ([a, c, b], [a, d, c])])
+    modes = np.zeros((len(points), 3, 1))
+    modes[:, 1, 0] = np.sin(np.pi * points[:, 0] / L)
+    ends = (("big_end", 0.0, 1.0), ("small_end", L, -1.0))
+    mass = 1.6
+    J = np.diag([1e-4, mass * L**2 / 3, mass * L**2 / 3])
+    return FlexBody(
+        name="rod",
+        mass=mass,
+        S1=np.array([mass * L / 2, 0, 0]),
+        S0=0.5 * np.trace(J) * np.eye(3) - J,
+        p=np.array([[0.0], [2 * mass / np.pi], [0.0]]),
+        P=np.zeros((3, 3, 1)),
+        Mab=np.diag([0.0, mass / 2, 0.0])[:, :, None, None],
+        K=np.array([[1e8]]),
+        interfaces=tuple(
+            Interface(
+                name,
+                np.array([x, 0.0, 0.0]),
+                np.zeros((3, 1)),
+                np.array([[0.0], [0.0], [turn * np.pi / L]]),
+            )
+            for name, x, turn in ends
+        ),
+        modes=(ModeInfo(0, "elastic", 1779.0, True, "chosen"),),
+        surface=Surface(points, faces, np.zeros((0, 2), dtype=int), modes, np.arange(len(points))),
+    )
+
+
+def scene() -> dict[str, Any]:
+    """The scene of the result."""
+    return {
+        "title": "Slider-crank with a flexible connecting rod",
+        "bodies": {
+            "crank": {
+                "mass": 1.0,
+                "inertia": [1e-4, 2e-3, 2e-3],
+                "center": [R / 2, 0, 0],
+                "markers": {"tip": {"position": [R, 0, 0]}},
+            },
+            "rod": {"flexbody": "rod.flexbody.h5", "position": [R, 0, 0]},
+            "slider": {
+                "shape": {"type": "box", "size": [0.09, 0.06, 0.05]},
+                "mass": 0.5,
+                "position": [R + L, 0, 0],
+            },
+        },
+        "joints": {
+            "main_bearing": {"type": "revolute", "between": ["ground", "crank"], "axis": "z"},
+            "crank_pin": {"type": "revolute", "between": ["crank.tip", "rod.big_end"], "axis": "z"},
+            "wrist_pin": {"type": "revolute", "between": ["rod.small_end", "slider"], "axis": "z"},
+            "guide": {"type": "prismatic", "between": ["ground", "slider"], "axis": "x"},
+        },
+        "sensors": {
+            "slider": {"type": "position", "of": "slider"},
+            "speed": {"type": "velocity", "of": "slider"},
+            "crank_angle": {"type": "angle", "joint": "main_bearing"},
+        },
+        "view": {"time": 0.0133, "history": ["slider.x", "speed.x", "crank_angle"]},
+    }
+
+
+def _about_z(angle: np.ndarray) -> np.ndarray:
+    zero = np.zeros_like(angle)
+    return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
+
+
+def rows(t: np.ndarray, layout: Any) -> OutputBlock:
+    """Two revolutions in closed form."""
+    turn = SPEED * t
+    rod = -np.arcsin(R * np.sin(turn) / L)
+    x = R * np.cos(turn) + L * np.cos(rod)
+    zero = np.zeros_like(t)
+    eta = _AMPLITUDE * np.sin(turn) * (1 + 0.3 * np.sin(7 * turn))
+    at = np.stack([zero, zero, zero], axis=1)
+    tip = np.stack([R * np.cos(turn), R * np.sin(turn), zero], axis=1)
+    end = np.stack([x, zero, zero], axis=1)
+    q = np.hstack([
+        at, _about_z(turn), tip, _about_z(rod), eta[:, None], end, _about_z(zero)
+    ])  # fmt: skip
+    speed = -R * SPEED * np.sin(turn) * (1 + R * np.cos(turn) / (L * np.cos(rod)))
+    sensors = np.stack([x, zero, zero, speed, zero, zero, turn], axis=1)
+    n = len(t)
+    return OutputBlock(
+        t=t,
+        q=q,
+        v=np.zeros((n, layout.nv)),
+        vd=np.zeros((n, layout.nv)),
+        lam=np.zeros((n, layout.nc)),
+        sensors=sensors,
+        energy=np.zeros((n, len(layout.energies))),
+        drift=np.zeros((n, 2)),
+    )
+
+
+def make(folder: Path) -> Path:
+    """Write rod.flexbody.h5 and result.h5 into `folder`; the path of the result."""
+    from resultfiles import FakeBody, FakeLayout
+
+    folder.mkdir(parents=True, exist_ok=True)
+    save(bent_bar(), folder / "rod.flexbody.h5")
+    model = Model.from_scene_dict(scene(), folder)
+    layout = FakeLayout(
+        bodies=(
+            FakeBody("crank", 0, 0, 0),
+            FakeBody("rod", 7, 6, 1),
+            FakeBody("slider", 15, 13, 0),
+        ),
+        nq=22,
+        nv=19,
+        nc=0,
+        rows=(),
+        channels=model.channels(),
+    )
+    with ResultWriter(
+        folder / "result.h5",
+        layout,
+        201,
+        scene=model.to_scene_dict(),
+        flexbodies={"rod": "rod.flexbody.h5"},
+    ) as out:
+        out.append(rows(np.linspace(0.0, 2 * 2 * np.pi / SPEED, 201), layout))
+        out.finish({"steps": 8000}, "finished")
+    return out.path
