@@ -16,13 +16,13 @@ from scipy.linalg import qr
 from flexmb.fe.assembly import FEMatrices
 from flexmb.flexbody.arrays import FloatArray
 
-__all__ = ["canonical_rotation", "test_fields"]
+__all__ = ["canonical_rotation", "polynomial_fields"]
 
 _SAME = 1e-6  # relative gap of omega^2 below which the directions of modes are arbitrary
 _DEGREE = 3
 
 
-def test_fields(fe: FEMatrices) -> FloatArray:
+def polynomial_fields(fe: FEMatrices) -> FloatArray:
     """(n, f) displacement fields e_c times monomials of the position, with falling weights.
 
     The weights settle which of two fields counts when a symmetric mode shape likes both.
@@ -51,7 +51,7 @@ def canonical_rotation(omega2: FloatArray, products: FloatArray) -> FloatArray:
     omega2 : (k,) float
         Squared frequencies, ascending.
     products : (f, k) float
-        Mass products of the test fields with the modes.
+        Mass products of the polynomial fields with the modes.
     """
     k = len(omega2)
     rotation = np.zeros((k, k))

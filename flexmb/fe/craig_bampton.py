@@ -9,6 +9,7 @@ eigensolver. Source: Craig, Bampton (1968), AIAA Journal 6(7).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -16,11 +17,11 @@ from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.canonical import canonical_rotation, test_fields
+from flexmb.fe.canonical import canonical_rotation, polynomial_fields
 from flexmb.fe.eigen import dense_modes, lowest_modes
 from flexmb.fe.interface import RigidInterface
 from flexmb.fe.linear_solver import Factor, factor
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
 __all__ = ["CraigBampton", "craig_bampton"]
@@ -40,8 +41,9 @@ class CraigBampton:
         Columns over all degrees of freedom of the model.
     K, M : (k, k) float
         Reduced stiffness and mass.
-    constraints : int
-        How many columns are constraint modes; their coordinates are the interfaces' motions.
+    interfaces : tuple of RigidInterface
+        The first columns are their constraint modes, six each, whose coordinates are the
+        interfaces' displacements and rotations.
     labels : tuple of str
         Name of each column.
     """
@@ -49,8 +51,21 @@ class CraigBampton:
     basis: FloatArray
     K: FloatArray
     M: FloatArray
-    constraints: int
+    interfaces: tuple[RigidInterface, ...]
     labels: tuple[str, ...]
+
+    @property
+    def constraints(self) -> int:
+        """How many columns are constraint modes."""
+        return 6 * len(self.interfaces)
+
+
+class _Interior(NamedTuple):
+    """What is left when all interfaces are held."""
+
+    dofs: IntArray
+    K: csr_array
+    M: csr_array
 
 
 def craig_bampton(
@@ -83,16 +98,16 @@ def craig_bampton(
         what = f"the model has only {len(i)} fixed-interface modes"
         raise ReductionError(f"modes: {modes} asked, but {what}")
     K_i = fe.K[i]
-    K_ii, K_ib, M_ii = K_i[:, i], K_i[:, b], fe.M[i][:, i]
+    interior = _Interior(i, K_i[:, i], fe.M[i][:, i])
     progress("factor", 0.0, f"{len(i)} unknowns")
-    held = factor(K_ii) if len(i) else None
+    held = factor(interior.K) if len(i) else None
     progress("factor", 1.0)
     basis = np.zeros((fe.numbering.n, T.shape[1] + modes))
     basis[b, : T.shape[1]] = T
-    coupling = K_ib @ T
+    coupling = K_i[:, b] @ T
     if held is not None:
         basis[i, : T.shape[1]] = -held.solve(coupling)
-        omega2, V = _fixed_modes(fe, i, K_ii, M_ii, held, modes, progress)
+        omega2, V = _fixed_modes(fe, interior, held, modes, progress)
         basis[i, T.shape[1] :] = V
     else:
         omega2 = np.zeros(0)
@@ -100,10 +115,10 @@ def craig_bampton(
     M = basis.T @ (fe.M @ basis)
     progress("modes", 1.0)
     K = block_diag(0.5 * (K_cc + K_cc.T), np.diag(omega2))
-    return CraigBampton(basis, K, 0.5 * (M + M.T), T.shape[1], _labels(interfaces, modes))
+    return CraigBampton(basis, K, 0.5 * (M + M.T), interfaces, _labels(interfaces, modes))
 
 
-def _interface_motion(interfaces: tuple[RigidInterface, ...]) -> tuple[np.ndarray, FloatArray]:
+def _interface_motion(interfaces: tuple[RigidInterface, ...]) -> tuple[IntArray, FloatArray]:
     """Held degrees of freedom, and how they follow the six motions of every interface."""
     if not interfaces:
         raise ReductionError("interfaces: a Craig-Bampton reduction needs at least one")
@@ -112,20 +127,15 @@ def _interface_motion(interfaces: tuple[RigidInterface, ...]) -> tuple[np.ndarra
 
 
 def _fixed_modes(
-    fe: FEMatrices,
-    i: np.ndarray,
-    K_ii: csr_array,
-    M_ii: csr_array,
-    held: Factor,
-    modes: int,
-    progress: Progress,
+    fe: FEMatrices, interior: _Interior, held: Factor, modes: int, progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
+    i, K, M = interior
     wanted = min(modes + _SPARE, len(i)) if modes else 0
     if len(i) <= _DENSE or 2 * wanted >= len(i):
-        omega2, V = dense_modes(K_ii, M_ii, wanted)
+        omega2, V = dense_modes(K, M, wanted)
     else:
-        omega2, V = lowest_modes(M_ii, held.solve, wanted, progress)
-    V = V @ canonical_rotation(omega2, test_fields(fe)[i].T @ (M_ii @ V))
+        omega2, V = lowest_modes(M, held.solve, wanted, progress)
+    V = V @ canonical_rotation(omega2, polynomial_fields(fe)[i].T @ (M @ V))
     return omega2[:modes], V[:, :modes]
 
 

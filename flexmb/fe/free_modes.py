@@ -56,7 +56,7 @@ def free_modes(fe: FEMatrices, modes: int, progress: Progress = silent) -> Craig
     M = basis.T @ (fe.M @ basis)
     K = block_diag(np.zeros((6, 6)), V.T @ (fe.K @ V))
     labels = tuple(f"free {k + 1}" for k in range(modes))
-    return CraigBampton(basis, 0.5 * (K + K.T), 0.5 * (M + M.T), 0, ("rigid",) * 6 + labels)
+    return CraigBampton(basis, 0.5 * (K + K.T), 0.5 * (M + M.T), (), ("rigid",) * 6 + labels)
 
 
 def _sparse(

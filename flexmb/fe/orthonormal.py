@@ -14,9 +14,8 @@ from scipy.linalg import cholesky, eigh, qr, solve_triangular
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.canonical import canonical_rotation, test_fields
+from flexmb.fe.canonical import canonical_rotation, polynomial_fields
 from flexmb.fe.craig_bampton import CraigBampton
-from flexmb.fe.interface import RigidInterface
 from flexmb.fe.numbering import skew
 from flexmb.flexbody.arrays import FloatArray
 
@@ -49,9 +48,7 @@ class ReducedModes:
         return np.sqrt(self.omega2) / (2 * np.pi)
 
 
-def orthonormalise(
-    fe: FEMatrices, reduced: CraigBampton, interfaces: tuple[RigidInterface, ...]
-) -> ReducedModes:
+def orthonormalise(fe: FEMatrices, reduced: CraigBampton) -> ReducedModes:
     """Modes of the reduced free body without its rigid motions, unique in sign and direction.
 
     Raises
@@ -59,26 +56,24 @@ def orthonormalise(
     ReductionError
         The reduced body is looser than a single solid: a mechanism or a part that nothing holds.
     """
-    R = rigid_coordinates(fe, reduced, interfaces)
+    R = rigid_coordinates(fe, reduced)
     omega2, Z = elastic_modes(reduced.K, reduced.M, R)
     if len(omega2) and omega2[0] <= abs(_NEGATIVE) ** 2 * omega2[-1]:
         raise ReductionError(
             "the body has a motion without stiffness besides the six rigid ones: parts of the mesh "
             "hang together by too few nodes"
         )
-    products = (test_fields(fe).T @ (fe.M @ reduced.basis)) @ Z
+    products = (polynomial_fields(fe).T @ (fe.M @ reduced.basis)) @ Z
     Z = Z @ canonical_rotation(omega2, products)
     return ReducedModes(omega2, Z, reduced.basis @ Z)
 
 
-def rigid_coordinates(
-    fe: FEMatrices, reduced: CraigBampton, interfaces: tuple[RigidInterface, ...]
-) -> FloatArray:
+def rigid_coordinates(fe: FEMatrices, reduced: CraigBampton) -> FloatArray:
     """(k, 6) rigid motions about the centre of mass in the coordinates of the reduced basis."""
     R = np.zeros((reduced.basis.shape[1], 6))
-    if not interfaces:
+    if not reduced.interfaces:
         R[:6] = np.eye(6)
-    for k, interface in enumerate(interfaces):
+    for k, interface in enumerate(reduced.interfaces):
         rows = R[6 * k : 6 * k + 6]
         rows[:] = np.eye(6)
         rows[:3, 3:] = -skew(interface.position - fe.center)

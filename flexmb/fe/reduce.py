@@ -23,7 +23,7 @@ from flexmb.fe.assembly import FEMatrices, assemble
 from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.free_modes import free_modes
 from flexmb.fe.integrals import integrals
-from flexmb.fe.interface import RigidInterface, make_interfaces
+from flexmb.fe.interface import make_interfaces
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.mesh import Mesh
@@ -97,8 +97,8 @@ def reduce(
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)
     reduced = craig_bampton(fe, ties, modes, progress) if ties else free_modes(fe, modes, progress)
-    elastic = orthonormalise(fe, reduced, ties)
-    body = make_body(name or Path(given.source).stem, fe, ties, reduced, elastic, damping, progress)
+    elastic = orthonormalise(fe, reduced)
+    body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
     options = {"units": units, "modes": modes, "damping": damping}
     told = _provenance(fe, options, interfaces or {}, chosen, found)
     if not isinstance(mesh, Mesh):
@@ -109,7 +109,6 @@ def reduce(
 def make_body(
     name: str,
     fe: FEMatrices,
-    ties: tuple[RigidInterface, ...],
     reduced: CraigBampton,
     elastic: ReducedModes,
     damping: float = 0.0,
@@ -121,14 +120,15 @@ def make_body(
     ----------
     name : str
         Name of the body.
-    fe, ties, reduced, elastic
-        The model, its interfaces, the reduced basis and the modes made of it.
+    fe, reduced, elastic
+        The model, its reduced basis and the modes made of it.
     damping : float
         Damping ratio of every mode.
     progress : Progress
         Told the phases ``"integrals"`` and ``"recovery"``.
     """
     progress("integrals", 0.0)
+    ties = reduced.interfaces
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
     motion = elastic.Z[: reduced.constraints].reshape(len(ties), 6, -1)

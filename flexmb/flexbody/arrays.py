@@ -60,7 +60,7 @@ class Checker:
         if self.problems:
             raise ReductionError.from_problems(self.problems)
 
-    def _shaped(self, field: str, array: NDArray, shape: Sequence[int | None]) -> NDArray:
+    def _shaped(self, field: str, array: NDArray[Any], shape: Sequence[int | None]) -> NDArray[Any]:
         fits = array.ndim == len(shape) and all(
             want is None or want == have for want, have in zip(shape, array.shape, strict=True)
         )

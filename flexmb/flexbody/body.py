@@ -95,12 +95,12 @@ class FlexBody:
     @property
     def m(self) -> int:
         """Number of modal coordinates."""
-        return self.K.shape[0]
+        return int(self.K.shape[0])
 
     @property
     def M_eta(self) -> FloatArray:
         """(m, m) modal mass, the sum of Mab[b, b]."""
-        return np.einsum("bbij->ij", self.Mab)
+        return np.asarray(np.einsum("bbij->ij", self.Mab))
 
     @property
     def center(self) -> FloatArray:
@@ -111,7 +111,7 @@ class FlexBody:
     def inertia_about_center(self) -> FloatArray:
         """(3, 3) undeformed inertia about the centre of mass, body axes [kg m^2]."""
         S = self.S0 - np.outer(self.S1, self.S1) / self.mass
-        return np.trace(S) * np.eye(3) - S
+        return np.asarray(np.trace(S) * np.eye(3) - S)
 
     @property
     def frequencies(self) -> FloatArray:

@@ -93,9 +93,9 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
     found["interfaces/name"] = [part.name for part in body.interfaces]
     for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
         found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
-    for name, shape in (("interface_share", (c,)), ("kinetic_share", (c, 3))):
+    for name, sizes in (("interface_share", [c]), ("kinetic_share", [c, 3])):
         values = [getattr(mode, name) for mode in body.modes]
-        found[f"modes/{name}"] = np.array(values, dtype=float).reshape(shape)
+        found[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
     for name in ("kind", "why", "mostly"):
         found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
     for group, part in (("surface", body.surface), ("nodes", body.nodes)):
