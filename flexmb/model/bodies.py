@@ -11,7 +11,7 @@ import re
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import PlainValidator, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
@@ -19,7 +19,7 @@ from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
 from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import Integer, Quantity, Text, Vector
-from flexmb.model.reading import Spec, fail, given
+from flexmb.model.reading import Reader, Spec, fail, given
 from flexmb.model.sections import Sections
 from flexmb.model.shapes import Shape
 
@@ -57,7 +57,7 @@ COLORS = (
 _HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
 
 
-def _color(value: Any) -> str:
+def _color(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
         raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS)))
     return value
@@ -71,7 +71,7 @@ class BodySpec(Spec):
     velocity: Vector | None = None
     angular_velocity: Vector | None = None
     markers: dict[str, Marker] = {}
-    color: Annotated[str, PlainValidator(_color)] | None = None
+    color: Annotated[str, Reader(_color)] | None = None
 
     @property
     def flexible(self) -> bool:
@@ -109,14 +109,15 @@ class RigidBodySpec(BodySpec):
     @property
     def mass_properties(self) -> MassProperties:
         """Mass, centre and inertia about the centre, as given or from the shape."""
+        density = self.material.density if self.material is not None else self.density
         mass = self.mass
         if mass is None:
-            density = self.material.density if self.material else self.density
-            mass = float(density) * self.shape.volume
-        if self.inertia is None:
-            inertia = mass * np.diag(self.shape.inertia_per_mass)
-        else:
-            inertia = np.array(self.inertia)
+            assert density is not None and self.shape is not None  # checked when it was read
+            mass = density * self.shape.volume
+        if self.inertia is not None:
+            return MassProperties(mass, np.array(self.center), np.array(self.inertia))
+        assert self.shape is not None
+        inertia = mass * np.diag(self.shape.inertia_per_mass)
         return MassProperties(mass, np.array(self.center), inertia)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import PlainValidator, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.model.quantities import Integer, Quantity, Time
-from flexmb.model.reading import Spec, fail
+from flexmb.model.reading import Reader, Spec, fail
 
 __all__ = ["DynamicsSpec"]
 
@@ -40,8 +40,8 @@ class DynamicsSpec(Spec):
     step: Time
     outputs: Annotated[int, Integer(1)] = 200
     method: Literal["generalized-alpha", "explicit-rk"] = "generalized-alpha"
-    spectral_radius: Annotated[float, PlainValidator(_radius)] = 0.8
-    newton_tolerance: Annotated[float, PlainValidator(_tolerance)] = 1e-8
+    spectral_radius: Annotated[float, Reader(_radius)] = 0.8
+    newton_tolerance: Annotated[float, Reader(_tolerance)] = 1e-8
     start: Literal["undeformed", "quasi-static"] = "undeformed"
 
     @model_validator(mode="after")

@@ -48,9 +48,9 @@ def read_named(
         noun, kinds = _VARIANTS[section]
         if not isinstance(data, Mapping | Spec):
             return None, [Problem(where, f"a table is expected, given {given(data)}")]
-        spec, problems = (
-            (data, []) if isinstance(data, Spec) else read_variant(noun, kinds, data, names)
-        )
+        if isinstance(data, Spec):
+            return data, []
+        spec, problems = read_variant(noun, kinds, data, names)
     elif section == "bodies":
         spec, problems = _read_body(data, names)
     else:

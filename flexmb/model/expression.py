@@ -170,8 +170,8 @@ class _Lowering:
         match node:
             case ast.Constant(value=bool() | str() | bytes() | complex() | None):
                 raise self.fail(node, f"{node.value!r} is no number")
-            case ast.Constant(value=int() | float()):
-                return self.number(node, node.value)
+            case ast.Constant(value=(int() | float()) as value):
+                return self.number(node, value)
             case ast.Name(id=name):
                 return self.name(node, name)
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):

@@ -11,13 +11,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import PlainSerializer, PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem
 from flexmb.materials import LIBRARY, Material, material
 from flexmb.model.names import bad_name
 from flexmb.model.quantities import Number, Quantity
-from flexmb.model.reading import Spec, fail, given, names_of, read_entry
+from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_entry
 from flexmb.units import unit_system
 
 __all__ = ["FlexibleSource", "Groups", "MaterialField", "UnitsName"]
@@ -51,13 +51,11 @@ def _write_material(value: Material) -> Any:
     return asdict(value)
 
 
-MaterialField = Annotated[
-    Material, PlainValidator(_read_material), PlainSerializer(_write_material)
-]
+MaterialField = Annotated[Material, Reader(_read_material, _write_material)]
 """A name of the library, or a table {E [Pa], nu, density [kg/m^3]}."""
 
 
-def _read_units(value: Any) -> str:
+def _read_units(value: Any, info: ValidationInfo) -> str:
     try:
         return unit_system(value).name
     except FlexmbError as error:
@@ -65,10 +63,10 @@ def _read_units(value: Any) -> str:
         raise fail(Problem("", first.what, first.allowed, first.nearest)) from None
 
 
-UnitsName = Annotated[str, PlainValidator(_read_units)]
+UnitsName = Annotated[str, Reader(_read_units)]
 
 
-def _read_groups(value: Any) -> dict[str, str]:
+def _read_groups(value: Any, info: ValidationInfo) -> dict[str, str]:
     if not isinstance(value, Mapping) or not value:
         what = "a table {name = mesh group, ...} of at least one interface is expected"
         raise fail(Problem("", f"{what}, given {given(value)}"))
@@ -85,11 +83,11 @@ def _read_groups(value: Any) -> dict[str, str]:
     return {name: str(group) for name, group in value.items()}
 
 
-Groups = Annotated[dict[str, str], PlainValidator(_read_groups)]
+Groups = Annotated[dict[str, str], Reader(_read_groups)]
 """Interface name to the mesh group it takes."""
 
 
-def _read_source(value: Any) -> Any:
+def _read_source(value: Any, info: ValidationInfo) -> Any:
     from flexmb.flexbody import FlexBody
 
     if isinstance(value, FlexBody):
@@ -99,5 +97,5 @@ def _read_source(value: Any) -> Any:
     raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
 
 
-FlexibleSource = Annotated[Any, PlainValidator(_read_source)]
+FlexibleSource = Annotated[Any, Reader(_read_source)]
 """Path of a flexible-body file, or a FlexBody."""

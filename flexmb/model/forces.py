@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import Problem
 from flexmb.model.functions import Function
 from flexmb.model.quantities import Pair, Quantity, Text
-from flexmb.model.reading import Spec, fail, given
+from flexmb.model.reading import Reader, Spec, fail, given
 
 __all__ = ["FORCE_TYPES", "LoadSpec", "SpringDamperSpec"]
 
@@ -46,7 +46,7 @@ class SpringDamperSpec(Spec):
     between: Pair
     stiffness: Annotated[float, Quantity("N/m", "not negative")]
     damping: Annotated[float, Quantity("N s/m", "not negative")] = 0.0
-    free_length: Annotated[float | str, PlainValidator(_free_length)] = "placed"
+    free_length: Annotated[float | str, Reader(_free_length)] = "placed"
 
 
 FORCE_TYPES: dict[str, type[Spec]] = {

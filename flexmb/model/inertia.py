@@ -13,11 +13,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.quantities import read_number
-from flexmb.model.reading import Names, fail, given, names_of, unknown_key
+from flexmb.model.reading import Names, Reader, fail, given, names_of, unknown_key
 
 __all__ = ["Inertia", "MassProperties", "read_inertia"]
 
@@ -86,7 +86,8 @@ def _check(matrix: NDArray[np.float64]) -> None:
         if abs(matrix[i, j] - matrix[j, i]) > _ROUNDING * scale:
             a, b = f"I{'xyz'[i]}{'xyz'[j]}", f"I{'xyz'[j]}{'xyz'[i]}"
             raise SceneError(
-                f"the inertia is not symmetric: {a} = {matrix[i, j]:g}, {b} = {matrix[j, i]:g} kg m^2"
+                f"the inertia is not symmetric: {a} = {matrix[i, j]:g} kg m^2 "
+                f"but {b} = {matrix[j, i]:g} kg m^2"
             )
     moments = np.linalg.eigvalsh((matrix + matrix.T) / 2)
     shown = ", ".join(f"{moment:g}" for moment in moments)
@@ -109,4 +110,4 @@ def _inertia(value: Any, info: ValidationInfo) -> Rows:
         raise fail(*error.problems) from None
 
 
-Inertia = Annotated[Rows, PlainValidator(_inertia)]
+Inertia = Annotated[Rows, Reader(_inertia)]

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
-from pydantic import PlainValidator, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.quantities import Axis, Pair
-from flexmb.model.reading import Spec, fail, given
+from flexmb.model.reading import Reader, Spec, fail, given
 
 __all__ = ["COORDINATES", "JOINT_TYPES", "JointSpec", "JointType"]
 
@@ -50,7 +50,7 @@ JOINT_TYPES: dict[str, JointType] = {
 }
 
 
-def _type(value: Any) -> str:
+def _type(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or value not in JOINT_TYPES:
         names = tuple(sorted(JOINT_TYPES))
         near = nearest(str(value), names)
@@ -61,7 +61,7 @@ def _type(value: Any) -> str:
 class JointSpec(Spec):
     """A joint between the markers ``between = [I, J]``."""
 
-    type: Annotated[str, PlainValidator(_type)]
+    type: Annotated[str, Reader(_type)]
     between: Pair
     axis: Axis | None = None
 

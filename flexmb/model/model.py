@@ -107,7 +107,7 @@ class Model:
         body, name = split_reference(reference)
         owner = self.ground if body == GROUND else self.bodies.get(body)
         if owner is None:
-            _raise([references.unknown_body(self, reference, reference)])
+            lookup.find(self, body)  # raises, with the names there are
         assert owner is not None
         spec, problems = read_named("markers", name, fields, self.parameters)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
@@ -152,7 +152,7 @@ class Model:
         return spec
 
     def set_gravity(self, gravity: Any) -> None:
-        """Set the acceleration of gravity (3,), global axes [m/s^2]; None or ``"none"`` for none."""
+        """Set the acceleration of gravity (3,), global axes [m/s^2]; ``"none"`` for none."""
         self.gravity, problems = read_gravity(gravity, self.parameters)
         _raise(problems)
 

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.quantities import read_axis, read_number
-from flexmb.model.reading import Names, fail, given, names_of, unknown_key
+from flexmb.model.reading import Names, Reader, fail, given, names_of, unknown_key
 
 __all__ = [
     "Orientation",
@@ -137,7 +137,8 @@ def _from_rows(rows: Any, names: Names) -> Quaternion:
     error = float(np.abs(A.T @ A - np.eye(3)).max())
     if error > _ORTHOGONAL:
         raise SceneError(
-            f"the matrix is no rotation: its columns are not orthogonal unit vectors (by {error:.2g})"
+            "the matrix is no rotation: its columns are not orthogonal unit vectors, "
+            f"by {error:.2g}"
         )
     if np.linalg.det(A) < 0:
         raise SceneError("the matrix is no rotation but a reflection: its determinant is -1")
@@ -151,4 +152,4 @@ def _orientation(value: Any, info: ValidationInfo) -> Quaternion:
         raise fail(*error.problems) from None
 
 
-Orientation = Annotated[Quaternion, PlainValidator(_orientation)]
+Orientation = Annotated[Quaternion, Reader(_orientation)]

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, GetCoreSchemaHandler, PlainValidator, ValidationInfo
+from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import parse
-from flexmb.model.reading import Names, fail, given, names_of
+from flexmb.model.reading import Names, Reader, fail, given, names_of
 
 __all__ = [
     "Angle",
@@ -137,13 +137,13 @@ Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_plain)]
 Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_plain)]
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not value.strip():
         raise fail(Problem("", f"a text is expected, given {given(value)}"))
     return value
 
 
-Text = Annotated[str, PlainValidator(_text)]
+Text = Annotated[str, Reader(_text)]
 Pair = tuple[Text, Text]
 """Two marker references, I and J."""
 
@@ -187,4 +187,4 @@ def _axis(value: Any, info: ValidationInfo) -> tuple[float, float, float]:
         raise fail(*error.problems) from None
 
 
-Axis = Annotated[tuple[float, float, float], PlainValidator(_axis)]
+Axis = Annotated[tuple[float, float, float], Reader(_axis)]

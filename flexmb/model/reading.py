@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from flexmb.errors import Problem, SceneError, nearest
 
-__all__ = ["Entry", "Spec", "Variant", "fail", "given", "names_of", "read_entry", "under"]
+__all__ = ["Entry", "Reader", "Spec", "Variant", "fail", "given", "names_of", "read_entry", "under"]
 
 S = TypeVar("S", bound="Spec")
 Names = Mapping[str, float]
@@ -125,6 +125,22 @@ def _plain(where: str, detail: Any) -> Problem:
     if kind in _EXPECTED:
         return Problem(where, f"{_EXPECTED[kind]}, given {given(value)}")
     return Problem(where, f"{detail['msg']}, given {given(value)}")
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Marks a field that is read, and perhaps written, by functions of ours alone."""
+
+    read: Callable[[Any, ValidationInfo], Any]
+    write: Callable[[Any], Any] | None = None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        written = (
+            core_schema.plain_serializer_function_ser_schema(self.write) if self.write else None
+        )
+        return core_schema.with_info_plain_validator_function(self.read, serialization=written)
 
 
 @dataclass(frozen=True)

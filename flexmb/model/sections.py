@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import PlainValidator, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.model.quantities import Axis, Quantity, Size
-from flexmb.model.reading import Spec, fail, given, names_of, read_variant, under
+from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_variant, under
 
 __all__ = ["SECTION_TYPES", "Sections"]
 
@@ -94,4 +94,4 @@ def _read(value: Any, info: ValidationInfo) -> dict[str, dict[str, Any]]:
     return sections
 
 
-Sections = Annotated[dict[str, dict[str, Any]], PlainValidator(_read)]
+Sections = Annotated[dict[str, dict[str, Any]], Reader(_read)]

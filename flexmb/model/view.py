@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import Problem
 from flexmb.model.quantities import Axis, Integer, Quantity, Text
-from flexmb.model.reading import Spec, fail, given
+from flexmb.model.reading import Reader, Spec, fail, given
 
 __all__ = ["ViewSpec"]
 
@@ -33,7 +33,7 @@ class ViewSpec(Spec):
     """
 
     time: Annotated[float, Quantity("s", "not negative")] | None = None
-    exaggeration: Annotated[float | str, PlainValidator(_exaggeration)] = "auto"
+    exaggeration: Annotated[float | str, Reader(_exaggeration)] = "auto"
     direction: Axis | None = None
     history: tuple[Text, ...] = ()
     size: tuple[Annotated[int, _PIXELS], Annotated[int, _PIXELS]] = (1280, 720)

@@ -1,0 +1,56 @@
+"""Lower functions of time to the flat table that the kernel reads.
+
+In: expressions of the model (postfix pairs of operation and argument). Out: a
+:class:`FunctionTable`, whose programs :func:`flexmb.engine.kernels.function.evaluate` runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexmb.engine.kernels.function import ADD, MAX, OPCODES, TIME, FunctionTable
+from flexmb.model.expression import Expression
+
+__all__ = ["FunctionTable", "lower", "stack_for"]
+
+
+def lower(expressions: Sequence[Expression]) -> FunctionTable:
+    """Table of the programs of all expressions, in their order.
+
+    Parameters
+    ----------
+    expressions : sequence of Expression
+        One for each function of the system.
+
+    Returns
+    -------
+    FunctionTable
+        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack.
+    """
+    ops = [OPCODES[op] for expression in expressions for op, _ in expression.ops]
+    args = [argument for expression in expressions for _, argument in expression.ops]
+    lengths = [len(expression.ops) for expression in expressions]
+    start = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
+    depth = max((_depth(expression) for expression in expressions), default=1)
+    return FunctionTable(
+        np.array(ops, dtype=np.int32),
+        np.array(args, dtype=np.float64),
+        start.astype(np.int32),
+        depth,
+    )
+
+
+def stack_for(table: FunctionTable) -> np.ndarray:
+    """(depth, 3) scratch for evaluating any function of the table."""
+    return np.full((table.depth, 3), np.nan)
+
+
+def _depth(expression: Expression) -> int:
+    depth = deepest = 0
+    for op, _ in expression.ops:
+        code = OPCODES[op]
+        depth += 1 if code <= TIME else -1 if ADD <= code <= MAX else 0
+        deepest = max(deepest, depth)
+    return deepest

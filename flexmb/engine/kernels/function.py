@@ -1,0 +1,195 @@
+"""Functions of time: one small stack machine for all of them.
+
+In: a table of postfix programs and a time t. Out: value, first and second derivative in t, by
+second-order jets (chain rule), exact to round-off and without allocation. Outside the domain of a
+function (logarithm of a negative number, division by zero) the result is not finite; the caller
+reports it. The readable reference is ``flexmb.model.jets``. Stack row: (f, df/dt, d2f/dt2).
+Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.jit import kernel
+
+CONST, TIME, NEG, POWC = 0, 1, 2, 3
+ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX = 4, 5, 6, 7, 8, 9, 10, 11
+SIN, COS, TAN, ASIN, ACOS, ATAN = 20, 21, 22, 23, 24, 25
+SINH, COSH, TANH, EXP, LOG, SQRT, ABS, SIGN, CUBICSTEP = 26, 27, 28, 29, 30, 31, 32, 33, 34
+_UNARY = SIN  # from here on: functions of one argument
+
+OPCODES = {
+    "const": CONST,
+    "t": TIME,
+    "neg": NEG,
+    "powc": POWC,
+    "+": ADD,
+    "-": SUB,
+    "*": MUL,
+    "/": DIV,
+    "pow": POW,
+    "atan2": ATAN2,
+    "min": MIN,
+    "max": MAX,
+    "sin": SIN,
+    "cos": COS,
+    "tan": TAN,
+    "asin": ASIN,
+    "acos": ACOS,
+    "atan": ATAN,
+    "sinh": SINH,
+    "cosh": COSH,
+    "tanh": TANH,
+    "exp": EXP,
+    "log": LOG,
+    "sqrt": SQRT,
+    "abs": ABS,
+    "sign": SIGN,
+    "cubicstep": CUBICSTEP,
+}
+"""Names of the operations (those of ``flexmb.model.expression``) to their codes here."""
+
+
+class FunctionTable(NamedTuple):
+    """Programs of all functions of a system, one after the other."""
+
+    ops: np.ndarray  # (n,) int32 operation codes
+    args: np.ndarray  # (n,) float64 argument of CONST and POWC, else 0
+    start: np.ndarray  # (k + 1,) int32 where program k begins and ends
+    depth: int  # rows of stack that the deepest program needs
+
+
+@kernel
+def _trigonometric(op, a):
+    """(g, g', g'') at a of the circular functions."""
+    if op in (SIN, COS):
+        s, c = np.sin(a), np.cos(a)
+        return (s, c, -s) if op == SIN else (c, -s, -c)
+    if op == TAN:
+        f = np.tan(a)
+        return f, 1.0 + f * f, 2.0 * f * (1.0 + f * f)
+    if op == ATAN:
+        w = 1.0 / (1.0 + a * a)
+        return np.arctan(a), w, -2.0 * a * w * w
+    w = 1.0 - a * a
+    r = np.sqrt(w)
+    if op == ASIN:
+        return np.arcsin(a), 1.0 / r, a / (w * r)
+    return np.arccos(a), -1.0 / r, -a / (w * r)
+
+
+@kernel
+def _unary(op, a):
+    """(g, g', g'') at a of a function of one argument."""
+    if op <= ATAN:
+        return _trigonometric(op, a)
+    if op in (SINH, COSH):
+        s, c = np.sinh(a), np.cosh(a)
+        return (s, c, s) if op == SINH else (c, s, c)
+    if op == TANH:
+        f = np.tanh(a)
+        return f, 1.0 - f * f, -2.0 * f * (1.0 - f * f)
+    if op == EXP:
+        f = np.exp(a)
+        return f, f, f
+    if op == LOG:
+        return np.log(a), 1.0 / a, -1.0 / (a * a)
+    if op == SQRT:
+        f = np.sqrt(a)
+        return f, 0.5 / f, -0.25 / (a * f)
+    if op == ABS:
+        return np.abs(a), np.sign(a), 0.0
+    if op == SIGN:
+        return np.sign(a), 0.0, 0.0
+    if a <= 0.0:  # CUBICSTEP
+        return 0.0, 0.0, 0.0
+    if a >= 1.0:
+        return 1.0, 0.0, 0.0
+    return a * a * (3.0 - 2.0 * a), 6.0 * a * (1.0 - a), 6.0 - 12.0 * a
+
+
+@kernel
+def _power(c, a):
+    """(g, g', g'') at a of a to the constant power c; integer c have no trouble at a = 0."""
+    if c == 2.0:
+        return a * a, 2.0 * a, 2.0
+    second = c * (c - 1.0) * a ** (c - 2.0)
+    return a**c, c * a ** (c - 1.0), second
+
+
+@kernel
+def _chain(g, g1, g2, row):
+    """Replace the jet a in a stack row by g(a); an exact zero wins over an infinite slope."""
+    a1, a2 = row[1], row[2]
+    first, second = 0.0, 0.0
+    if a1 != 0.0:
+        first = g1 * a1
+        second = g2 * (a1 * a1)
+    if a2 != 0.0:
+        second += g1 * a2
+    row[0], row[1], row[2] = g, first, second
+
+
+@kernel
+def _binary(op, a, b):
+    """Replace the jet a by (a op b)."""
+    a0, a1, a2 = a[0], a[1], a[2]
+    b0, b1, b2 = b[0], b[1], b[2]
+    if op == ADD:
+        a[0], a[1], a[2] = a0 + b0, a1 + b1, a2 + b2
+    elif op == SUB:
+        a[0], a[1], a[2] = a0 - b0, a1 - b1, a2 - b2
+    elif op == MUL:
+        a[0], a[1], a[2] = a0 * b0, a1 * b0 + a0 * b1, a2 * b0 + 2.0 * a1 * b1 + a0 * b2
+    elif op == DIV:
+        f = a0 / b0
+        f1 = (a1 - f * b1) / b0
+        a[0], a[1], a[2] = f, f1, (a2 - 2.0 * f1 * b1 - f * b2) / b0
+    elif op == POW:
+        f, log, ratio = a0**b0, np.log(a0), a1 / a0
+        g1 = b1 * log + b0 * ratio
+        g2 = b2 * log + 2.0 * b1 * ratio + b0 * (a2 / a0 - ratio * ratio)
+        a[0], a[1], a[2] = f, f * g1, f * (g2 + g1 * g1)
+    elif op == ATAN2:  # a is y, b is x
+        d = b0 * b0 + a0 * a0
+        f1 = (b0 * a1 - a0 * b1) / d
+        second = (b0 * a2 - a0 * b2 - 2.0 * f1 * (b0 * b1 + a0 * a1)) / d
+        a[0], a[1], a[2] = np.arctan2(a0, b0), f1, second
+    elif (op == MIN and b0 < a0) or (op == MAX and b0 > a0):
+        a[0], a[1], a[2] = b0, b1, b2
+
+
+@kernel
+def evaluate(table, k, t, stack):
+    """Value, first and second derivative of function k at time t [s].
+
+    ``stack`` is (depth, 3) float64 scratch, at least ``table.depth`` rows.
+    """
+    begin, end = table.start[k], table.start[k + 1]
+    if end - begin == 1 and table.ops[begin] == CONST:
+        return table.args[begin], 0.0, 0.0
+    top = -1
+    for i in range(begin, end):
+        op = table.ops[i]
+        if op <= TIME:
+            top += 1
+            stack[top, 0] = t if op == TIME else table.args[i]
+            stack[top, 1] = 1.0 if op == TIME else 0.0
+            stack[top, 2] = 0.0
+        elif op == NEG:
+            stack[top, 0], stack[top, 1], stack[top, 2] = (
+                -stack[top, 0],
+                -stack[top, 1],
+                -stack[top, 2],
+            )
+        elif op == POWC:
+            g, g1, g2 = _power(table.args[i], stack[top, 0])
+            _chain(g, g1, g2, stack[top])
+        elif op >= _UNARY:
+            g, g1, g2 = _unary(op, stack[top, 0])
+            _chain(g, g1, g2, stack[top])
+        else:
+            top -= 1
+            _binary(op, stack[top], stack[top + 1])
+    return stack[0, 0], stack[0, 1], stack[0, 2]

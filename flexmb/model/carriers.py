@@ -1,0 +1,79 @@
+"""Whether bodies have their files, and whether markers have something to carry them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.model import lookup
+from flexmb.model.bodies import BodySpec, FlexbodySpec, MeshBodySpec
+from flexmb.model.markers import MarkerSpec, place
+from flexmb.model.names import GROUND
+from flexmb.model.scope import Scope
+
+__all__ = ["body_problems"]
+
+
+def body_problems(scope: Scope) -> Iterator[Problem]:
+    """Problems of the bodies and of ground."""
+    if not scope.names("bodies"):
+        yield Problem("bodies", "the model has no body: give at least one [bodies.NAME]")
+    yield from _markers(scope, GROUND, GROUND, scope.model.ground.markers)
+    for name, spec in scope.model.bodies.items():
+        where = f"bodies.{name}"
+        if name not in scope.flexbodies:
+            yield from _files(scope, where, spec)
+        yield from _markers(scope, where, name, spec.markers)
+
+
+def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
+    key, given = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
+    if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
+        key, given = "flexbody", spec.flexbody
+    if given is None:
+        return
+    path = scope.model.path(given)
+    if path.is_dir():
+        yield Problem(f"{where}.{key}", f'"{given}" is a folder, not a file ({path})')
+    elif not path.exists():
+        yield Problem(f"{where}.{key}", f'no file "{given}" ({path})', (), _neighbours(path))
+
+
+def _neighbours(path: Path) -> tuple[str, ...]:
+    try:
+        return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
+    except OSError:
+        return ()
+
+
+def _markers(
+    scope: Scope, where: str, body: str, markers: Mapping[str, MarkerSpec]
+) -> Iterator[Problem]:
+    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies)
+    spec = scope.model.bodies.get(body)
+    for name, marker in markers.items():
+        at = f"{where}.markers.{name}"
+        if name in taken:
+            yield Problem(at, f'the name "{name}" is taken by a marker that such a body has anyway')
+        if spec is None or not spec.flexible:
+            for key in ("node", "interface"):
+                if getattr(marker, key) is not None:
+                    yield Problem(f"{at}.{key}", "only a flexible body has one")
+        elif lookup.markers_known(scope.model, body, scope.flexbodies):
+            yield from _carrier(scope, at, body, marker)
+
+
+def _carrier(scope: Scope, at: str, body: str, marker: MarkerSpec) -> Iterator[Problem]:
+    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies)
+    names = tuple(name for name in taken if name != "origin")
+    if marker.interface is not None and marker.interface not in names:
+        what = f'the body has no interface "{marker.interface}"'
+        yield Problem(f"{at}.interface", what, names, nearest(marker.interface, names))
+        return
+    flexbody = lookup.flexbody_of(scope.model, body, scope.flexbodies)
+    if flexbody is not None:
+        try:
+            place(body, marker, flexbody)
+        except FlexmbError as error:
+            yield from (Problem(at, p.what, p.allowed, p.nearest) for p in error.problems)
