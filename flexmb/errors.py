@@ -29,6 +29,7 @@ __all__ = [
     "nearest",
 ]
 
+_ALIKE = 0.65  # share of common letters; below it names only look alike by chance
 _MOST_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
 
 
@@ -142,8 +143,11 @@ def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
     n : int
         How many to return at most.
     """
-    folded: dict[str, list[str]] = {}
+    matcher = difflib.SequenceMatcher()
+    matcher.set_seq2(name.casefold())
+    scored = []
     for candidate in names:
-        folded.setdefault(candidate.casefold(), []).append(candidate)
-    close = difflib.get_close_matches(name.casefold(), list(folded), n=n, cutoff=0.5)
-    return tuple(candidate for key in close for candidate in folded[key])[:n]
+        matcher.set_seq1(candidate.casefold())
+        scored.append((matcher.ratio(), candidate))
+    scored.sort(key=lambda pair: -pair[0])
+    return tuple(candidate for score, candidate in scored if score >= _ALIKE)[:n]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import ValidationInfo, model_validator
 
-from flexmb.errors import Problem
+from flexmb.errors import Problem, nearest
 from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
 from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
@@ -59,7 +59,8 @@ _HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
 
 def _color(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
-        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS)))
+        near = nearest(str(value), COLORS)
+        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS), near))
     return value
 
 

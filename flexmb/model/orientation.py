@@ -73,15 +73,16 @@ def quaternion_from_matrix(A: Any) -> Quaternion:
 def triad(axis: Any) -> Array:
     """Rotation matrix (3, 3) whose z axis is the unit vector: the shortest turn that takes z there.
 
-    For the opposite direction, where the shortest turn is not unique, a half turn about x.
+    For directions below the xy plane the shortest turn after a half turn about x, which is exact
+    near -z, where the shortest turn is not unique.
     """
     x, y, z = (float(c) for c in axis)
-    if z < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
+    below = z < 0
+    if below:
+        y, z = -y, -z
     c = 1 / (1 + z)
-    return np.array(
-        [[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]],
-    )
+    R = np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])
+    return np.diag([1.0, -1.0, -1.0]) @ R if below else R
 
 
 def _unit(p: Any) -> Quaternion:

@@ -1,0 +1,87 @@
+"""Scene files that cannot be read, and values set from outside that do not exist."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexmb.errors import SceneError
+from flexmb.model import load_scene
+
+GOOD = """
+[parameters]
+speed = 10
+[bodies.b]
+mass = 1
+inertia = [1, 1, 1]
+"""
+
+
+def message(path, overrides=None):
+    with pytest.raises(SceneError) as caught:
+        load_scene(path, overrides)
+    return str(caught.value)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD)
+    return path
+
+
+def test_missing_file(scene):
+    text = message(scene.with_name("scen.toml"))
+    assert text.endswith("scen.toml: no such file; nearest: scene.toml")
+    assert "does not exist" in message(scene.parent / "nowhere" / "scene.toml")
+
+
+def test_a_folder_instead_of_a_file(scene):
+    assert "is a folder, not a scene file (it holds scene.toml" in message(scene.parent)
+
+
+def test_a_binary_file(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n\xff")
+    assert "is no text in UTF-8 (byte 0); a scene is a TOML file" in message(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column"),
+    [("a = 1\nb = = 2\n", 2, 5), ("[bodies.b]\nmass = \n", 2, 8), ("[a]\nb = 'x", 2, 7)],
+)
+def test_toml_syntax_errors_say_line_and_column(tmp_path, text, line, column):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    first, shown, caret = message(path).splitlines()
+    assert "not TOML" in first and f"at line {line}, column {column}" in first
+    assert shown.strip() == text.splitlines()[line - 1].strip()
+    assert caret.index("^") == 4 + column - 1
+
+
+def test_a_joint_given_twice(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("[joints.a]\n[joints.a]\n")
+    assert "twice" in message(path) and "line 2" in message(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "wanted"),
+    [
+        ("sped", "1", 'override sped: unknown parameter "sped"; nearest: speed; allowed: speed'),
+        ("parameters.sped", "1", 'unknown parameter "sped"; nearest: speed'),
+        ("dynamcs.step", "1", 'the scene has no table "dynamcs"'),
+        ("bodies.c.mass", "1", 'the scene has no table "bodies.c"'),
+        ("bodies.b", "1", "override bodies.b: is a table; name a value in it"),
+        ("bodies.b.mas", "2", 'bodies.b.mas: unknown key "mas"; nearest: mass'),
+        ("bodies.b.mass", "-2", "bodies.b.mass: must be positive, is -2 kg"),
+        ("speed", "{a = 1}", "override speed: a single value is expected"),
+        ("speed", "2*(", "parameters.speed: syntax error"),
+        ("dynamics.duration", "0", "dynamics.duration: must be positive, is 0 s"),
+    ],
+)
+def test_overrides_that_do_not_exist_or_cannot_be(scene, name, value, wanted):
+    assert wanted in message(scene, {name: value})
+
+
+def test_all_wrong_overrides_at_once(scene):
+    assert len(message(scene, {"sped": "1", "masss": "2"}).splitlines()) == 2

@@ -1,0 +1,413 @@
+"""Mistakes in a scene: each gives one line that says where, what, and what would be right."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexmb.errors import SceneError
+from flexmb.model import Model, load_scene
+
+GOOD = """
+[parameters]
+r = 0.2
+speed = 10
+[bodies.crank]
+mass = 1
+inertia = [1, 1, 1]
+markers.tip = { position = ["r", 0, 0] }
+[bodies.rod]
+shape = { type = "box", size = [1, 0.1, 0.1] }
+material = "steel"
+position = ["r", 0, 0]
+[joints.bearing]
+type = "revolute"
+between = ["ground", "crank"]
+axis = "z"
+[joints.pin]
+type = "revolute"
+between = ["crank.tip", "rod"]
+axis = "z"
+[joints.guide]
+type = "prismatic"
+between = ["ground", "rod.center"]
+axis = "x"
+[drivers.motor]
+joint = "bearing"
+angle = "speed*t"
+[sensors.tip]
+type = "position"
+of = "crank.tip"
+[dynamics]
+duration = 1
+step = 1e-3
+"""
+
+
+def message(tmp_path, *changes, text=GOOD, overrides=None):
+    """The error's text after replacing pieces of the good scene."""
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError) as caught:
+        load_scene(path, overrides)
+    return str(caught.value)
+
+
+def test_the_good_scene_is_good(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD)
+    assert not load_scene(path).problems()
+
+
+ONE_LINE = [
+    pytest.param(
+        ('type = "revolute"', 'type = "revolut"'),
+        'joints.bearing.type: unknown joint type "revolut"; nearest: revolute; '
+        "allowed: cylindrical, fixed, prismatic, revolute, spherical",
+        id="unknown joint type",
+    ),
+    pytest.param(
+        ('"crank.tip", "rod"', '"crnk.tip", "rod"'),
+        'joints.pin.between[0]: unknown body "crnk"; nearest: crank; allowed: crank, rod, ground',
+        id="misspelt body",
+    ),
+    pytest.param(
+        ('"crank.tip", "rod"', '"crank.tp", "rod"'),
+        'joints.pin.between[0]: body "crank" has no marker "tp"; nearest: tip; '
+        "allowed: origin, center, tip",
+        id="misspelt marker",
+    ),
+    pytest.param(
+        ("mass = 1", "mass = -1"), "bodies.crank.mass: must be positive, is -1 kg", id="mass"
+    ),
+    pytest.param(
+        ("mass = 1", 'mass = "r - 1"'),
+        'bodies.crank.mass: must be positive, is -0.8 kg (given "r - 1")',
+        id="negative mass by an expression",
+    ),
+    pytest.param(
+        ("inertia = [1, 1, 1]", "inertia = [1, 1, 3]"),
+        "bodies.crank.inertia: the inertia is impossible: of its principal moments 1, 1, 3 kg m^2 "
+        "the largest, 3, exceeds the sum of the other two, 2; no distribution of mass has it",
+        id="triangle inequality",
+    ),
+    pytest.param(
+        ("inertia = [1, 1, 1]", "inertia = [1, 1, -1]"),
+        "bodies.crank.inertia: the inertia is impossible: its principal moments -1, 1, 1 kg m^2 "
+        "must all be positive",
+        id="negative inertia",
+    ),
+    pytest.param(
+        ("inertia = [1, 1, 1]", "inertia = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]"),
+        "bodies.crank.inertia: the inertia is not symmetric: Ixy = 0.1 kg m^2 but Iyx = 0 kg m^2",
+        id="unsymmetric inertia",
+    ),
+    pytest.param(
+        ("inertia = [1, 1, 1]\n", ""),
+        "bodies.crank.inertia: is missing (or give a shape to compute it from)",
+        id="missing inertia",
+    ),
+    pytest.param(
+        ("angle =", "stroke ="),
+        'drivers.motor.stroke: the revolute joint "bearing" has no stroke; it has: angle',
+        id="driver on a coordinate the joint lacks",
+    ),
+    pytest.param(
+        ('joint = "bearing"', 'joint = "baring"'),
+        'drivers.motor.joint: unknown joint "baring"; nearest: bearing; '
+        "allowed: bearing, pin, guide",
+        id="misspelt joint",
+    ),
+    pytest.param(
+        ('joint = "bearing"\nangle = "speed*t"', 'joint = "bearing"'),
+        'drivers.motor: give exactly one of "angle" and "stroke", given neither',
+        id="driver without a function",
+    ),
+    pytest.param(
+        ("between", "betwen"),
+        'joints.bearing.betwen: unknown key "betwen"; nearest: between; '
+        "allowed: type, between, axis",
+        id="misspelt key, and not also a missing one",
+    ),
+    pytest.param(
+        ('between = ["ground", "crank"]\n', ""),
+        "joints.bearing.between: is missing",
+        id="missing key",
+    ),
+    pytest.param(
+        ('between = ["ground", "crank"]', 'between = ["crank.tip", "crank"]'),
+        'joints.bearing.between: a joint connects two bodies, both markers are on "crank"',
+        id="a body with itself",
+    ),
+    pytest.param(
+        ('angle = "speed*t"', 'angle = { type = "harmonik", amplitude = 1 }'),
+        'drivers.motor.angle.type: unknown function "harmonik"; nearest: harmonic; '
+        "allowed: constant, polynomial, harmonic, step",
+        id="unknown form of a function",
+    ),
+    pytest.param(
+        ('angle = "speed*t"', 'angle = "log(t)"'),
+        'drivers.motor.angle: the value of "log(t)" is -inf at t = 0, not finite',
+        id="function outside its domain",
+    ),
+    pytest.param(
+        ('angle = "speed*t"', 'angle = "t**0.5"'),
+        'drivers.motor.angle: the first derivative of "t**0.5" is inf at t = 0, not finite',
+        id="driver with infinite velocity",
+    ),
+    pytest.param(
+        ("duration = 1", "duration = 0"),
+        "dynamics.duration: must be positive, is 0 s",
+        id="zero duration",
+    ),
+    pytest.param(
+        ("step = 1e-3", "step = 2"),
+        "dynamics.step: must not exceed the duration 1 s, is 2 s",
+        id="step longer than the run",
+    ),
+    pytest.param(
+        ("step = 1e-3", "step = -1e-3"),
+        "dynamics.step: must be positive, is -0.001 s",
+        id="negative step",
+    ),
+    pytest.param(
+        ("step = 1e-3", 'step = 1e-3\nmethod = "rk"'),
+        'dynamics.method: unknown choice "rk"; allowed: generalized-alpha, explicit-rk',
+        id="unknown method",
+    ),
+    pytest.param(
+        ("step = 1e-3", "step = 1e-3\noutputs = 1.5"),
+        "dynamics.outputs: a whole number from 1 on is expected, is 1.5",
+        id="half an output",
+    ),
+    pytest.param(
+        ('type = "box"', 'type = "bx"'),
+        'bodies.rod.shape.type: unknown shape "bx"; nearest: box; allowed: box, cylinder, sphere',
+        id="unknown shape",
+    ),
+    pytest.param(
+        ('material = "steel"', 'material = "steel"\nmass = 3'),
+        'bodies.rod: the mass is told twice, by "mass" and "material"',
+        id="mass told twice",
+    ),
+    pytest.param(
+        ('position = ["r", 0, 0]\n[joints', 'position = ["r", 0]\n[joints'),
+        "bodies.rod.position[2]: is missing",
+        id="two components",
+    ),
+    pytest.param(
+        ('axis = "z"', 'axis = "w"'),
+        'joints.bearing.axis: an axis is a direction, given "w"; '
+        "allowed: x, y, z, -x, -y, -z, [x, y, z]",
+        id="unknown axis",
+    ),
+    pytest.param(
+        ('type = "position"', 'type = "positon"'),
+        'sensors.tip.type: unknown sensor type "positon"; nearest: position; '
+        "allowed: position, velocity, acceleration, angle",
+        id="unknown sensor type",
+    ),
+    pytest.param(
+        ("[dynamics]", "[dynamcs]"),
+        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, gravity, parameters, '
+        "ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
+        id="unknown section",
+    ),
+    pytest.param(
+        ("[dynamics]", '[view]\nhistory = ["tip.w"]\n[dynamics]'),
+        'view.history[0]: unknown channel "tip.w"; nearest: tip.x, tip.y, tip.z; '
+        "allowed: tip.x, tip.y, tip.z",
+        id="unknown channel",
+    ),
+    pytest.param(
+        ("[dynamics]", "[view]\ntime = 2\n[dynamics]"),
+        "view.time: 2 s lies after the end of the run, 1 s",
+        id="picture after the end",
+    ),
+    pytest.param(
+        ("[dynamics]", '[forces.f]\ntype = "force"\nat = "ground"\nvalue = [1, 0, 0]\n[dynamics]'),
+        "forces.f.at: a force on ground moves nothing",
+        id="force on ground",
+    ),
+    pytest.param(
+        (
+            "[dynamics]",
+            '[forces.s]\ntype = "spring-damper"\nbetween = ["ground", "crank"]\n'
+            "stiffness = 1\n[dynamics]",
+        ),
+        "forces.s.between: its markers coincide in the placed pose: a spring of length zero "
+        "pulls nowhere",
+        id="spring of length zero",
+    ),
+    pytest.param(
+        ("[dynamics]", '[drivers.m2]\njoint = "bearing"\nangle = 1\n[dynamics]'),
+        'drivers.m2: the angle of joint "bearing" is driven by "motor" already',
+        id="conflicting drivers",
+    ),
+    pytest.param(
+        ("[bodies.rod]", '[bodies."big rod"]\nmass = 1\ninertia = [1, 1, 1]\n[bodies.rod]'),
+        'bodies.big rod: "big rod" is no name: letters, digits, _ and - only, and a letter first',
+        id="name with a space",
+    ),
+    pytest.param(
+        ("[bodies.rod]", "[bodies.ground]\nmass = 1\ninertia = [1, 1, 1]\n[bodies.rod]"),
+        'bodies.ground: the name "ground" is taken: give its markers by [ground]',
+        id="a body called ground",
+    ),
+    pytest.param(
+        ("markers.tip", "markers.center = {}\nmarkers.tip"),
+        'bodies.crank.markers.center: the name "center" is taken by a marker that such a body has '
+        "anyway",
+        id="marker called center",
+    ),
+    pytest.param(
+        ("[bodies.crank]", "[bodies.crank]\nvelocity = 3"),
+        "bodies.crank.velocity: a list is expected, given 3",
+        id="number for a vector",
+    ),
+    pytest.param(
+        ("[bodies.crank]", '[bodies.crank]\ncolor = "rde"'),
+        'bodies.crank.color: unknown color "rde"; nearest: red; allowed: #rrggbb, ',
+        id="unknown color",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "wanted"), ONE_LINE)
+def test_one_mistake_gives_one_line(tmp_path, change, wanted):
+    text = message(tmp_path, change)
+    assert text == wanted or (wanted.endswith(", ") and text.startswith(wanted))
+
+
+def test_a_syntax_error_points_at_the_character(tmp_path):
+    text = message(tmp_path, ('angle = "speed*t"', 'angle = "speed*t + (2*t"'))
+    assert text.splitlines() == [
+        "drivers.motor.angle: syntax error: '(' was never closed at character 11",
+        "    speed*t + (2*t",
+        "              ^",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("expression", "what", "character"),
+    [
+        ("sped*t", 'unknown name "sped"', 1),
+        ("2*sim(t)", 'unknown function "sim"', 3),
+        ("2*t +* 3", "syntax error", 6),
+        ("speed t", "syntax error", 7),
+        ("t^2", 'powers are written "**", not "^"', 3),
+        ("t/0", "division by zero", 3),
+        ("t*log(-1)", "the value is nan, no finite number", 3),
+        ("atan2(t)", "atan2 takes 2 arguments, not 1: atan2(y, x)", 1),
+        ("step(t, 1, 0, 1, 5)", "the end x1 of a step must lie after its beginning x0", 15),
+        ("t if t else 1", "only numbers, names, + - * / ** and functions may be used", 1),
+        ("__import__('os').x", "only numbers, names", 1),
+        ("t + 'a'", "'a' is no number", 5),
+        ("", "the expression is empty", 1),
+        ("\u00e9 + t + sped", 'unknown name "\u00e9"', 1),
+        ("t + 1e999", "the number is too large", 5),
+    ],
+)
+def test_mistakes_in_expressions_point_at_the_character(tmp_path, expression, what, character):
+    text = message(tmp_path, ('"speed*t"', f'"{expression}"'))
+    first, _, caret = text.splitlines()
+    assert first.startswith(f"drivers.motor.angle: {what}")
+    assert f"at character {character}" in first
+    assert caret.index("^") == 4 + character - 1
+
+
+def test_an_unknown_parameter_lists_the_nearest(tmp_path):
+    text = message(tmp_path, ('"speed*t"', '"sped*t"'))
+    assert "nearest: speed; allowed: r, speed, t, pi, e, deg" in text
+
+
+def test_a_cycle_of_parameters_is_named_once(tmp_path):
+    text = message(tmp_path, ("r = 0.2", 'r = "2*a"\na = "b + 1"\nb = "r"'))
+    assert text == "parameters.r: depends on itself: r -> a -> b -> r"
+
+
+def test_a_parameter_may_not_hide_a_constant(tmp_path):
+    text = message(tmp_path, ("r = 0.2", "r = 0.2\ne = 1"))
+    assert text == 'parameters.e: the name "e" is taken: it is a constant of expressions'
+
+
+def test_time_in_a_constant(tmp_path):
+    text = message(tmp_path, ("duration = 1", 'duration = "2*t"'))
+    assert "dynamics.duration: the time t cannot be used here" in text
+
+
+def test_all_mistakes_of_a_scene_at_once(tmp_path):
+    text = message(
+        tmp_path,
+        ('type = "revolute"\nbetween = ["ground", "crank"]',
+         'type = "revolut"\nbetween = ["ground", "crnk"]'),
+        ("mass = 1", "mass = -1"),
+        ("inertia = [1, 1, 1]", "inertia = [1, 1, 3]"),
+        ("speed*t", "sped*t"),
+        ("duration = 1", "duration = 0"),
+        ('of = "crank.tip"', 'of = "rod.tip"'),
+        ('"crank.tip", "rod"', '"crank.tp", "rood"'),
+    )  # fmt: skip
+    places = [line.split(": ")[0] for line in text.splitlines() if not line.startswith(" ")]
+    assert sorted(places) == [
+        "bodies.crank.inertia",
+        "bodies.crank.mass",
+        "drivers.motor.angle",
+        "dynamics.duration",
+        "joints.bearing.between[1]",
+        "joints.bearing.type",
+        "joints.pin.between[1]",
+        "sensors.tip.of",
+    ]
+
+
+def test_what_depends_on_a_wrong_entry_is_not_reported_again(tmp_path):
+    text = message(tmp_path, ("mass = 1", "mass = 0"))
+    assert text == "bodies.crank.mass: must be positive, is 0 kg"
+
+
+def test_missing_mesh_file(tmp_path):
+    (tmp_path / "rod.msh").write_text("")
+    body = '[bodies.flex]\nmesh = "rd.msh"\nmaterial = "steel"\ninterfaces = { a = "A" }\n'
+    text = message(tmp_path, ("[joints.bearing]", body + "[joints.bearing]"))
+    assert text.startswith('bodies.flex.mesh: no file "rd.msh"') and "nearest: rod.msh" in text
+
+
+def test_flexible_body_fields(tmp_path):
+    (tmp_path / "rod.msh").write_text("")
+    body = (
+        '[bodies.flex]\nmesh = "rod.msh"\nmaterial = { E = -1, nu = 0.3, densty = 1 }\n'
+        'units = "mm-s"\ninterfaces = {}\nmodes = -2\nmass = 1\n'
+    )
+    text = message(tmp_path, ("[joints.bearing]", body + "[joints.bearing]"))
+    assert 'bodies.flex: is either rigid, or from a mesh, or a reduced body; given "mesh"' in text
+    text = message(
+        tmp_path, ("[joints.bearing]", body.replace("mass = 1\n", "") + "[joints.bearing]")
+    )
+    for wanted in (
+        "bodies.flex.material.E: must be positive, is -1 Pa",
+        'bodies.flex.material.densty: unknown key "densty"; nearest: density',
+        'bodies.flex.units: unknown unit system "mm-s"; nearest: mm-',
+        "bodies.flex.interfaces: a table {name = mesh group, ...} of at least one",
+        "bodies.flex.modes: a whole number from 0 on is expected, is -2",
+    ):
+        assert wanted in text
+
+
+def test_a_model_without_bodies():
+    with pytest.raises(SceneError, match=r"the model has no body: give at least one \[bodies.NAME"):
+        Model("empty").validate()
+
+
+def test_python_calls_are_checked_alike():
+    model = Model("m", parameters={"r": 1})
+    with pytest.raises(SceneError, match="bodies.b.mass: must be positive, is -1 kg"):
+        model.add_body("b", mass="-r", inertia=[1, 1, 1])
+    with pytest.raises(SceneError, match='joints.j.type: unknown joint type "revolut"; nearest'):
+        model.add_joint("j", "revolut", between=["ground", "b"])
+    with pytest.raises(SceneError, match="joints.j.axis: a spherical joint has no axis"):
+        model.add_joint("j", "spherical", between=["ground", "b"], axis="z")
+    with pytest.raises(SceneError, match="parameters.a: depends on itself: a -> a"):
+        Model("m", parameters={"a": "a + 1"})
