@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
+from flexmb.results.read import file_format
 from flexmb.results.result import Pose, Result, load_result
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "Pose",
     "Result",
     "ResultWriter",
+    "file_format",
     "load_result",
 ]

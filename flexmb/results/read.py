@@ -20,7 +20,7 @@ from flexmb.errors import ResultFileError
 from flexmb.results.layout import BodyColumns, Columns
 from flexmb.results.schema import FORMAT, STATUS, TABLES, VERSION, widths
 
-__all__ = ["Contents", "read_contents", "read_state", "read_table"]
+__all__ = ["Contents", "file_format", "read_contents", "read_state", "read_table"]
 
 _REQUIRED = (*TABLES, "progress", "report", "scene", "texts", "flexbodies", "state", "layout")
 _LAYOUT = ("bodies", "iq", "iv", "m", "rows", "channels", "energies")
@@ -40,6 +40,16 @@ class Contents:
     scene: dict[str, Any]
     texts: dict[str, str]
     flexbodies: dict[str, str]
+
+
+def file_format(path: str | Path) -> str | None:
+    """The format an HDF5 file says it has, such as ``"flexmb-result"``; None for other files."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            found = file.attrs.get("format")
+            return found if isinstance(found, str) else None
+    except OSError:
+        return None
 
 
 def read_contents(path: Path) -> Contents:

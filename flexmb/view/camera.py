@@ -43,7 +43,7 @@ def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None
         aside = np.cross(up, _horizontal(up))
         frame = np.stack([aside, up, np.cross(aside, up)], axis=1)
         return _camera(frame @ _SPATIAL, up)
-    right = np.cross(up, normal)
+    right = np.cross(up, normal) / np.linalg.norm(np.cross(up, normal))
     if right[int(np.argmax(np.abs(right)))] < 0:  # the axes that grow to the right are the usual
         normal, right = -normal, -right
     return _camera(normal + _ABOVE * up + _ASIDE * right, up)
@@ -68,9 +68,7 @@ def _up(mechanism: Mechanism, towards: Array | None) -> Array:
         candidates.insert(0, -np.array(gravity) / np.linalg.norm(gravity))
     if towards is None:
         return candidates[0]
-    across = next(up for up in candidates if abs(up @ towards) < _PARALLEL)
-    across = across - (across @ towards) * towards
-    return np.asarray(across / np.linalg.norm(across))
+    return next(up for up in candidates if abs(up @ towards) < _PARALLEL)
 
 
 def _horizontal(up: Array) -> Array:

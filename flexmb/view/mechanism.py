@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
 from flexmb.model import Model
+from flexmb.model.bodies import BodySpec
 from flexmb.model.lookup import frames, placed
 from flexmb.model.names import GROUND, split_reference
+from flexmb.model.orientation import rotation_matrix
 from flexmb.results import Pose, Result
 
 __all__ = ["Mechanism"]
@@ -51,8 +53,8 @@ class Mechanism:
         if not len(result.time):
             raise ViewError(f"{result.path}: the result holds no rows to draw")
         self.result = result
-        self.model = Model.from_scene_dict(result.model, result.path.parent)
         self.flexbodies = {name: _load(result, name) for name in result.flexbodies}
+        self.model = Model.from_scene_dict(_reduced(result), result.path.parent)
         self.time = self._chosen(time)
         self._poses: dict[str, Pose] = {}
 
@@ -103,8 +105,6 @@ class Mechanism:
             marker, _ = frames(self.model, spec.between, spec.axis, self.flexbodies)
             A = np.eye(3)
             if marker.body != GROUND:
-                from flexmb.model.orientation import rotation_matrix
-
                 A = rotation_matrix(self.model.bodies[marker.body].orientation)
             found[name] = A @ marker.R[:, 2]
         return found
@@ -126,6 +126,15 @@ class Mechanism:
         if time is None:
             time = self.model.view.time
         return float(self.result.time[-1]) if time is None else float(time)
+
+
+def _reduced(result: Result) -> dict[str, Any]:
+    """The scene with its flexible bodies as the files beside the result: no mesh is needed."""
+    bodies = dict(result.model.get("bodies", {}))
+    for name, path in result.flexbodies.items():
+        kept = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
+        bodies[name] = {**kept, "flexbody": str(path.resolve())}
+    return {**result.model, "bodies": bodies}
 
 
 def _load(result: Result, name: str) -> FlexBody:

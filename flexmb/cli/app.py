@@ -1,0 +1,245 @@
+"""The commands and their options; what they do is in `actions`, what they show in `tables`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexmb.cli.guard import guarded, settings
+
+__all__ = ["app", "main"]
+
+_ABOUT = """
+Flexible multibody dynamics: from a finite-element mesh to a moving, deforming machine.
+
+A scene file (TOML) names bodies, joints, drivers, forces and sensors; `flexmb run` reduces the
+meshes it names, simulates it and leaves a result file, a picture and a plot.
+"""
+
+_EXAMPLES = """
+Examples:
+
+flexmb run cases/slider_crank/scene.toml
+
+flexmb run scene.toml --set speed="2*pi*50" --set dynamics.step=5e-6 --output out/fast
+
+flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
+
+flexmb info out/slider_crank/rod.flexbody.h5
+
+Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check failed, 130 Ctrl-C.
+"""
+
+app = typer.Typer(
+    name="flexmb",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    help=_ABOUT,
+    epilog=_EXAMPLES,
+)
+
+Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        "-s",
+        metavar="NAME=VALUE",
+        help="A new value for a parameter of the scene or for any entry by its path, such as "
+        "dynamics.step=1e-5; may be repeated.",
+    ),
+]
+
+
+def _show_version(given: bool) -> None:
+    if given:
+        from flexmb.cli.versions import flexmb_version
+
+        typer.echo(f"flexmb {flexmb_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an unexpected failure.")
+    ] = False,
+) -> None:
+    settings.debug = debug
+
+
+@app.command()
+@guarded
+def run(
+    scene: Scene,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for everything that is written; out/<scene> by default."
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Reduce meshes anew, even if nothing changed.")
+    ] = False,
+    no_picture: Annotated[
+        bool, typer.Option("--no-picture", help="Leave out the picture and the plot.")
+    ] = False,
+) -> None:
+    """Run a scene: reduce its meshes, simulate, draw.
+
+    Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
+    its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
+    again. Ctrl-C stops the run and keeps what was computed.
+
+    Example: flexmb run cases/slider_crank/scene.toml --set r=0.12
+    """
+    from flexmb.cli.actions import run_scene
+
+    run_scene(scene, output, overrides or [], fresh, not no_picture)
+
+
+@app.command()
+@guarded
+def reduce(
+    mesh: Annotated[Path, typer.Argument(help="Mesh file (Gmsh and others).", show_default=False)],
+    material: Annotated[
+        str,
+        typer.Option(
+            help="Name such as steel, or a table in SI: '{E = 70e9, nu = 0.33, density = 2700}'.",
+            show_default=False,
+        ),
+    ],
+    units: Annotated[
+        str, typer.Option(help="Unit system of the mesh: SI, mm-t-s, mm-kg-s, in-lbf-s, ...")
+    ] = "SI",
+    interface: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=GROUP",
+            help="A mesh group where joints and loads attach, under the name of its marker; "
+            "may be repeated. Without any, the modes of the free body are taken.",
+        ),
+    ] = None,
+    modes: Annotated[int, typer.Option(help="Number of fixed-interface modes.")] = 20,
+    damping: Annotated[float, typer.Option(help="Damping ratio of every mode.")] = 0.0,
+    section: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GROUP=TABLE",
+            help="Cross-section of the beams of a mesh group (or all), with the words of a "
+            "scene; may be repeated.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File to write; <mesh>.flexbody.h5 here by default."),
+    ] = None,
+) -> None:
+    """Reduce a mesh to a flexible body (Craig-Bampton modes).
+
+    Prints mass, centre, inertia and a table of all modes: kept, or why dropped.
+
+    Example: flexmb reduce meshes/connecting_rod.msh --units mm-t-s --material steel
+    --interface big_end=bore_big --interface small_end=bore_small
+    """
+    from flexmb.cli.actions import reduce_mesh
+
+    options = {"units": units, "modes": modes, "damping": damping}
+    reduce_mesh(mesh, material, interface or [], section or [], options, output)
+
+
+@app.command()
+@guarded
+def render(
+    result: Annotated[Path, typer.Argument(help="Result file.", show_default=False)],
+    time: Annotated[
+        float | None,
+        typer.Option(help="Time of the picture [s]; the scene's own, else the end.", min=0.0),
+    ] = None,
+    exaggeration: Annotated[
+        str | None,
+        typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
+    ] = None,
+    color: Annotated[
+        str, typer.Option(help="Flexible bodies by displacement, or each by its own: body.")
+    ] = "displacement",
+    direction: Annotated[
+        str | None,
+        typer.Option(
+            help="From the scene towards the eye: x, y, z, -x, -y, -z or numbers such as "
+            "1,-1,0.5; along the joint axes by default."
+        ),
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="PNG file; picture.png beside the result by default."),
+    ] = None,
+) -> None:
+    """Draw the mechanism at a time of a run, off-screen.
+
+    Example: flexmb render out/slider_crank/result.h5 --time 0.013 --exaggeration 500
+    """
+    from flexmb.cli.actions import render_result
+
+    look = {"exaggeration": exaggeration, "direction": direction, "size": size, "color": color}
+    render_result(result, time, look, output)
+
+
+@app.command()
+@guarded
+def check(scene: Scene, overrides: Overrides = None) -> None:
+    """Validate a scene and count what is in it, without running it.
+
+    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name.
+
+    Example: flexmb check cases/slider_crank/scene.toml
+    """
+    from flexmb.cli.actions import check_scene
+
+    check_scene(scene, overrides or [])
+
+
+@app.command()
+@guarded
+def info(
+    file: Annotated[
+        Path, typer.Argument(help="Result, flexible body, mesh or scene.", show_default=False)
+    ],
+) -> None:
+    """Say what is in a file: a result, a flexible body, a mesh or a scene.
+
+    Example: flexmb info meshes/connecting_rod.msh
+    """
+    from flexmb.cli.inspect import show_file
+
+    show_file(file)
+
+
+@app.command()
+@guarded
+def doctor() -> None:
+    """Say what works on this machine and what to install: versions, rendering, cache, compiler."""
+    from flexmb.cli.doctor import examine
+
+    examine()
+
+
+def main() -> None:
+    """The entry point of the command ``flexmb``."""
+    try:
+        app(prog_name="flexmb")
+    except KeyboardInterrupt:
+        sys.exit(130)

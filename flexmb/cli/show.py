@@ -1,0 +1,172 @@
+"""What the commands write on the screen: tables and lines on the standard output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+__all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
+
+_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_NARROW = 100  # columns of tables where the output is a file or a pipe
+
+Number = float | int | str
+
+
+def line(text: str) -> None:
+    """One line, never wrapped or coloured: paths stay whole for copying."""
+    _console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def heading(text: str) -> None:
+    """The title of what follows."""
+    _console().print(text, style="bold", markup=False, highlight=False, soft_wrap=True)
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
+    """A table; the columns numbered in `right` are set flush right."""
+    named = any(columns)
+    shown = Table(
+        box=SIMPLE_HEAD if named else None,
+        show_header=named,
+        pad_edge=False,
+        header_style="bold",
+    )
+    for i, name in enumerate(columns):
+        justify: Literal["left", "right"] = "right" if i in right else "left"
+        shown.add_column(escape(name), justify=justify, overflow="fold")
+    for row in rows:
+        shown.add_row(*(escape(cell) for cell in row))
+    if shown.row_count:
+        _console().print(shown)
+
+
+def run_report(report: Any) -> str:
+    """The summary of a run; returns how it ended."""
+    from flexmb.results import Result
+
+    run = Result(report.result)
+    result(run)
+    for note in report.notes:
+        line(f"note: {note}")
+    if report.checks:
+        _checks(report.checks)
+    files = [*report.flexbodies.values(), report.result, report.picture, report.history]
+    heading("files")
+    for path in files:
+        if path is not None:
+            line(f"  {path}")
+    return run.status
+
+
+def result(run: Any) -> None:
+    """What a result holds: how it ended, statistics, times, energies, drift."""
+    heading(run.title or str(run.path))
+    rows = len(run.time)
+    span = f", {rows} rows to t = {run.time[-1]:g} s" if rows else ", no rows"
+    line(f"{run.status}{span}" + (f": {run.message}" if run.message else ""))
+    if run.status == "running":
+        line("note: the run is still going on, or it was killed; what is here is whole")
+    numbers, seconds = _sorted_statistics(run.statistics)
+    if numbers:
+        table(("statistics", ""), numbers, right=(1,))
+    if seconds:
+        table(("wall time by phase", "s"), seconds, right=(1,))
+    if rows:
+        _energies(run)
+        position, velocity = run.drift.max(axis=0)
+        line(f"largest constraint drift: position {position:.2g}, velocity {velocity:.2g}")
+
+
+def flexible_body(body: Any) -> None:
+    """Mass, centre, inertia, interfaces and modes of a flexible body."""
+    from flexmb.flexbody import MODE_COLUMNS, mode_table
+
+    heading(f"flexible body {body.name}")
+    J = body.inertia_about_center
+    rows = [
+        ("mass", f"{body.mass:.6g} kg"),
+        ("centre of mass", _vector(body.center, "m")),
+        ("inertia about it xx, yy, zz", _vector([J[0, 0], J[1, 1], J[2, 2]], "kg m²")),
+        ("inertia about it xy, xz, yz", _vector([J[0, 1], J[0, 2], J[1, 2]], "kg m²")),
+        ("modal coordinates", str(body.m)),
+        ("damping", "none" if not body.D.any() else "modal"),
+    ]
+    rows += [(f"interface {i.name}", f"at {_vector(i.position, 'm')}") for i in body.interfaces]
+    table(("", ""), rows)
+    if body.modes:
+        table(MODE_COLUMNS, mode_table(body), right=(0, 2))
+
+
+def check_report(report: Any) -> None:
+    """Counts of a scene, and what is worth noting."""
+    heading(report.title)
+    table(("", ""), [(name, str(number)) for name, number in report.counts.items()], right=(1,))
+    for note in report.notes:
+        line(f"note: {note}")
+    line("the scene is valid")
+
+
+def _checks(outcomes: Sequence[Any]) -> None:
+    rows = [
+        (
+            "ok" if o.passed else "FAILED",
+            o.sensor,
+            f"{o.time:g}",
+            f"{o.value:.12g}",
+            f"{o.expected:.12g}",
+            f"{abs(o.value - o.expected):.2g}",
+            f"{o.tolerance:.2g}",
+            o.source,
+        )
+        for o in outcomes
+    ]
+    columns = ("check", "sensor", "t [s]", "value", "expected", "off by", "allowed", "source")
+    table(columns, rows, right=(2, 3, 4, 5, 6))
+
+
+def _sorted_statistics(
+    statistics: Mapping[str, Number],
+) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Counts and figures, and wall times by phase, both as rows of text."""
+    numbers, seconds = [], []
+    for name, value in statistics.items():
+        words = name.removeprefix(_SECONDS).replace("_", " ")
+        if name.startswith(_SECONDS):
+            seconds.append((words, f"{value:.3g}"))
+        else:
+            numbers.append((words, _number(value)))
+    return numbers, seconds
+
+
+def _energies(run: Any) -> None:
+    rows = [
+        (name.replace("_", " "), _energy(values[-1]), _energy(values.min()), _energy(values.max()))
+        for name, values in run.energy.items()
+    ]
+    if rows:
+        table(("energy [J]", "at the end", "least", "greatest"), rows, right=(1, 2, 3))
+
+
+def _energy(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _number(value: Number) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:_}".replace("_", " ") if isinstance(value, int) else str(value)
+
+
+def _vector(values: Any, unit: str) -> str:
+    return f"({', '.join(f'{float(v):.6g}' for v in values)}) {unit}"
+
+
+def _console() -> Console:
+    console = Console()
+    return console if console.is_terminal else Console(width=_NARROW)

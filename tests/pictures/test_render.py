@@ -1,0 +1,80 @@
+"""Pictures have the size that was asked for, show something, and differ where they should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import slidercrank
+
+from flexmb.errors import ViewError
+from flexmb.results import Result
+from flexmb.view import backend, render
+
+NO_VTK = backend.Verdict(False, "", "VTK cannot render here: a library is missing", "install it")
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return Result(slidercrank.make(tmp_path_factory.mktemp("run")))
+
+
+@pytest.fixture(params=["vtk", "matplotlib"])
+def drawn_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Both ways of drawing; VTK is left out where it does not work."""
+    if request.param == "matplotlib":
+        monkeypatch.setattr(backend, "probe", lambda fresh=False: NO_VTK)
+    elif not backend.probe().works:
+        pytest.skip("VTK does not render on this machine")
+    return request.param
+
+
+def _pixels(path: Path) -> np.ndarray:
+    return matplotlib.image.imread(path)[:, :, :3]
+
+
+def _drawn(picture: np.ndarray) -> np.ndarray:
+    """Which pixels differ from the background."""
+    return np.abs(picture - picture[2, 2]).max(axis=2) > 0.1
+
+
+def test_the_picture_shows_the_mechanism(result: Result, tmp_path: Path, drawn_by: str) -> None:
+    picture = _pixels(render(result, output=tmp_path / "a.png", size=(800, 450)))
+    assert picture.shape[:2] == (450, 800)
+    inside = _drawn(picture)[90:400, 40:690]
+    assert 0.02 < inside.mean() < 0.5
+    columns = np.flatnonzero(inside.any(axis=0))
+    assert columns[-1] - columns[0] > 0.7 * 650  # the view is fitted to the mechanism
+    yellow = (picture[:, :700, 0] > 0.7) & (picture[:, :700, 2] < 0.3) & (picture[:, :700, 1] > 0.6)
+    assert yellow.any()  # the top of the scale, on the rod
+
+
+def test_time_and_exaggeration_change_the_picture(result, tmp_path: Path, drawn_by: str) -> None:
+    small = {"size": (400, 225)}
+    first = _pixels(render(result, 0.004, output=tmp_path / "a.png", **small))
+    later = _pixels(render(result, 0.012, output=tmp_path / "b.png", **small))
+    plain = _pixels(render(result, 0.004, output=tmp_path / "c.png", exaggeration=1, **small))
+    assert (_drawn(first) != _drawn(later)).mean() > 0.01
+    assert (_drawn(first) != _drawn(plain)).mean() > 0.005
+
+
+def test_the_simple_picture_says_what_is_missing(result, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(backend, "probe", lambda fresh=False: NO_VTK)
+    picture = _pixels(render(result, output=tmp_path / "a.png", size=(800, 450)))
+    assert _drawn(picture)[-30:].mean() > 0.005
+
+
+def test_a_relative_direction_or_option_that_cannot_be_is_refused(result, tmp_path: Path) -> None:
+    for options in (
+        {"color": "stress"},
+        {"exaggeration": "much"},
+        {"exaggeration": -1.0},
+        {"size": (10, 10)},
+        {"output": tmp_path / "a.jpg"},
+        {"output": tmp_path},
+    ):
+        with pytest.raises(ViewError):
+            render(result, **{"output": tmp_path / "a.png", **options})
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,65 @@
+"""Plots of channels: what is drawn, in which units, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import slidercrank
+from resultfiles import writer
+
+from flexmb.errors import ResultFileError, ViewError
+from flexmb.results import Result
+from flexmb.view import history_figure, plot_history
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return Result(slidercrank.make(tmp_path_factory.mktemp("run")))
+
+
+def test_one_panel_for_each_unit_over_a_common_time(result: Result) -> None:
+    figure = history_figure(result, ["slider.x", "slider.y", "crank_angle"])
+    position, angle = figure.axes
+    assert position.get_ylabel() == "position [mm]"
+    assert angle.get_ylabel() == "angle [rad]"
+    assert angle.get_xlabel() == "time [ms]"
+    assert len(position.lines) == 2
+    t, x = position.lines[0].get_data()
+    np.testing.assert_allclose(t, 1e3 * result.time)
+    np.testing.assert_allclose(x, 1e3 * result["slider.x"])
+    assert angle.get_xlim() == pytest.approx((0.0, 80.0))
+
+
+def test_the_scene_chooses_else_all_that_moves(result: Result) -> None:
+    assert len(history_figure(result).axes) == 3  # what [view] history names
+    bare = Result(result.path)
+    del bare.model["view"]["history"]
+    names = [line.get_label() for axes in history_figure(bare).axes for line in axes.lines]
+    assert names == ["slider.x", "speed.x", "crank_angle"]
+
+
+def test_the_file_is_written_and_no_window_system_is_touched(result, tmp_path: Path) -> None:
+    path = plot_history(result, output=tmp_path / "new" / "history.png")
+    assert path.stat().st_size > 10_000
+    assert plot_history(result, ["slider.x"], tmp_path / "h.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("output", ["history.doc", "", "file/history.png"])
+def test_a_file_that_cannot_be_is_refused(result: Result, tmp_path: Path, output: str) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ViewError):
+        plot_history(result, output=tmp_path / output)
+
+
+def test_an_unknown_channel_names_its_neighbours(result: Result) -> None:
+    with pytest.raises(ResultFileError, match="nearest: slider.x"):
+        history_figure(result, ["slidr.x"])
+
+
+def test_a_result_without_rows_is_refused(tmp_path: Path) -> None:
+    with writer(tmp_path / "r.h5") as out:
+        pass
+    with pytest.raises(ViewError, match="no rows"):
+        history_figure(Result(out.path), ["slider.x"])
