@@ -154,11 +154,11 @@ class _Rows:
         mesh = MeshLine(ends, np.arange(2 * ne).reshape(ne, 2).T)
         linear = CellBasis(mesh, ElementLineP1(), intorder=_ORDER)
         cubic = CellBasis(mesh, ElementLineHermite(), intorder=_ORDER)
-        self.dx, self.x = linear.dx, linear.global_coordinates().value[0]
+        self.dx, self.x = linear.dx, np.asarray(linear.global_coordinates())[0]
         self._turn = np.zeros((ne, 12, 12))
         for k in range(0, 12, 3):
             self._turn[:, k : k + 3, k : k + 3] = beams.axes.transpose(0, 2, 1)
-        value = np.stack([f[0].value for f in linear.basis], axis=2)
+        value = np.stack([np.asarray(f[0]) for f in linear.basis], axis=2)
         grad = np.stack([f[0].grad[0] for f in linear.basis], axis=2)
         self.u, self.u_x = self._local(value, (0, 6)), self._local(grad, (0, 6))
         self.phi, self.phi_x = self._local(value, (3, 9)), self._local(grad, (3, 9))
@@ -198,10 +198,9 @@ class _Rows:
         g = Phi / (1 + Phi) * self.chord[plane]
         signs = np.array([1.0, sign, 1.0, sign])
         found = []
-        for pick in ("value", "grad", "hess"):
-            shapes = np.stack(
-                [np.reshape(getattr(f[0], pick), self.dx.shape) for f in cubic.basis], axis=2
-            )
+        fields = [f[0] for f in cubic.basis]
+        for derivative in (fields, [f.grad for f in fields], [f.hess for f in fields]):
+            shapes = np.stack([np.reshape(d, self.dx.shape) for d in derivative], axis=2)
             of_g = shapes[:, :, 1] + shapes[:, :, 3]
             found.append(self._local(shapes * signs, columns) + of_g[:, :, None] * g)
         deflection, slope, curvature = found

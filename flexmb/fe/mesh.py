@@ -109,7 +109,7 @@ class Mesh:
             return
         names = tuple(self.node_sets)
         has = "" if names else " (it has no groups at all)"
-        what = f'the mesh {self.source} has no group "{name}"{has}'
+        what = f'{self.source} has no group "{name}"{has}'
         raise MeshError.from_problems([Problem(where, what, names, nearest(name, names))])
 
     def _touched(self, rows: Mapping[str, IntArray]) -> IntArray:

@@ -131,7 +131,7 @@ def make_body(
     ties = reduced.interfaces
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
-    motion = elastic.Z[: reduced.constraints].reshape(len(ties), 6, -1)
+    motion = elastic.Z[: reduced.constraints].reshape(len(ties), 6, elastic.Z.shape[1])
     nodes = node_modes(fe, elastic.Phi, ties, motion[:, 3:], progress)
     return FlexBody(
         name,

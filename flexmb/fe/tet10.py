@@ -45,7 +45,7 @@ def stiffness(x: FloatArray, lame: tuple[float, float]) -> FloatArray:
 def mass(x: FloatArray, density: float) -> FloatArray:
     """(ne, 10, 10) scalar consistent mass, int rho N_i N_j; ``x`` as for the stiffness."""
     basis = _basis(x, intorder=_MASS_ORDER)
-    N = np.array([field[0].value[0] for field in basis.basis])
+    N = np.array([np.asarray(field[0])[0] for field in basis.basis])
     products = (N[:, None] * N[None]).reshape(100, -1)
     return density * (basis.dx @ products.T).reshape(-1, 10, 10)
 
@@ -57,15 +57,15 @@ def node_gradients(x: FloatArray) -> FloatArray:
 
 
 def inverted(x: FloatArray) -> IntArray:
-    """Elements that are flat or folded: their Jacobian vanishes or changes sign inside."""
-    det = _basis(x, intorder=_MASS_ORDER).mapping.detDF(_rule(x))
+    """Elements that are flat or folded: their Jacobian vanishes, or has not the sign of the corners'.
+
+    Either numbering of the corners, left- or right-handed, is right if an element keeps to it.
+    """
+    basis = _basis(x, intorder=_MASS_ORDER)
+    hand = np.sign(np.linalg.det(x[:, 1:4] - x[:, :1]))
     size = np.ptp(x[:, :4], axis=1).max(axis=1) ** 3
-    worst = np.where(det.mean(axis=1) > 0, det.min(axis=1), -det.max(axis=1))
+    worst = (hand[:, None] * basis.mapping.detDF(basis.X)).min(axis=1)
     return np.flatnonzero(worst <= 1e-12 * size)
-
-
-def _rule(x: FloatArray) -> FloatArray:
-    return _basis(x[:1], intorder=_MASS_ORDER).X
 
 
 def _basis(x: FloatArray, **rule: object) -> CellBasis:

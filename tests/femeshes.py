@@ -1,0 +1,101 @@
+"""Small meshes made in memory, and the plain finite-element solutions that tests compare with."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from flexmb.fe import Mesh
+
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # mid-side nodes of a tetra10
+
+
+def block(divisions, size=(1.0, 1.0, 1.0), distort=0.0, affine=None):
+    """Box from the origin of second-order tetrahedra, with the surface groups x0 and x1.
+
+    ``distort`` moves inner corner nodes at random by that share of an element; ``affine`` (3, 3)
+    maps the points.
+    """
+    grid = np.indices([n + 1 for n in divisions]).reshape(3, -1).T
+    number = {tuple(point): k for k, point in enumerate(grid)}
+    points = grid * (np.array(size) / divisions)
+    inner = ((grid > 0) & (grid < divisions)).all(axis=1)
+    noise = np.random.default_rng(0).uniform(-1, 1, points.shape)
+    points = points + inner[:, None] * noise * distort * np.array(size) / divisions
+    tets = []
+    for cell in np.ndindex(*divisions):
+        for order in permutations(range(3)):
+            path = [np.array(cell)]
+            for axis in order:
+                path.append(path[-1] + np.eye(3, dtype=int)[axis])
+            tet = [number[tuple(p)] for p in path]
+            volume = np.linalg.det(points[tet[1:]] - points[tet[0]])
+            tets.append(tet if volume > 0 else [tet[0], tet[2], tet[1], tet[3]])
+    points, tets = _with_middles(points, np.array(tets))
+    faces, sets = [], {}
+    for name, x in (("x0", 0.0), ("x1", size[0])):
+        found = [
+            [tet[k] for k in (a, b, c, d, e, f)]
+            for tet in tets
+            for a, b, c, d, e, f in ((0, 1, 2, 4, 5, 6), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 2, 3, 6, 9, 7))
+            if np.allclose(points[[tet[a], tet[b], tet[c]], 0], x, atol=1e-12)
+        ]  # fmt: skip
+        sets[name] = {"triangle6": np.arange(len(faces), len(faces) + len(found))}
+        faces += found
+    if affine is not None:
+        points = points @ np.asarray(affine).T
+    return Mesh(points, {"tetra10": tets, "triangle6": np.array(faces)}, {}, sets)
+
+
+def _with_middles(points, tets):
+    middles, points = {}, list(points)
+    full = []
+    for tet in tets:
+        row = list(tet)
+        for a, b in EDGES:
+            key = frozenset((tet[a], tet[b]))
+            if key not in middles:
+                middles[key] = len(points)
+                points.append((points[tet[a]] + points[tet[b]]) / 2)
+            row.append(middles[key])
+        full.append(row)
+    return np.array(points), np.array(full)
+
+
+def line(n, start=(0.0, 0.0, 0.0), end=(1.0, 0.0, 0.0)):
+    """Straight beam of n elements with the node groups root, middle and tip."""
+    t = np.linspace(0, 1, n + 1)[:, None]
+    points = np.array(start) * (1 - t) + np.array(end) * t
+    cells = np.stack([np.arange(n), np.arange(1, n + 1)], axis=1)
+    sets = {"root": [0], "middle": [n // 2], "tip": [n]}
+    return Mesh(points, {"line": cells}, {name: np.array(rows) for name, rows in sets.items()})
+
+
+def held_frequencies(fe, dofs, count):
+    """Lowest circular frequencies with these degrees of freedom held, by plain shift-invert."""
+    free = np.setdiff1d(np.arange(fe.numbering.n), dofs)
+    K, M = fe.K[free][:, free], fe.M[free][:, free]
+    if len(free) < 500:
+        values = eigh(K.toarray(), M.toarray(), eigvals_only=True)[:count]
+    else:
+        values = eigsh(K.tocsc(), count, M.tocsc(), sigma=0, return_eigenvectors=False)
+    return np.sqrt(np.sort(values))
+
+
+def tied(fe, interfaces):
+    """Columns that tie the model's degrees of freedom to its interfaces: u = G (q, u_free)."""
+    slaves = np.concatenate([part.dofs for part in interfaces])
+    free = np.setdiff1d(np.arange(fe.numbering.n), slaves)
+    G = np.zeros((fe.numbering.n, 6 * len(interfaces) + len(free)))
+    for k, part in enumerate(interfaces):
+        G[part.dofs, 6 * k : 6 * k + 6] = part.T
+    G[free, 6 * len(interfaces) + np.arange(len(free))] = 1.0
+    return G
+
+
+def slope(sizes, errors):
+    """Observed order of convergence over a sequence of sizes."""
+    return np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]

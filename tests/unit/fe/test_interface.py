@@ -1,0 +1,94 @@
+"""Interfaces: reference points, rigid ties, and groups that cannot carry six motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from femeshes import block, line
+
+from flexmb.errors import MeshError
+from flexmb.fe import Mesh, assemble, make_interfaces, rectangle, resolve
+from flexmb.fe.centroid import facet_moments
+
+STEEL = resolve("steel")
+
+
+def test_reference_point_is_the_area_centroid_not_the_mean_of_nodes():
+    """A face graded towards one side keeps its centroid."""
+    box = block((1, 3, 2), (1, 2, 4))
+    points = box.points.copy()
+    points[:, 1] = points[:, 1] ** 2 / 2
+    fe = assemble(Mesh(points, box.blocks, {}, box.element_sets), STEEL)
+    found = make_interfaces(fe, {"end": "x1"})[0]
+    np.testing.assert_allclose(found.position, [1, 1, 2], atol=1e-12)
+    assert abs(points[found.nodes, 1].mean() - 1) > 0.05
+
+
+def test_curved_facets_are_integrated_as_curved():
+    """Six-node triangles on a half cylinder: area pi r h, centroid at 2 r/pi."""
+    n, r, h = 16, 2.0, 3.0
+    angle = np.pi * np.arange(2 * n + 1) / (2 * n) - np.pi / 2
+    at = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+    x = np.array([[[*at[k], z] for k in range(2 * n + 1)] for z in (0, h / 2, h)])
+    facets = []
+    for k in range(0, 2 * n, 2):
+        a, b, c, d = x[0, k], x[0, k + 2], x[2, k], x[2, k + 2]
+        middle = x[1, k + 1]
+        facets += [
+            [a, b, c, x[0, k + 1], middle, x[1, k]],
+            [b, d, c, x[1, k + 2], x[2, k + 1], middle],
+        ]
+    area, moment = facet_moments("triangle6", np.array(facets))
+    assert area == pytest.approx(np.pi * r * h, rel=1e-5)
+    np.testing.assert_allclose(moment / area, [2 * r / np.pi, 0, h / 2], rtol=1e-5, atol=1e-12)
+
+
+def test_the_connecting_rods_interfaces_lie_on_the_bore_axes(project):
+    from flexmb.fe import read_mesh
+
+    mesh = read_mesh(project / "meshes" / "connecting_rod.msh").scaled(1e-3)
+    big, small = make_interfaces(assemble(mesh, STEEL), {"a": "bore_big", "b": "bore_small"})
+    np.testing.assert_allclose(big.position, 0, atol=1e-14)
+    np.testing.assert_allclose(small.position, [0.45, 0, 0], atol=1e-14)
+
+
+def test_ties_reproduce_rigid_motions():
+    fe = assemble(block((2, 2, 1)), STEEL)
+    for part in make_interfaces(fe, {"a": "x0", "b": "x1"}):
+        q = np.eye(6)
+        arm = part.position - fe.center
+        q[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+        np.testing.assert_allclose(part.T @ q, fe.rigid[part.dofs], atol=1e-15)
+
+
+def test_a_single_beam_node_is_an_interface():
+    fe = assemble(line(2), STEEL, {"all": rectangle(0.1, 0.1)})
+    tip = make_interfaces(fe, {"tip": "tip"})[0]
+    np.testing.assert_allclose(tip.position, [1, 0, 0])
+    np.testing.assert_array_equal(tip.T, np.eye(6))
+
+
+def with_node_groups(**groups):
+    box = block((2, 2, 2))
+    groups = {name: np.array(nodes, dtype=int) for name, nodes in groups.items()}
+    points = np.vstack([box.points, [[9, 9, 9], [9, 9, 8]]])
+    return assemble(Mesh(points, box.blocks, groups, box.element_sets), STEEL)
+
+
+@pytest.mark.parametrize(
+    ("groups", "asked", "sentence"),
+    [
+        ({"bore": [0]}, {"a": "bohr"}, 'interfaces.a: .* no group "bohr"; nearest: bore; allowed'),
+        (
+            {"far": [125, 126]},
+            {"a": "far"},
+            'interfaces.a: the group "far" has no nodes of the body',
+        ),
+        ({"one": [3]}, {"a": "one"}, "interfaces.a: the 1 nodes .* lie on a line or a point"),
+        ({"edge": [0, 1, 2]}, {"a": "edge"}, "the 3 nodes .* lie on a line"),
+        ({"also": [0, 1, 4]}, {"a": "x0", "b": "also"}, 'interfaces.b: shares 3 nodes .* "a"'),
+    ],
+)
+def test_refused(groups, asked, sentence):
+    with pytest.raises(MeshError, match=sentence):
+        make_interfaces(with_node_groups(**groups), asked)

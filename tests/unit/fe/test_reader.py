@@ -1,0 +1,115 @@
+"""Reading meshes: groups of both gmsh formats, merged blocks, and files that cannot be read."""
+
+from __future__ import annotations
+
+import meshio
+import numpy as np
+import pytest
+from femeshes import block
+
+from flexmb.errors import MeshError
+from flexmb.fe import read_mesh
+
+BOX = block((2, 1, 1))
+
+
+def written(tmp_path, name="box.msh", file_format="gmsh22", tags=(7, 8, 9), named=True):
+    """The box as a gmsh file with its two faces and its volume in physical groups."""
+    faces = BOX.blocks["triangle6"]
+    x0, x1 = (faces[BOX.element_sets[k]["triangle6"]] for k in ("x0", "x1"))
+    cells = [("triangle6", x0), ("triangle6", x1), ("tetra10", BOX.blocks["tetra10"])]
+    physical = [np.full(len(data), tag) for (_, data), tag in zip(cells, tags, strict=True)]
+    data = {"gmsh:physical": physical, "gmsh:geometrical": physical}
+    names = {"left face": [7, 2], "right": [8, 2], "solid": [9, 3]} if named else {}
+    mesh = meshio.Mesh(BOX.points, cells, cell_data=data)
+    mesh.field_data = {key: np.array(value) for key, value in names.items()}
+    path = tmp_path / name
+    meshio.write(path, mesh, file_format=file_format)
+    return path
+
+
+def test_named_groups_of_second_order_survive_in_gmsh_2(tmp_path):
+    mesh = read_mesh(written(tmp_path))
+    assert set(mesh.blocks) == {"triangle6", "tetra10"}
+    np.testing.assert_array_equal(mesh.node_sets["left face"], BOX.node_sets["x0"])
+    np.testing.assert_array_equal(mesh.node_sets["right"], BOX.node_sets["x1"])
+    assert len(mesh.element_sets["solid"]["tetra10"]) == len(BOX.blocks["tetra10"])
+    assert not [name for name in mesh.node_sets if name.startswith("gmsh:")]
+    np.testing.assert_allclose(mesh.points, BOX.points, atol=1e-15)
+
+
+def test_unnamed_groups_are_called_by_dimension_and_tag(tmp_path):
+    mesh = read_mesh(written(tmp_path, named=False))
+    assert set(mesh.node_sets) == {"2:7", "2:8", "3:9"}
+    np.testing.assert_array_equal(mesh.node_sets["2:7"], BOX.node_sets["x0"])
+
+
+def test_elements_repeated_for_two_groups_count_once(tmp_path):
+    cells = [("tetra10", BOX.blocks["tetra10"]), ("tetra10", BOX.blocks["tetra10"][:3])]
+    physical = [np.full(len(data), tag) for (_, data), tag in zip(cells, (1, 2), strict=True)]
+    mesh = meshio.Mesh(BOX.points, cells, cell_data={"gmsh:physical": physical})
+    mesh.field_data = {"all of it": np.array([1, 3]), "some": np.array([2, 3])}
+    mesh.cell_data["gmsh:geometrical"] = physical
+    path = tmp_path / "twice.msh"
+    meshio.write(path, mesh, file_format="gmsh22")
+    found = read_mesh(path)
+    assert len(found.blocks["tetra10"]) == len(BOX.blocks["tetra10"])
+    np.testing.assert_array_equal(found.element_sets["some"]["tetra10"], [0, 1, 2])
+    assert len(found.element_sets["all of it"]["tetra10"]) == len(BOX.blocks["tetra10"])
+
+
+def test_node_sets_of_other_formats_survive(tmp_path):
+    mesh = meshio.Mesh(BOX.points, [("tetra10", BOX.blocks["tetra10"])])
+    path = tmp_path / "box.inp"
+    meshio.write(path, mesh)
+    text = path.read_text().replace("*ELEMENT", "*NSET, NSET=corner\n1, 2\n*ELEMENT", 1)
+    path.write_text(text)
+    np.testing.assert_array_equal(read_mesh(path).node_sets["corner"], [0, 1])
+
+
+def test_flat_points_are_put_into_space(tmp_path):
+    path = tmp_path / "flat.vtu"
+    meshio.write(path, meshio.Mesh(np.zeros((2, 3)) + [[0], [1]], [("line", [[0, 1]])]))
+    assert read_mesh(path).points.shape == (2, 3)
+
+
+def test_named_groups_of_second_order_survive_in_gmsh_4(project):
+    """The connecting rod: two surface blocks to a bore, gmsh's own bookkeeping left out."""
+    mesh = read_mesh(project / "meshes" / "connecting_rod.msh")
+    assert set(mesh.node_sets) == set(mesh.element_sets) == {"bore_big", "bore_small", "rod"}
+    assert set(mesh.blocks) == {"triangle6", "tetra10"}
+    for name, centre, radius in (("bore_big", 0.0, 32.0), ("bore_small", 450.0, 17.0)):
+        on_bore = np.abs(np.hypot(mesh.points[:, 0] - centre, mesh.points[:, 1]) - radius) < 1e-6
+        np.testing.assert_array_equal(mesh.node_sets[name], np.flatnonzero(on_bore))
+    assert 10_000 < 3 * len(mesh.points) < 25_000
+    assert (project / "meshes" / "connecting_rod.msh").stat().st_size < 3e6
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("a.msh", None, "there is no such mesh file"),
+        ("a.msh", b"hello", "damaged or not of the format"),
+        ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 1 1\n", "damaged"),
+        ("a.vtu", b"\x00\x01\x02", "damaged or not of the format"),
+        ("a.inp", b"", "damaged|no points"),
+        ("a.step", b"ISO-10303-21;", "unknown suffix"),
+    ],
+)
+def test_what_cannot_be_read(tmp_path, capfd, name, content, sentence):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MeshError, match=sentence):
+        read_mesh(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_coordinates_that_are_not_numbers(tmp_path):
+    path = written(tmp_path, name="nan.vtu", file_format="vtu")
+    mesh = meshio.read(path)
+    mesh.points[3, 1] = np.nan
+    mesh.cell_data = {}
+    meshio.write(path, mesh, binary=False)
+    with pytest.raises(MeshError, match="node 3 has a coordinate that is not a number"):
+        read_mesh(path)

@@ -1,0 +1,132 @@
+"""Flexible-body files: the same numbers come back, and foreign or damaged files are refused."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import h5py
+import numpy as np
+import pytest
+from femeshes import block, line
+
+from flexmb.errors import BodyFileError, OutputError
+from flexmb.fe import rectangle, reduce
+from flexmb.flexbody import load, rigid_body, save
+from flexmb.flexbody.schema import RESERVED, TABLE
+
+ENDS = {"left": "x0", "right": "x1"}
+
+
+def solid():
+    return reduce(block((2, 1, 1)), material="steel", interfaces=ENDS, modes=4, damping=0.01)
+
+
+def beam():
+    sections = {"all": rectangle(0.02, 0.03)}
+    return reduce(line(3), material="steel", interfaces={"a": "root"}, sections=sections, modes=3)
+
+
+def plain():
+    return rigid_body(2.0, (1, 2, 3), (1, 2, 2.5), "rigid one")
+
+
+def assert_same(one, two):
+    if isinstance(one, np.ndarray):
+        assert one.dtype == two.dtype
+        np.testing.assert_array_equal(one, two)
+    elif hasattr(one, "__dataclass_fields__"):
+        for field in fields(one):
+            assert_same(getattr(one, field.name), getattr(two, field.name))
+    elif isinstance(one, tuple):
+        assert len(one) == len(two)
+        for a, b in zip(one, two, strict=True):
+            assert_same(a, b)
+    elif isinstance(one, float):
+        np.testing.assert_equal(two, one)
+    else:
+        assert one == two or (hasattr(one, "items") and dict(one) == dict(two))
+
+
+@pytest.mark.parametrize("make", [solid, beam, plain])
+def test_what_is_written_is_read(make, tmp_path):
+    body = make()
+    path = save(body, tmp_path / "one.flexbody.h5")
+    assert_same(body, load(path))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_writing_what_was_read_gives_the_same_bytes(tmp_path):
+    one = save(solid(), tmp_path / "one.h5")
+    two = save(load(one), tmp_path / "two.h5")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_every_dataset_of_the_table_is_in_the_file_and_no_other(tmp_path):
+    found = []
+    with h5py.File(save(solid(), tmp_path / "one.h5")) as file:
+        file.visititems(lambda name, item: found.append(name) if hasattr(item, "shape") else None)
+        assert all(file[name].attrs["content"] == "none" for name in RESERVED)
+        assert file["frame"].attrs["choice"] == "mean-axis"
+    assert sorted(found) == sorted(row.path for row in TABLE)
+
+
+def edited(tmp_path, edit):
+    path = save(solid(), tmp_path / "edited.h5")
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def put(path, value):
+    def edit(file):
+        del file[path]
+        file[path] = value
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "sentence"),
+    [
+        (lambda f: f.attrs.update(format="other"), "not a flexible body of flexmb"),
+        (lambda f: f.attrs.pop("format"), "not a flexible body of flexmb"),
+        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 1"),
+        (lambda f: f.attrs.pop("mass"), "is damaged"),
+        (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
+        (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
+        (lambda f: f.__delitem__("frame"), "does not know .frame None"),
+        (lambda f: f["stress_recovery"].attrs.update(content="von Mises"), "stress_recovery"),
+        (put("inertia/S1", [0.0, np.nan, 0.0]), "inertia/S1 has entries that are not finite"),
+        (put("inertia/S1", [0.0, 0.0]), r"inertia/S1 has shape \(2,\), not \(3,\)"),
+        (put("stiffness/D", np.zeros((3, 3))), "stiffness/D has shape"),
+        (put("stiffness/K", -np.eye(10)), "K: has a negative eigenvalue"),
+        (put("interfaces/name", [1, 2]), "is damaged"),
+        (lambda f: f.attrs.update(mass=-1.0), "mass: must be positive"),
+    ],
+)
+def test_foreign_and_damaged_contents(tmp_path, edit, sentence):
+    with pytest.raises(BodyFileError, match=sentence):
+        load(edited(tmp_path, edit))
+
+
+def test_files_that_are_no_bodies(tmp_path):
+    with pytest.raises(BodyFileError, match="there is no such file"):
+        load(tmp_path / "none.h5")
+    text = tmp_path / "text.h5"
+    text.write_text("hello")
+    with pytest.raises(BodyFileError, match="is not an HDF5 file, or is cut short"):
+        load(text)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9, 0.999])
+def test_a_truncated_file_is_refused(tmp_path, share):
+    whole = save(solid(), tmp_path / "whole.h5").read_bytes()
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(BodyFileError, match="cut.h5: is"):
+        load(cut)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(OutputError, match="cannot write the flexible body"):
+        save(plain(), tmp_path / "nowhere" / "a.h5")
