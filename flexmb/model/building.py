@@ -76,7 +76,7 @@ class _Builder:
         self.problems += problems
         self.model.given_parameters, self.model.parameters = dict(parameters), values
         # A wrong parameter is reported once, not again wherever it is used.
-        self.names = {**dict.fromkeys(parameters, 1.0), **values}
+        self.names = {**dict.fromkeys(map(str, parameters), 1.0), **values}
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
         self.problems += problems
 
@@ -93,7 +93,7 @@ class _Builder:
             spec, problems = read_named(section, name, data, self.names)
             self.problems += problems
             if spec is None:
-                self.broken[section][name] = data
+                self.broken[section][str(name)] = data
             else:
                 entries[name] = spec
 

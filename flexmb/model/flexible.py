@@ -92,7 +92,7 @@ def _read_source(value: Any, info: ValidationInfo) -> Any:
 
     if isinstance(value, FlexBody):
         return value
-    if isinstance(value, str | Path) and str(value):
+    if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
         return Path(value).as_posix()
     raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
 

@@ -135,8 +135,9 @@ def _from_rows(rows: Any, names: Names) -> Quaternion:
     if not all(isinstance(row, list | tuple) and len(row) == 3 for row in rows):
         raise SceneError(f"a 3x3 matrix has three rows of three numbers, given {given(rows)}")
     A = np.array([[read_number(item, names) for item in row] for row in rows])
-    error = float(np.abs(A.T @ A - np.eye(3)).max())
-    if error > _ORTHOGONAL:
+    with np.errstate(all="ignore"):
+        error = float(np.abs(A.T @ A - np.eye(3)).max())
+    if not error <= _ORTHOGONAL:
         raise SceneError(
             "the matrix is no rotation: its columns are not orthogonal unit vectors, "
             f"by {error:.2g}"

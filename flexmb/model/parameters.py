@@ -34,7 +34,7 @@ class _Resolver:
     """Depth-first evaluation; ``trail`` is the chain of names being evaluated."""
 
     def __init__(self, raw: Mapping[str, Any]) -> None:
-        self.raw = raw
+        self.raw = {str(name): value for name, value in raw.items()}
         self.values: dict[str, float] = {}
         self.wrong: dict[str, list[Problem]] = {}
 

@@ -63,9 +63,13 @@ def read_number(value: Any, names: Names) -> float:
         return constant
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"a number or an expression is expected, given {given(value)}")
-    if not math.isfinite(value):
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise SceneError(f"a finite number is expected, given {given(value)}")
-    return float(value)
+    return number
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_plain)]
 
 
 def _text(value: Any, info: ValidationInfo) -> str:
-    if not isinstance(value, str) or not value.strip():
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise fail(Problem("", f"a text is expected, given {given(value)}"))
     return value
 

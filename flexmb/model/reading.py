@@ -97,9 +97,9 @@ def _translate(cls: type[Spec], error: ValidationError) -> list[Problem]:
     return problems
 
 
-def unknown_key(key: str, allowed: tuple[str, ...]) -> Problem:
+def unknown_key(key: Any, allowed: tuple[str, ...]) -> Problem:
     """The problem of a key that does not exist."""
-    return Problem(key, f'unknown key "{key}"', allowed, nearest(key, allowed))
+    return Problem(str(key), f'unknown key "{key}"', allowed, nearest(str(key), allowed))
 
 
 _EXPECTED = {
@@ -186,7 +186,7 @@ def read_variant(
     """Read a table whose key ``type`` chooses the specification."""
     if isinstance(data, Mapping) and "type" not in data:
         return None, [Problem("type", "is missing", tuple(kinds))]
-    if isinstance(data, Mapping) and data["type"] not in kinds:
+    if isinstance(data, Mapping) and data["type"] not in tuple(kinds):
         what = f"unknown {noun} {given(data['type'])}"
         near = nearest(str(data["type"]), kinds)
         return None, [Problem("type", what, tuple(kinds), near)]
