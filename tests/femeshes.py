@@ -10,6 +10,7 @@ from scipy.sparse.linalg import eigsh
 
 from flexmb.fe import Mesh
 
+FACES = ((0, 1, 2, 4, 5, 6), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 2, 3, 6, 9, 7))
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # mid-side nodes of a tetra10
 
 
@@ -40,7 +41,7 @@ def block(divisions, size=(1.0, 1.0, 1.0), distort=0.0, affine=None):
         found = [
             [tet[k] for k in (a, b, c, d, e, f)]
             for tet in tets
-            for a, b, c, d, e, f in ((0, 1, 2, 4, 5, 6), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 2, 3, 6, 9, 7))
+            for a, b, c, d, e, f in FACES
             if np.allclose(points[[tet[a], tet[b], tet[c]], 0], x, atol=1e-12)
         ]  # fmt: skip
         sets[name] = {"triangle6": np.arange(len(faces), len(faces) + len(found))}

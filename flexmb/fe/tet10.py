@@ -57,7 +57,7 @@ def node_gradients(x: FloatArray) -> FloatArray:
 
 
 def inverted(x: FloatArray) -> IntArray:
-    """Elements that are flat or folded: their Jacobian vanishes, or has not the sign of the corners'.
+    """Elements that are flat or folded: the Jacobian vanishes, or has not the corners' sign.
 
     Either numbering of the corners, left- or right-handed, is right if an element keeps to it.
     """
