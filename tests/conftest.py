@@ -1,4 +1,4 @@
-"""What all tests share: a cache folder of their own, so that they neither use nor fill the user's."""
+"""What all tests share: a cache folder of their own, apart from the user's."""
 
 from __future__ import annotations
 

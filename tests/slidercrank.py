@@ -1,4 +1,4 @@
-"""A slider-crank with a bending rod, moved by closed-form kinematics: a result made without running.
+"""A slider-crank with a bending rod, moved by closed-form kinematics: a result without a run.
 
 Crank r, rod l, in the x-y plane; the rod is a prismatic bar whose surface bends in the first mode
 of a free beam's half sine, with an amplitude that follows the crank.

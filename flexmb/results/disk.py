@@ -13,15 +13,30 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from flexmb.results.lock import WriteLock
+
 __all__ = ["DiskFile"]
 
 
 class DiskFile(io.RawIOBase):
-    """An unbuffered binary file for reading and writing, made anew at `path`."""
+    """An unbuffered binary file for reading and writing, made anew at `path`.
+
+    Raises
+    ------
+    BlockingIOError
+        Another run is writing the file; it is left untouched.
+    OSError
+        The file cannot be opened.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self._file = open(path, "w+b", buffering=0)  # noqa: SIM115  closed by close()
+        self._lock = WriteLock(path)
+        try:
+            self._file = open(path, "w+b", buffering=0)  # noqa: SIM115  closed by close()
+        except OSError:
+            self._lock.release()
+            raise
         self.failure: OSError | None = None
 
     def readable(self) -> bool:
@@ -64,6 +79,7 @@ class DiskFile(io.RawIOBase):
         """Close the file on the disk."""
         if not self.closed:
             self._unless_failed(self._file.close)
+            self._lock.release()
         super().close()
 
     def _write_all(self, view: memoryview) -> None:

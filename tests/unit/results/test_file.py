@@ -107,6 +107,17 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, where: str) -> 
         writer(tmp_path / where)
 
 
+def test_a_file_that_another_run_is_writing_is_left_alone(tmp_path: Path) -> None:
+    with writer(tmp_path / "r.h5") as out:
+        out.append(block(0, 5))
+        with pytest.raises(OutputError, match="another run is writing it"):
+            writer(tmp_path / "r.h5")
+        out.append(block(5, 5))
+    np.testing.assert_array_equal(Result(out.path).q, block(0, 10).q)
+    writer(tmp_path / "r.h5").close()
+    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
+
+
 DISK_FULL = """
 import resource, sys
 from resultfiles import block, writer
