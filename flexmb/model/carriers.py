@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -34,9 +35,9 @@ def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
     if given is None:
         return
     path = scope.model.path(given)
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike Path.is_dir it answers for any name, however long
         yield Problem(f"{where}.{key}", f'"{given}" is a folder, not a file ({path})')
-    elif not path.exists():
+    elif not os.path.exists(path):
         yield Problem(f"{where}.{key}", f'no file "{given}" ({path})', (), _neighbours(path))
 
 

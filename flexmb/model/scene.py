@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -60,10 +61,11 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError as error:
         what = f"is no text in UTF-8 (byte {error.start}); a scene is a TOML file"
         raise SceneError.from_problems([Problem(str(path), what)]) from None
-    except OSError as error:
-        if path.is_dir():
+    except (OSError, ValueError) as error:
+        if os.path.isdir(path):  # what Windows says of a folder is that it may not be read
             raise SceneError(f"{path}: is a folder, not a scene file") from None
-        raise SceneError(f"{path}: cannot be read ({error.strerror or error})") from None
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"{path}: cannot be read ({reason})") from None
 
 
 def _not_there(path: Path) -> Problem:
