@@ -14,7 +14,7 @@ __all__ = ["Triangles", "box", "cylinder", "joined", "sphere", "tube"]
 
 Array = NDArray[np.float64]
 
-_AROUND = 36  # corners of a drawn circle
+_AROUND = 48  # corners of a drawn circle
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ __all__ = ["draw"]
 
 _FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines
 _MARGIN = 1.04  # of the fitted view
-_ROOM = (0.80, 0.74)  # of width and height that captions and the colour bar leave free
-_ASIDE = 0.03  # of the width by which the drawing stands left of the middle
+_ROOM = (0.90, 0.74)  # of width and height that the captions leave free
+_BAR = 0.10  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
 
 
@@ -162,10 +162,11 @@ def _aim(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     low, high = np.array([s.min() for s in spans]), np.array([s.max() for s in spans])
     width, height, depth = high - low
     reach = max(width + height + depth, 1e-9)
-    needed = max(height / _ROOM[1], width * size[1] / size[0] / _ROOM[0], 0.02 * reach)
+    bar = _BAR if content.scale is not None else 0.0
+    needed = max(height / _ROOM[1], width * size[1] / size[0] / (_ROOM[0] - bar), 0.02 * reach)
     scale = 0.5 * _MARGIN * needed  # half of the height shown
     middle = 0.5 * (low + high)
-    middle[0] += _ASIDE * 2 * scale * size[0] / size[1]
+    middle[0] += bar * scale * size[0] / size[1]
     center = middle[0] * right + middle[1] * above + middle[2] * towards
     plotter.camera.parallel_projection = True
     plotter.camera.focal_point = center

@@ -13,14 +13,14 @@ def _volume(shape: Triangles) -> float:
     return float(np.einsum("ti,ti->", np.cross(a, b), c) / 6)
 
 
-# A circle of 36 corners encloses 0.5 % less than the round one, a ball 1.3 % less.
+# A circle of 48 corners encloses 0.3 % less than the round one, a ball 0.7 % less.
 @pytest.mark.parametrize(
     ("shape", "volume", "short"),
     [
         (box((1, 2, 3)), 6.0, 1e-12),
-        (cylinder(0.5, 2.0, (1, 0, 0)), np.pi / 2, 0.006),
-        (tube((1, 1, 1), (1, 1, 3), 0.5), np.pi / 2, 0.006),
-        (sphere(0.5, (3, 2, 1)), np.pi / 6, 0.014),
+        (cylinder(0.5, 2.0, (1, 0, 0)), np.pi / 2, 0.003),
+        (tube((1, 1, 1), (1, 1, 3), 0.5), np.pi / 2, 0.003),
+        (sphere(0.5, (3, 2, 1)), np.pi / 6, 0.008),
     ],
 )
 def test_volumes_are_positive_and_right(shape: Triangles, volume: float, short: float) -> None:
