@@ -21,9 +21,8 @@ from flexmb.flexbody.parts import ModeInfo
 
 __all__ = ["mode_infos", "orphans", "require_one_part", "suspicions"]
 
-_RIGID = ("translation x", "translation y", "translation z")
-_RIGID += ("rotation x", "rotation y", "rotation z")
-_EXTENT = (1e-4, 1e3)  # m: size of a body that is plausibly in metres
+_RIGID = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
+_EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
 
 
 def suspicions(fe: FEMatrices) -> list[str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -132,11 +132,6 @@ def section_from(given: Section | Mapping[str, Any], where: str = "section") -> 
     except TypeError as error:
         what = f"a {shape} needs numbers for {', '.join(_WORDS[shape])}: {error}"
         raise ReductionError.from_problems([Problem(where, what)]) from error
-
-
-def section_values(section: Section) -> dict[str, Any]:
-    """Its values as plain data, for provenance and hashing."""
-    return asdict(section)
 
 
 def _positive(**values: float) -> None:

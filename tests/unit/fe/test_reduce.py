@@ -54,6 +54,25 @@ def test_its_surface_is_closed_and_faces_outwards(rod):
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 
+def test_its_mass_is_that_of_the_volume_its_curved_faces_enclose(rod, project):
+    """Divergence theorem over the six-node faces: V = 1/3 of the flux of the position."""
+    from skfem import ElementTriP2
+    from skfem.quadrature import get_quadrature
+
+    from flexmb.fe import read_mesh
+    from flexmb.fe.surface import outer_faces
+
+    mesh = read_mesh(project / "meshes" / "connecting_rod.msh").scaled(1e-3)
+    faces = mesh.points[outer_faces(mesh.blocks["tetra10"], mesh.points)]
+    element = ElementTriP2()
+    points, weights = get_quadrature(element.refdom, 6)
+    shapes = [element.lbasis(points, k) for k in range(6)]
+    x = np.einsum("kq,fkc->fqc", [shape[0] for shape in shapes], faces)
+    along = np.einsum("kdq,fkc->dfqc", [shape[1] for shape in shapes], faces)
+    volume = np.einsum("q,fqc,fqc->", weights, x, np.cross(*along)) / 3
+    assert rod.mass == pytest.approx(7850 * volume, rel=1e-12)
+
+
 def test_nodes_of_an_interface_move_with_it(rod, project):
     from flexmb.fe import read_mesh
 
