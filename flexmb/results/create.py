@@ -21,9 +21,7 @@ from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION, widths
 
 __all__ = ["create_content", "create_state", "report_text"]
 
-_CHUNK_BYTES = 1 << 16  # of one chunk: what a flush writes again at most, read fast all the same
-    1 << 18
-)  # one chunk of a table: large enough to read fast, below HDF5's cache of 1 MB
+_CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes anew at most
 
 
 def create_content(
