@@ -68,4 +68,7 @@ def _open_cache() -> Path:
 CACHE_DIR = _open_cache()
 numba.config.CACHE_DIR = str(CACHE_DIR)
 
-kernel = numba.njit(cache=True, fastmath=_FASTMATH, error_model="numpy", nogil=True)
+_OPTIONS = {"cache": True, "fastmath": _FASTMATH, "error_model": "numpy", "nogil": True, "_nrt": False}
+
+entry = numba.njit(**_OPTIONS)
+kernel = numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -1,0 +1,86 @@
+"""Tables of springs, loads and sensors; None where the model has none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.compile.joints import joint_frames
+from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.pool import Functions
+from flexmb.engine.tables import (
+    ACCELERATION,
+    ANGLE_SENSOR,
+    LOAD,
+    POSITION,
+    SENSOR,
+    SPRING,
+    VELOCITY,
+)
+from flexmb.flexbody import FlexBody
+from flexmb.model import lookup
+from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.model import Model
+from flexmb.model.sensors import AngleSensorSpec
+
+Bodies = Mapping[str, FlexBody]
+Table = NDArray[np.void]
+_MARKER_SENSORS = {"position": POSITION, "velocity": VELOCITY, "acceleration": ACCELERATION}
+
+
+def _table(rows: list[tuple[object, ...]], dtype: np.dtype[np.void]) -> Table | None:
+    return np.array(rows, dtype) if rows else None
+
+
+def spring_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | None:
+    """SPRING rows; `couple` is filled in later."""
+    rows: list[tuple[object, ...]] = []
+    for spec in model.forces.values():
+        if isinstance(spec, SpringDamperSpec):
+            ends = [lookup.placed(model, ref, flexbodies) for ref in spec.between]
+            length = spec.free_length
+            if length == "placed":
+                I, J = (lookup.global_position(model, marker) for marker in ends)  # noqa: E741
+                length = float(np.linalg.norm(J - I))
+            i, j = (markers.add(marker) for marker in ends)
+            rows.append((i, j, spec.stiffness, spec.damping, length, -1))
+    return _table(rows, SPRING)
+
+
+def load_table(
+    model: Model, flexbodies: Bodies, markers: Markers, functions: Functions
+) -> Table | None:
+    """LOAD rows."""
+    rows: list[tuple[object, ...]] = []
+    for spec in model.forces.values():
+        if isinstance(spec, LoadSpec):
+            marker = markers.add(lookup.placed(model, spec.at, flexbodies))
+            programs = tuple(functions.add(f.expression) for f in spec.value)
+            rows.append((marker, spec.type == "torque", spec.axes == "body", programs))
+    return _table(rows, LOAD)
+
+
+def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | None:
+    """SENSOR rows, channels in the order of `Model.channels`."""
+    rows: list[tuple[object, ...]] = []
+    channel = 0
+    for spec in model.sensors.values():
+        if isinstance(spec, AngleSensorSpec):
+            if spec.joint is not None:
+                frames = joint_frames(model, flexbodies, spec.joint)
+            else:
+                assert spec.between is not None  # one of the two is given
+                frames = lookup.frames(model, spec.between, spec.axis, flexbodies)
+            i, j = (markers.add(marker) for marker in frames)
+            rows.append((ANGLE_SENSOR, i, j, channel))
+            channel += 1
+            continue
+        j = markers.add(lookup.placed(model, spec.of, flexbodies))
+        i = -1
+        if spec.relative_to is not None:
+            i = markers.add(lookup.placed(model, spec.relative_to, flexbodies))
+        rows.append((_MARKER_SENSORS[spec.type], i, j, channel))
+        channel += 3
+    return _table(rows, SENSOR)

@@ -1,0 +1,55 @@
+"""Table of markers, made while joints, forces and sensors ask for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.compile.pool import Pool
+from flexmb.engine.tables import MARKER
+from flexmb.model.markers import PlacedMarker
+from flexmb.model.names import GROUND
+
+
+@dataclass
+class Markers:
+    """Markers by index; equal ones share a row and the pool's numbers."""
+
+    bodies: list[str]
+    pool: Pool
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    known: dict[bytes, int] = field(default_factory=dict)
+    modes: dict[bytes, int] = field(default_factory=dict)
+
+    def add(self, marker: PlacedMarker) -> int:
+        """Index of the marker."""
+        body = -1 if marker.body == GROUND else self.bodies.index(marker.body)
+        row = (body, self._modes(marker), marker.rho, marker.arm, marker.R)
+        key = b"".join(np.asarray(part).tobytes() for part in row)
+        if key not in self.known:
+            self.known[key] = len(self.rows)
+            self.rows.append(row)
+        return self.known[key]
+
+    def body(self, marker: int) -> int:
+        """Body of a marker, -1 for ground."""
+        return int(self.rows[marker][0])
+
+    def _modes(self, marker: PlacedMarker) -> int:
+        if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
+            return -1
+        both = np.vstack([marker.Phi_t, marker.Phi_r])
+        key = marker.body.encode() + both.tobytes()
+        if key not in self.modes:
+            self.modes[key] = self.pool.add(both)
+        return self.modes[key]
+
+    def table(self) -> NDArray[np.void]:
+        """MARKER rows."""
+        table = np.zeros(len(self.rows), MARKER)
+        for k, row in enumerate(self.rows):
+            table[k] = row
+        return table

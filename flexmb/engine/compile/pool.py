@@ -1,0 +1,45 @@
+"""The pool of numbers whose size depends on the number of modes, and the functions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmb.model.expression import Expression
+
+
+@dataclass
+class Pool:
+    """Grows while the tables are built; every block is remembered by its offset."""
+
+    blocks: list[NDArray[np.float64]] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, values: ArrayLike) -> int:
+        """Append the values, row by row; returns their offset."""
+        flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
+        offset = self.size
+        self.blocks.append(flat)
+        self.size += flat.size
+        return offset
+
+    def array(self) -> NDArray[np.float64]:
+        """All blocks in one array (at least one number, so that it has an address)."""
+        return np.concatenate([*self.blocks, np.zeros(1)])
+
+
+@dataclass
+class Functions:
+    """Functions of time by index; equal programs share one."""
+
+    programs: list[Expression] = field(default_factory=list)
+
+    def add(self, expression: Expression) -> int:
+        """Index of the function."""
+        for k, known in enumerate(self.programs):
+            if known.ops == expression.ops:
+                return k
+        self.programs.append(expression)
+        return len(self.programs) - 1

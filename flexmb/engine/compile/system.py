@@ -1,0 +1,197 @@
+"""Compile a model: check it, build all tables, order the KKT matrix, name the columns."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.compile import bodies as body_tables
+from flexmb.engine.compile import elements, joints
+from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.pool import Functions, Pool
+from flexmb.engine.functions import lower
+from flexmb.engine.symbolic import Blocks, Symbolic, analyse
+from flexmb.engine.tables import GROUP, Parts, System
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody import FlexBody
+from flexmb.model import lookup
+from flexmb.model.model import Model
+
+ENERGIES = ("kinetic", "strain", "gravity", "spring", "driver_work", "damper_work", "applied_work")
+
+
+@dataclass(frozen=True)
+class BodyColumns:
+    """Offsets of one body in q and v."""
+
+    name: str
+    iq: int
+    iv: int
+    m: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of everything the tables hold by index."""
+
+    bodies: tuple[BodyColumns, ...]
+    nq: int
+    nv: int
+    nc: int
+    rows: tuple[str, ...]
+    channels: tuple[str, ...]
+    energies: tuple[str, ...]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A system ready to run: tables, names, the placed pose and the size of the model [m]."""
+
+    system: System
+    layout: Layout
+    placed: NDArray[np.float64]
+    length: float
+
+
+def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
+    """Compile a model.
+
+    Parameters
+    ----------
+    model : Model
+        The model; validated here, all problems at once.
+    flexbodies : mapping of str to FlexBody, optional
+        The reduced body of every flexible body that is not given in the model itself.
+
+    Raises
+    ------
+    SceneError
+        Everything that does not fit together.
+    """
+    known = dict(flexbodies or {})
+    for name in model.bodies:
+        held = lookup.flexbody_of(model, name, known)
+        if held is not None:
+            known[name] = held
+    model.validate(known)
+    if not model.bodies:
+        raise SceneError("the model has no bodies")
+    pool, functions = Pool(), Functions()
+    markers = Markers(list(model.bodies), pool)
+    table = body_tables.body_table(model, known, pool)
+    groups = joints.joint_groups(model, known, markers, functions)
+    _refuse_loops(groups)
+    springs = elements.spring_table(model, known, markers)
+    loads = elements.load_table(model, known, markers, functions)
+    sensors = elements.sensor_table(model, known, markers)
+    symbolic = analyse(_blocks(table, groups, springs, markers))
+    group_table = _place(table, groups, springs, markers, symbolic)
+    length = _length(model, known)
+    sizes = 6 + table["m"]
+    nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
+    system = System(
+        parts=Parts(table, pool.array(), markers.table(), np.array(model.gravity or (0.0,) * 3)),
+        rows=joints.row_table(groups, sizes),
+        groups=group_table,
+        kkt=symbolic.kkt,
+        weights=_weights(model, known, length),
+        functions=lower(functions.programs) if functions.programs else None,
+        springs=springs,
+        loads=loads,
+        sensors=sensors,
+    )
+    layout = Layout(
+        bodies=tuple(
+            BodyColumns(name, int(row["iq"]), int(row["iv"]), int(row["m"]))
+            for name, row in zip(model.bodies, table, strict=True)
+        ),
+        nq=nq,
+        nv=nv,
+        nc=len(groups.rows),
+        rows=tuple(groups.names),
+        channels=model.channels(),
+        energies=ENERGIES,
+        fingerprint=fingerprint(system),
+    )
+    return Compiled(system, layout, body_tables.placed_positions(model, table), length)
+
+
+def fingerprint(system: System) -> str:
+    """Hash of all tables of a system."""
+    digest = hashlib.sha256()
+    for part in _flatten(system):
+        digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def _flatten(part: object) -> list[object]:
+    if isinstance(part, tuple):
+        return [leaf for item in part for leaf in _flatten(item)]
+    return [part]
+
+
+def _refuse_loops(groups: joints.Groups) -> None:
+    names = joints.check_ends(groups)
+    if names:
+        raise SceneError.from_problems(
+            [Problem(name.split(":")[0], "connects a body with itself") for name in names]
+        )
+
+
+def _blocks(table, groups, springs, markers) -> Blocks:
+    pairs = joints.couples(groups)
+    if springs is not None:
+        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
+    return Blocks(
+        body_columns=[int(6 + m) for m in table["m"]],
+        group_rows=[n for _, n, _, _ in groups.groups],
+        group_bodies=[(i, j) for _, _, i, j in groups.groups],
+        couples=[(i, j) for i, j in pairs if i != j],
+    )
+
+
+def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.void]:
+    """Tell bodies, groups and springs where their blocks are in the factor."""
+    n = len(table)
+    table["panel"] = symbolic.panel_of[:n]
+    rows = np.zeros(len(groups.groups), GROUP)
+    for k, (row, count, i, j) in enumerate(groups.groups):
+        couple = symbolic.couple_links.get((i, j), -1)
+        rows[k] = (row, count, i, j, symbolic.panel_of[n + k], *symbolic.group_links[k], couple)
+    for spring in springs if springs is not None else ():
+        pair = markers.body(spring["I"]), markers.body(spring["J"])
+        spring["couple"] = symbolic.couple_links.get(pair, -1)
+    return rows
+
+
+def _length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:
+    """Size of the model [m]: spread of all markers and flexible bodies in the placed pose."""
+    points = []
+    for body in (*model.bodies, "ground"):
+        for name in lookup.marker_names(model, body, flexbodies):
+            marker = lookup.placed(model, f"{body}.{name}", flexbodies)
+            points.append(lookup.global_position(model, marker))
+    spread = float(np.linalg.norm(np.ptp(np.array(points), axis=0)))
+    gyration = [
+        float(np.sqrt(np.trace(spec.mass_properties.inertia) / spec.mass_properties.mass))
+        for spec in model.bodies.values()
+        if not spec.flexible
+    ]
+    reach = [body.characteristic_length for body in flexbodies.values()]
+    return max([spread, *gyration, *reach]) or 1.0
+
+
+def _weights(model: Model, flexbodies: Mapping[str, FlexBody], length: float) -> NDArray[np.float64]:
+    """Size of one unit of every velocity coordinate: metres over the model size, radians, modal
+    coordinates by the largest displacement their mode makes, over the model size."""
+    parts = []
+    for name in model.bodies:
+        parts += [np.full(3, 1.0 / length), np.ones(3)]
+        if name in flexbodies:
+            parts.append(body_tables.modal_reach(flexbodies[name]) / length)
+    return np.concatenate(parts)

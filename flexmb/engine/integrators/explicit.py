@@ -1,0 +1,100 @@
+"""Explicit Runge–Kutta pair on the index-1 form, one step.
+
+Every stage solves [[M, Cqᵀ], [Cq, −ε]] (v̇; λ) = (Q; γ) and integrates q̇ = N(q) v, v̇; the Euler
+parameters are normalised after the step, then positions and velocities are put back on the
+constraints. For scenes without stiff forces. The embedded formula gives the error estimate.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import constraint
+from flexmb.engine.kernels.kkt import factorise
+from flexmb.engine.kernels.ldl import solve
+from flexmb.engine.kernels.motion import copy, move, normalise, position_rate, weighted_size
+from flexmb.engine.kernels.projection import accelerations
+from flexmb.engine.kernels.residual import position_stage
+from flexmb.engine.method import (
+    FACTORISATIONS,
+    FINE,
+    NO_CONVERGENCE,
+    NO_METHOD,
+    NOT_FINITE,
+    RESIDUALS,
+    ZERO_LENGTH,
+)
+
+_MAX_PROJECTIONS = 10
+# Positions are put back until the correction, relative to the model, is round-off.
+_ROUND_OFF = 1e-13
+
+
+@kernel
+def step(sys, tableau, settings, st, wk, h):
+    """One step from `st`; see the contract in `engine.method`."""
+    if tableau is None:
+        return NO_METHOD
+    tr = wk.trial
+    nq = st.q.shape[0]
+    stages = tableau.b.shape[0]
+    copy(st.lam, tr.lam)
+    for s in range(stages):
+        _combine(st.q, tr.stages, 0, tableau.A[s], s, h, tr.q)
+        _combine(st.v, tr.stages, nq, tableau.A[s], s, h, tr.v)
+        normalise(sys.parts.bodies, tr.q)
+        st.count[RESIDUALS] += 1
+        st.count[FACTORISATIONS] += 1
+        t = st.t[0] + tableau.c[s] * h
+        if accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0.0) < 0:
+            return ZERO_LENGTH
+        position_rate(sys.parts.bodies, tr.q, tr.v, tr.stages[s])
+        for i in range(st.v.shape[0]):
+            tr.stages[s, nq + i] = tr.vd[i]
+    copy(tr.vd, tr.aa)
+    tr.t[0] = st.t[0] + h
+    _combine(st.q, tr.stages, 0, tableau.b, stages, h, tr.q)
+    _combine(st.v, tr.stages, nq, tableau.b, stages, h, tr.v)
+    normalise(sys.parts.bodies, tr.q)
+    _combine(tr.zero, tr.stages, nq, tableau.difference, stages, h * h, tr.dq)
+    tr.error[0] = weighted_size(tr.dq, sys.weights)
+    if not math.isfinite(tr.error[0]):
+        return NOT_FINITE
+    return _return_to_constraints(sys, st, wk)
+
+
+@kernel
+def _combine(y, slopes, at, weights, n, h, out):
+    """out = y + h Σ weights_s slope_s."""
+    for i in range(y.shape[0]):
+        s = 0.0
+        for k in range(n):
+            s += weights[k] * slopes[k, at + i]
+        out[i] = y[i] + h * s
+
+
+@kernel
+def _return_to_constraints(sys, st, wk):
+    """Positions onto C = 0 by Newton's method with M as the metric, with one factor."""
+    tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
+    nv = tr.v.shape[0]
+    for n in range(_MAX_PROJECTIONS):
+        position_stage(sys, wk, tr.t[0], tr.q)
+        if C.shape[0] == 0:
+            return FINE
+        constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+        if n == 0:
+            factorise(sys, wk, tr.v, tr.vd, tr.lam, 0.0, 0.0)
+            st.count[FACTORISATIONS] += 1
+        for i in range(nv):
+            sol[place[i]] = 0.0
+        for i in range(C.shape[0]):
+            sol[place[nv + i]] = -C[i]
+        solve(sys.kkt, wk.factor, sol)
+        for i in range(nv):
+            tr.dq[i] = sol[place[i]]
+        if weighted_size(tr.dq, sys.weights) <= _ROUND_OFF:
+            return FINE
+        move(sys.parts.bodies, tr.q, tr.dq, tr.q)
+    return NO_CONVERGENCE

@@ -1,0 +1,141 @@
+"""Generalized-α on the Lie group for index-3 equations of motion, one step.
+
+Arnold & Brüls, Multibody Syst. Dyn. 18 (2007) 185; Brüls, Cardona & Arnold, Mech. Mach. Theory 48
+(2012) 121. Unknown of Newton's method: the increment δq of the step's motion, with
+δv = γ/(βh) δq, δv̇ = δq/b, b = β'h² = βh²(1−α_f)/(1−α_m); multipliers scaled by b. One factor of
+S = M + (γb/(βh)) ∂F/∂v + b ∂F/∂q bordered by Cq serves as long as its measured contraction is good:
+symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed above 0.3; given up above 0.9.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.kkt import factorise
+from flexmb.engine.kernels.ldl import solve
+from flexmb.engine.kernels.motion import move, weighted_size
+from flexmb.engine.kernels.residual import residual
+from flexmb.engine.method import (
+    AGE,
+    CONTRACTION,
+    FACTOR_STEP,
+    FACTORISATIONS,
+    FINE,
+    FIXED_PIVOTS,
+    NO_CONVERGENCE,
+    NO_METHOD,
+    NOT_FINITE,
+    RESIDUALS,
+    SYMMETRIC,
+    ZERO_LENGTH,
+)
+
+_UNSYMMETRIC_ABOVE = 0.2
+_REFACTOR_ABOVE = 0.3
+_GIVE_UP_ABOVE = 0.9
+# A factor not measured in this step is trusted a little less: its contraction drifts.
+_DRIFT = 1.3
+# Corrections of this size relative to the model are round-off.
+_ROUND_OFF = 1e-14
+
+
+@kernel
+def step(sys, alpha, settings, st, wk, h):
+    """One step from `st`; see the contract in `engine.method`."""
+    if alpha is None:
+        return NO_METHOD
+    b = alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
+    cv = alpha.gamma / (alpha.beta * h)
+    tr, memory, count = wk.trial, st.memory, st.count
+    _predict(alpha, st, tr, h)
+    if memory[FACTOR_STEP] != h:
+        memory[AGE] = -1.0
+    tolerance = max(settings.newton_tolerance * weighted_size(tr.dq, sys.weights), _ROUND_OFF)
+    last = 0.0
+    for iteration in range(settings.max_iterations):
+        move(sys.parts.bodies, st.q, tr.dq, tr.q)
+        count[RESIDUALS] += 1
+        if residual(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam) >= 0:
+            return ZERO_LENGTH
+        if memory[AGE] < 0.0:
+            wk.factor.symmetric[0] = int(memory[SYMMETRIC])
+            count[FIXED_PIVOTS] += factorise(sys, wk, tr.v, tr.vd, tr.lam, b * cv, b)
+            count[FACTORISATIONS] += 1
+            memory[AGE] = 0.0
+            memory[CONTRACTION] = 1.0
+            memory[FACTOR_STEP] = h
+        size = _correct(sys.kkt, sys.weights, wk, b, cv)
+        if not math.isfinite(size):
+            return NOT_FINITE
+        if iteration > 0 and last > 0.0 and _judge(memory, size / last, size, tolerance):
+            return NO_CONVERGENCE
+        last = size
+        theta = min(memory[CONTRACTION], 0.99)
+        if size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
+            _finish(alpha, st, tr)
+            return FINE
+    return NO_CONVERGENCE
+
+
+@kernel
+def _predict(alpha, st, tr, h):
+    """Trial state of constant acceleration."""
+    tr.t[0] = st.t[0] + h
+    for i in range(st.v.shape[0]):
+        aa1 = (st.vd[i] - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
+        tr.vd[i] = st.vd[i]
+        tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * st.aa[i] + alpha.beta * aa1)
+        tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * st.aa[i] + alpha.gamma * aa1)
+    for i in range(st.lam.shape[0]):
+        tr.lam[i] = st.lam[i]
+
+
+@kernel
+def _correct(kkt, weights, wk, b, cv):
+    """Newton correction of the trial state; returns its weighted size."""
+    tr, sol, C = wk.trial, wk.factor.sol, wk.con.C
+    nv = tr.res.shape[0]
+    for i in range(nv):
+        sol[kkt.place[i]] = -b * tr.res[i]
+    for i in range(C.shape[0]):
+        sol[kkt.place[nv + i]] = -C[i]
+    solve(kkt, wk.factor, sol)
+    size = 0.0
+    for i in range(nv):
+        d = sol[kkt.place[i]]
+        tr.dq[i] += d
+        tr.v[i] += cv * d
+        tr.vd[i] += d / b
+        s = abs(d) * weights[i]
+        if not s <= size:
+            size = s
+    for i in range(C.shape[0]):
+        tr.lam[i] += sol[kkt.place[nv + i]] / b
+    return size
+
+
+@kernel
+def _judge(memory, contraction, size, tolerance):
+    """What the measured contraction asks for; true: give the step up."""
+    memory[CONTRACTION] = contraction
+    if size <= tolerance:
+        return False
+    fresh = memory[AGE] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
+        memory[SYMMETRIC] = 0.0
+        memory[AGE] = -1.0
+    elif contraction > _REFACTOR_ABOVE and not fresh:
+        memory[AGE] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
+
+
+@kernel
+def _finish(alpha, st, tr):
+    """Algorithmic acceleration of the new state; the factor grows older."""
+    for i in range(tr.vd.shape[0]):
+        new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
+        tr.aa[i] = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
+    st.memory[AGE] += 1.0
+    st.memory[CONTRACTION] = min(1.0, _DRIFT * st.memory[CONTRACTION])
+    tr.error[0] = math.nan

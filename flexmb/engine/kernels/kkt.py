@@ -1,0 +1,96 @@
+"""The iteration matrix S = [[M + cv ∂F/∂v + cp ∂F/∂q, Cqᵀ], [Cq, −ε]] in the panels of the factor.
+
+F are the inertia, applied and constraint forces on the left side, M v̇ + … + Cqᵀ λ − Q. With
+cv = cp = 0 it is the matrix of the acceleration level. ε_i is 1e-9 of (Cq diag(S)⁻¹ Cqᵀ)_ii: relative,
+so that no unit or step size can turn it into noise, and taken back by refinement.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import constraint, inertia_tangent, kinematics, ldl
+from flexmb.engine.kernels.blocks import put_row, row_compliance, add_body_block
+from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
+
+_REGULARISATION = 1e-9
+
+
+@kernel
+def factorise(sys, wk, v, vd, lam, cv, cp):
+    """Assemble S at the state of the last position stage and factor it; returns pivots replaced.
+
+    `factor.symmetric` says which way. The matrix itself stays in low0 and up0, for refinement.
+    """
+    low, up = wk.factor.low, wk.factor.up
+    symmetric = wk.factor.symmetric[0] == 1
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+        up[i] = 0.0
+    if cp != 0.0 or cv != 0.0:
+        kinematics.velocity(sys.parts, wk.now, v)
+    _bodies(sys.parts, sys.kkt, wk, v, vd, cv, cp)
+    constraint.jacobian(sys.parts, wk.now, sys.rows, wk.dense)
+    if cp != 0.0 or cv != 0.0:
+        group_tangents(sys, wk, lam, cp)
+        spring_tangents(sys, sys.springs, wk, cv, cp)
+        load_tangents(sys, sys.loads, wk, cp)
+    if symmetric:
+        for i in range(low.shape[0]):
+            low[i] = 0.5 * (low[i] + up[i])
+    _jacobian_blocks(sys, wk.dense.jac, wk.factor)
+    for i in range(low.shape[0]):
+        wk.factor.low0[i] = low[i]
+    if not symmetric:
+        for i in range(up.shape[0]):
+            wk.factor.up0[i] = up[i]
+    return ldl.factor(sys.kkt, wk.factor)
+
+
+@kernel
+def _bodies(parts, kkt, wk, v, vd, cv, cp):
+    B, Z = wk.dense.B, wk.now.Z
+    for i in range(parts.bodies.shape[0]):
+        body, bn = parts.bodies[i], wk.now.body[i]
+        inertia_tangent.mass_block(body, bn, parts.pool, Z, B)
+        if cv != 0.0:
+            inertia_tangent.add_velocity_tangent(body, bn, parts.pool, Z, v, cv, B)
+        if cp != 0.0:
+            inertia_tangent.add_position_tangent(body, bn, parts, v, vd, cp, B)
+        add_body_block(body, kkt.panels[body["panel"]], B, wk.factor.low, wk.factor.up)
+
+
+@kernel
+def _jacobian_blocks(sys, jac, factor):
+    symmetric = factor.symmetric[0] == 1
+    bodies, panels, links = sys.parts.bodies, sys.kkt.panels, sys.kkt.links
+    for k in range(sys.groups.shape[0]):
+        group = sys.groups[k]
+        panel = panels[group["panel"]]
+        for r in range(group["n"]):
+            row = sys.rows[group["row"] + r]
+            s = 0.0
+            for side in range(2):
+                b = group["body_I"] if side == 0 else group["body_J"]
+                if b < 0:
+                    continue
+                link = links[group["link_I"] if side == 0 else group["link_J"]]
+                at, m = row["jac_I"] if side == 0 else row["jac_J"], bodies[b]["m"]
+                put_row(link, r, jac, at, m, factor.low)
+                if not symmetric:
+                    put_row(link, r, jac, at, m, factor.up)
+                s += row_compliance(panels[bodies[b]["panel"]], m, jac, at, factor.low)
+            factor.eps[panel["col"] + r] = _REGULARISATION * s
+            at = panel["at"] + r * panel["nc"] + r
+            factor.low[at] = -_REGULARISATION * s
+            if not symmetric:
+                factor.up[at] = -_REGULARISATION * s
+
+
+@kernel
+def permute(kkt, top, bottom, out):
+    """out = (top, bottom) in elimination order."""
+    n = top.shape[0]
+    for i in range(n):
+        out[kkt.place[i]] = top[i]
+    for i in range(bottom.shape[0]):
+        out[kkt.place[n + i]] = bottom[i]

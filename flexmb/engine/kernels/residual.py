@@ -1,0 +1,42 @@
+"""The equations of motion: M v̇ − Q + Cqᵀ λ and C at one state."""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import constraint, force, inertia, kinematics
+from flexmb.engine.kernels.time_function import evaluate_all
+
+
+@kernel
+def position_stage(sys, wk, t, q):
+    """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
+    evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
+    kinematics.position(sys.parts, wk.now, q)
+    inertia.prepare(sys.parts, wk.now, q)
+
+
+@kernel
+def _velocities_for_forces(springs, parts, now, v):
+    if springs is not None:
+        kinematics.velocity(parts, now, v)
+
+
+@kernel
+def residual(sys, wk, t, q, v, vd, lam):
+    """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
+    position_stage(sys, wk, t, q)
+    _velocities_for_forces(sys.springs, sys.parts, wk.now, v)
+    constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+    return forces(sys, wk, q, v, vd, lam)
+
+
+@kernel
+def forces(sys, wk, q, v, vd, lam):
+    """res = M v̇ − Q + Cqᵀ λ after the position (and, with springs, the velocity) stage."""
+    kinematics.clear_wrenches(wk.now)
+    bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
+    force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
+    constraint.subtract_reactions(sys.rows, wk.now.marker, lam, wk.dense.g[0])
+    inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
+    kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
+    return bad

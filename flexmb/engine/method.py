@@ -1,0 +1,86 @@
+"""What a run is asked to do: the method with its coefficients, and the settings of the loop.
+
+The step contract. A method is one file in `integrators` with a kernel
+`step(sys, method, settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t + h in
+`Work` (t1, q1, v1, vd1, aa1, lam1, z1) and its estimate of the local error in `wk.error` (NaN if
+it has none); the loop alone accepts, rejects, projects and stores. Memory that a method carries
+from step to step (previous accelerations, contraction, step sizes) lives in `State`, so a
+multi-step method, a multi-stage method and an explicit one fit alike. Coefficients are data. The
+methods not chosen are None and are not compiled.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Alpha(NamedTuple):
+    """Coefficients of generalized-alpha."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+
+
+class Tableau(NamedTuple):
+    """Butcher tableau of an explicit pair: y1 from b, error from b - b_hat."""
+
+    A: np.ndarray  # (stages, stages)
+    b: np.ndarray
+    c: np.ndarray
+    difference: np.ndarray  # b - b_hat
+
+
+class Method(NamedTuple):
+    """The chosen method; the others are None."""
+
+    alpha: object  # Alpha or None
+    explicit: object  # Tableau or None
+
+
+class Settings(NamedTuple):
+    """Numbers of the loop."""
+
+    step: float  # s
+    newton_tolerance: float  # remaining Newton correction over the motion of the step
+    max_iterations: int
+    output_every: int  # steps per output
+    works: int  # 1: something does work (drivers, dampers, applied forces)
+    determined: int  # 1: the constraints alone fix the motion (no free coordinate)
+
+
+# Status codes of the kernels; `status` turns them into sentences.
+FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, SINGULAR, NO_METHOD = 0, 1, 2, 3, 4, 5
+
+# Places in State.memory and State.count.
+CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP = 0, 1, 2, 3
+STEPS, RESIDUALS, FACTORISATIONS, REJECTED, PROJECTIONS, FIXED_PIVOTS = 0, 1, 2, 3, 4, 5
+
+
+def generalized_alpha(spectral_radius: float) -> Method:
+    """Chung & Hulbert's coefficients for a spectral radius at infinity in [0, 1)."""
+    rho = spectral_radius
+    alpha_m = (2.0 * rho - 1.0) / (rho + 1.0)
+    alpha_f = rho / (rho + 1.0)
+    gamma = 0.5 + alpha_f - alpha_m
+    beta = 0.25 * (gamma + 0.5) ** 2
+    return Method(alpha=Alpha(alpha_m, alpha_f, beta, gamma), explicit=None)
+
+
+def bogacki_shampine() -> Method:
+    """The explicit 3(2) pair of Bogacki & Shampine (Appl. Math. Lett. 2, 1989, 321)."""
+    A = np.zeros((4, 4))
+    A[1, 0] = 1 / 2
+    A[2, 1] = 3 / 4
+    A[3, :3] = 2 / 9, 1 / 3, 4 / 9
+    b = np.array([2 / 9, 1 / 3, 4 / 9, 0.0])
+    b_hat = np.array([7 / 24, 1 / 4, 1 / 3, 1 / 8])
+    return Method(alpha=None, explicit=Tableau(A, b, np.array([0.0, 0.5, 0.75, 1.0]), b - b_hat))
+
+
+def n_stages(method: Method) -> int:
+    """Number of explicit stages that need memory."""
+    return 0 if method.explicit is None else len(method.explicit.b)

@@ -1,0 +1,173 @@
+"""The compiled model as flat tables: what the kernels read, and nothing else.
+
+`System` is constant during a run. A table whose feature the model does not use is `None`; Numba
+compiles nothing of a branch on `None` when the field is passed on as an argument. All numbers are
+SI. Offsets `iq`, `iv` point into q and v; `pool` holds all data whose size depends on the number of
+modes, addressed by offsets in the body and marker tables.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+_I = "i8"
+_F = "f8"
+
+# One body. Rigid: m = 0. `flex` is the offset of its modal data in the pool (see FLEX_LAYOUT).
+BODY = np.dtype(
+    [
+        ("iq", _I),  # r at iq, Euler parameters at iq+3, eta at iq+7
+        ("iv", _I),  # r_dot at iv, w at iv+3, eta_dot at iv+6
+        ("m", _I),  # number of modal coordinates
+        ("mass", _F),  # kg
+        ("S1", _F, (3,)),  # int rho s, kg m
+        ("S0", _F, (3, 3)),  # int rho s s^T, kg m^2
+        ("flex", _I),
+        ("damped", _I),  # 1 if D is not zero
+        ("z", _I),  # offset of its deformation integrals (12 m) in Now.Z
+        ("panel", _I),  # its panel of the KKT matrix
+    ],
+    align=True,
+)
+# Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns).
+FLEX_LAYOUT = (
+    ("p", 3),  # int rho N_b Phi: (3, m)
+    ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
+    ("M", "9m"),  # Mab[b, a] at row block 3 a + b, so that Z_ab = P_ab + block eta: (9 m, m)
+    ("G", "3m"),  # G_x = M_yz - M_zy and cyclic: (3 m, m)
+    ("M_eta", "m"),
+    ("K", "m"),
+    ("D", "m"),
+)
+
+# One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
+# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node.
+MARKER = np.dtype(
+    [
+        ("body", _I),
+        ("modes", _I),
+        ("rho", _F, (3,)),  # node position in body axes
+        ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
+        ("R", _F, (3, 3)),  # marker axes in body axes, undeformed
+    ],
+    align=True,
+)
+
+# One constraint row between markers I and J; `fun` < 0: no function of time.
+ROW = np.dtype(
+    [
+        ("kind", _I),
+        ("I", _I),
+        ("J", _I),
+        ("a", _I),  # axis of marker I (0, 1, 2)
+        ("b", _I),  # axis of marker J
+        ("fun", _I),
+        ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
+        ("jac_J", _I),
+    ],
+    align=True,
+)
+
+# One group of rows that share two bodies: a joint, or a driver.
+GROUP = np.dtype(
+    [
+        ("row", _I),
+        ("n", _I),
+        ("body_I", _I),
+        ("body_J", _I),
+        ("panel", _I),
+        ("link_I", _I),  # where its Jacobian goes in the KKT matrix (LINK), -1: ground
+        ("link_J", _I),
+        ("couple", _I),  # LINK between the two bodies for the tangent, -1: none
+    ],
+    align=True,
+)
+
+# Spring-damper along the line between two markers.
+SPRING = np.dtype(
+    [
+        ("I", _I),
+        ("J", _I),
+        ("k", _F),  # N/m
+        ("c", _F),  # N s/m
+        ("d0", _F),  # m
+        ("couple", _I),
+    ],
+    align=True,
+)
+
+# Force or torque at a marker; `follower` = 1: components in the marker's axes.
+LOAD = np.dtype(
+    [("marker", _I), ("torque", _I), ("follower", _I), ("fun", _I, (3,))],
+    align=True,
+)
+
+# One sensor channel triple or scalar.
+SENSOR = np.dtype(
+    [("kind", _I), ("I", _I), ("J", _I), ("channel", _I)],
+    align=True,
+)
+
+# One panel of the factor: `nc` columns, `nr` rows below, values at `at` with row stride nc,
+# `col` the first permuted index, `rows` the offset of its permuted row indices.
+PANEL = np.dtype(
+    [
+        ("at", _I),
+        ("nc", _I),
+        ("nr", _I),
+        ("col", _I),
+        ("rows", _I),
+        ("update", _I),
+        ("n_update", _I),
+        ("sign", _F),
+    ],
+    align=True,
+)
+# Rectangular update of a later panel: rows x times rows y of a panel, both counted from its top.
+UPDATE = np.dtype(
+    [("x", _I), ("nx", _I), ("y", _I), ("ny", _I), ("at", _I), ("stride", _I), ("diagonal", _I)],
+    align=True,
+)
+# Place of an off-diagonal block: entry (i, j) at at + i stride + j, transposed if flipped.
+LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
+
+
+class Parts(NamedTuple):
+    """Bodies and what is fixed to them."""
+
+    bodies: np.ndarray  # BODY
+    pool: np.ndarray  # modal data of bodies and markers
+    markers: np.ndarray  # MARKER
+    gravity: np.ndarray  # (3,) m/s^2
+
+
+class Kkt(NamedTuple):
+    """Symbolic factorisation of the KKT matrix (block minimum degree, supernodal panels)."""
+
+    panels: np.ndarray  # PANEL, in elimination order
+    rows: np.ndarray  # permuted row indices of all panels
+    updates: np.ndarray  # UPDATE
+    links: np.ndarray  # LINK
+    place: np.ndarray  # (nv + nc,) permuted index of each unknown
+
+
+class System(NamedTuple):
+    """Everything constant during a run. A feature that the model does not use is None."""
+
+    parts: Parts
+    rows: np.ndarray  # ROW
+    groups: np.ndarray  # GROUP
+    kkt: Kkt
+    weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
+    functions: object  # FunctionTable or None
+    springs: object  # SPRING or None
+    loads: object  # LOAD or None
+    sensors: object  # SENSOR or None
+
+
+# Kinds of constraint rows.
+POINT, DOT1, DOT2, DISTANCE, ANGLE = 0, 1, 2, 3, 4
+# Kinds of sensors.
+POSITION, VELOCITY, ACCELERATION, ANGLE_SENSOR = 0, 1, 2, 3

@@ -1,0 +1,208 @@
+"""State and scratch memory of a run, allocated once.
+
+`State` is all that a run hands from one chunk to the next, integrator memory included. `Work` is
+scratch, grouped by what writes it and filled with NaN, so that reading a stage that was not
+evaluated shows at once. Kernels take the group they need, not the whole.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.tables import System
+
+_F = "f8"
+
+# A body now. Written by kinematics.position (A) and inertia.prepare (J, c).
+BODY_NOW = np.dtype(
+    [
+        ("A", _F, (3, 3)),  # body axes to global
+        ("J", _F, (3, 3)),  # inertia about the body origin, body axes, deformed
+        ("c", _F, (3,)),  # first moment of mass, body axes, deformed
+    ],
+    align=True,
+)
+# A marker now. Position stage: x, R, s, th, arm; velocity stage: vx, om; bias stage: bx, bom;
+# force stage: W. `E` and `p` are scratch of the position stage.
+MARKER_NOW = np.dtype(
+    [
+        ("x", _F, (3,)),  # position, global
+        ("R", _F, (3, 3)),  # marker axes to global
+        ("s", _F, (3,)),  # from the body origin, body axes
+        ("th", _F, (3,)),  # rotation vector of the deformation
+        ("arm", _F, (3,)),  # turned arm, body axes
+        ("vx", _F, (3,)),  # velocity, global
+        ("om", _F, (3,)),  # angular velocity, global
+        ("bx", _F, (3,)),  # acceleration at zero vd, global
+        ("bom", _F, (3,)),  # angular acceleration at zero vd, global
+        ("W", _F, (6,)),  # force and moment on it, global
+        ("E", _F, (3, 3)),
+        ("p", _F, (4,)),
+    ],
+    align=True,
+)
+
+
+class State(NamedTuple):
+    """Complete state: positions, velocities, multipliers, integrator memory, counters."""
+
+    t: np.ndarray  # (1,) time, s
+    q: np.ndarray  # (nq,)
+    v: np.ndarray  # (nv,)
+    vd: np.ndarray  # (nv,) accelerations
+    aa: np.ndarray  # (nv,) algorithmic accelerations of generalized-alpha
+    lam: np.ndarray  # (nc,) the integrator's own multipliers
+    z: np.ndarray  # (nz,) first-order states
+    work_done: np.ndarray  # (3,) work of drivers, dampers and applied forces so far, J
+    power: np.ndarray  # (3,) their power at t, W
+    angles: np.ndarray  # (channels,) continuous joint angles of the angle sensors, rad
+    memory: np.ndarray  # (4,) integrator memory, places in `method`
+    count: np.ndarray  # (6,) counters, places in `method`
+
+
+class Now(NamedTuple):
+    """Bodies and markers at the last evaluated position."""
+
+    body: np.ndarray  # BODY_NOW
+    marker: np.ndarray  # MARKER_NOW
+    Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+
+
+class Constraints(NamedTuple):
+    """Values of all rows."""
+
+    C: np.ndarray  # (nc,) constraint values
+    rate: np.ndarray  # (nc,) Cq v + C_t
+    gamma: np.ndarray  # (nc,) acceleration right side
+    fun: np.ndarray  # (functions, 3) value, first and second derivative at t
+
+
+class Dense(NamedTuple):
+    """Small dense blocks on the way into the KKT matrix."""
+
+    B: np.ndarray  # (6 + m, 6 + m) of one body or a pair
+    J: np.ndarray  # (2, 6, 6 + m) Jacobians of two markers
+    T: np.ndarray  # (6, 6 + m) one product
+    H: np.ndarray  # (12, 12) tangent at two markers
+    g: np.ndarray  # (2, 12) gradient of one row, wrench pair of one group
+    jac: np.ndarray  # Jacobian rows, flat
+
+
+class Factor(NamedTuple):
+    """The KKT matrix, its factor, and vectors in elimination order."""
+
+    low: np.ndarray  # panels: rows of the lower triangle
+    up: np.ndarray  # panels: columns of the upper triangle
+    low0: np.ndarray  # the matrix itself, for refinement
+    up0: np.ndarray
+    Wl: np.ndarray  # one panel, times its pivots
+    Wu: np.ndarray
+    d: np.ndarray  # (n,) pivots
+    eps: np.ndarray  # (n,) regularisation
+    symmetric: np.ndarray  # (1,) 1: LDL^T on `low`; 0: LDU on both
+    rhs: np.ndarray  # (n,)
+    sol: np.ndarray  # (n,)
+    tmp: np.ndarray  # (n,)
+
+
+class Trial(NamedTuple):
+    """The state that a step proposes."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    vd: np.ndarray
+    aa: np.ndarray
+    lam: np.ndarray
+    dq: np.ndarray  # (nv,) motion of the step
+    res: np.ndarray  # (nv,) M vd - Q + Cq^T lam
+    zero: np.ndarray  # (nv,) zeros
+    power: np.ndarray  # (3,)
+    stages: np.ndarray  # (stages, nq + nv) slopes of an explicit method
+    error: np.ndarray  # (1,) estimated local error of the step, NaN if the method has none
+    stack: np.ndarray  # (depth, 3) of the function evaluator
+
+
+class Work(NamedTuple):
+    """All scratch."""
+
+    now: Now
+    con: Constraints
+    dense: Dense
+    factor: Factor
+    trial: Trial
+
+
+def sizes(system: System) -> tuple[int, int, int]:
+    """nq, nv, nc."""
+    m = system.parts.bodies["m"]
+    return int((7 + m).sum()), int((6 + m).sum()), len(system.rows)
+
+
+def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> State:
+    """State at rest at the origin: unit orientation, everything else zero."""
+    nq, nv, nc = sizes(system)
+    q = np.zeros(nq)
+    q[system.parts.bodies["iq"] + 3] = 1.0
+    return State(
+        np.zeros(1), q, np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nc),
+        np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
+        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(6, dtype=np.int64),
+    )  # fmt: skip
+
+
+def _nan(*shape: int) -> np.ndarray:
+    return np.full(shape, np.nan)
+
+
+def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:
+    return np.full(n * dtype.itemsize // 8, np.nan).view(dtype)
+
+
+def new_work(system: System, stages: int = 0) -> Work:
+    """Scratch for one run of `system` by a method with `stages` explicit stages."""
+    nq, nv, nc = sizes(system)
+    m = system.parts.bodies["m"]
+    nfun = 0 if system.functions is None else len(system.functions.start) - 1
+    depth = 1 if system.functions is None else int(system.functions.depth)
+    now = Now(
+        _nan_records(len(m), BODY_NOW),
+        _nan_records(len(system.parts.markers), MARKER_NOW),
+        _nan(12 * int(m.sum()) + 1),
+    )
+    trial = Trial(
+        t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), lam=_nan(nc), dq=_nan(nv),
+        res=_nan(nv), zero=np.zeros(nv), power=_nan(3), stages=_nan(stages, nq + nv),
+        error=_nan(1), stack=_nan(depth, 3),
+    )  # fmt: skip
+    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
+    return Work(now, con, _new_dense(system), _new_factor(system), trial)
+
+
+def _new_dense(system: System) -> Dense:
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
+    return Dense(_nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac))
+
+
+def _new_factor(system: System) -> Factor:
+    panels = system.kkt.panels
+    length = int(panels["at"][-1] + (panels["nc"][-1] + panels["nr"][-1]) * panels["nc"][-1])
+    largest = int(((panels["nc"] + panels["nr"]) * panels["nc"]).max())
+    n = len(system.kkt.place)
+    return Factor(
+        *(_nan(length) for _ in range(4)), _nan(largest), _nan(largest), _nan(n), np.zeros(n),
+        np.ones(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
+    )  # fmt: skip
+
+
+def _jac_end(system: System, side: str, field: str) -> int:
+    """One past the last entry of the Jacobian rows on one side."""
+    rows = system.rows
+    used = rows[field] >= 0
+    if not used.any():
+        return 0
+    body = system.parts.markers["body"][rows[side][used]]
+    return int((rows[field][used] + 6 + system.parts.bodies["m"][body]).max())
