@@ -12,10 +12,14 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
-from platformdirs import user_cache_dir
+from numba.core.dispatcher import Dispatcher
+
+from flexmb.cache import cache_root, writable
 
 _ENGINE = Path(__file__).parent
 _UNUSED_DAYS = 30.0
@@ -34,21 +38,6 @@ def source_hash(folder: Path = _ENGINE) -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_root() -> Path:
-    """Folder of all flexmb caches: `FLEXMB_CACHE_DIR`, or the user's cache folder."""
-    given = os.environ.get("FLEXMB_CACHE_DIR")
-    return Path(given) if given else Path(user_cache_dir("flexmb"))
-
-
-def _usable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
-
-
 def _forget_unused(root: Path, keep: Path) -> None:
     limit = time.time() - _UNUSED_DAYS * 86400.0
     for folder in root.iterdir():
@@ -58,7 +47,7 @@ def _forget_unused(root: Path, keep: Path) -> None:
 
 def _open_cache() -> Path:
     folder = cache_root() / "kernels" / source_hash()
-    if not _usable(folder):
+    if not writable(folder):
         return Path(tempfile.mkdtemp(prefix="flexmb-kernels-"))
     os.utime(folder)
     _forget_unused(folder.parent, keep=folder)
@@ -68,7 +57,31 @@ def _open_cache() -> Path:
 CACHE_DIR = _open_cache()
 numba.config.CACHE_DIR = str(CACHE_DIR)
 
-_OPTIONS = {"cache": True, "fastmath": _FASTMATH, "error_model": "numpy", "nogil": True, "_nrt": False}
+# Without reference counting (`_nrt`) nothing can allocate, calls cost a tenth, and Numba refuses
+# at compile time any kernel that would allocate.
+_OPTIONS = {
+    "cache": True,
+    "fastmath": _FASTMATH,
+    "error_model": "numpy",
+    "nogil": True,
+    "_nrt": False,
+}
 
 entry = numba.njit(**_OPTIONS)
-kernel = numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorator of the few functions that Python calls."""
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorator of all functions that only compiled code calls; they get no Python wrapper.
+
+    Called from Python with compilation on, they raise `TypeError` (tests wrap them in an `entry`).
+    """
+    compiled = numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    if isinstance(compiled, Dispatcher):
+
+        def refuse(*_: Any, **__: Any) -> None:
+            raise TypeError(f"kernel {function.__qualname__} is called by compiled code only")
+
+        compiled._compile_for_args = refuse
+        compiled._insert = lambda *_, **__: None
+    return compiled

@@ -16,7 +16,6 @@ from flexmb.engine.jit import entry, kernel
 from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
 from flexmb.engine.kernels.motion import copy, weighted_size
 from flexmb.engine.kernels.projection import accelerations, project_velocity
-from flexmb.engine.kernels.residual import position_stage
 from flexmb.engine.method import (
     AGE,
     FACTORISATIONS,
@@ -154,14 +153,3 @@ def march(sys, method, settings, st, wk, out, n_steps):
             _accept(sys, settings, st, wk, h)
             done += 1
     return status
-
-
-@entry
-def start(sys, st, wk):
-    """Powers and joint angles of the first state, so that works and turns are counted from it."""
-    position_stage(sys, wk, st.t[0], st.q)
-    kinematics.velocity(sys.parts, wk.now, st.v)
-    energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
-    for i in range(st.angles.shape[0]):
-        st.angles[i] = 0.0
-    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)

@@ -53,7 +53,7 @@ def step(sys, alpha, settings, st, wk, h):
         memory[AGE] = -1.0
     tolerance = max(settings.newton_tolerance * weighted_size(tr.dq, sys.weights), _ROUND_OFF)
     last = 0.0
-    for iteration in range(settings.max_iterations):
+    for _ in range(settings.max_iterations):
         move(sys.parts.bodies, st.q, tr.dq, tr.q)
         count[RESIDUALS] += 1
         if residual(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam) >= 0:
@@ -65,10 +65,13 @@ def step(sys, alpha, settings, st, wk, h):
             memory[AGE] = 0.0
             memory[CONTRACTION] = 1.0
             memory[FACTOR_STEP] = h
+            last = 0.0  # a contraction is measured between corrections by one factor
         size = _correct(sys.kkt, sys.weights, wk, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
-        if iteration > 0 and last > 0.0 and _judge(memory, size / last, size, tolerance):
+        if last > 0.0:
+            memory[CONTRACTION] = size / last
+        if last > 0.0 and size > tolerance and _judge(memory, size / last):
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
@@ -116,11 +119,8 @@ def _correct(kkt, weights, wk, b, cv):
 
 
 @kernel
-def _judge(memory, contraction, size, tolerance):
+def _judge(memory, contraction):
     """What the measured contraction asks for; true: give the step up."""
-    memory[CONTRACTION] = contraction
-    if size <= tolerance:
-        return False
     fresh = memory[AGE] == 0.0
     if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
         memory[SYMMETRIC] = 0.0

@@ -1,0 +1,60 @@
+"""flexmb: flexible multibody dynamics, from a finite-element mesh to a moving, deforming machine.
+
+Everything public has one place here and is loaded when it is first used, so that `import flexmb`
+costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "FlexBody": "flexmb.flexbody",
+    "rigid_body": "flexmb.flexbody",
+    "FlexmbError": "flexmb.errors",
+    "FlexmbWarning": "flexmb.errors",
+    "Model": "flexmb.model",
+    "load_scene": "flexmb.model",
+    "Result": "flexmb.results",
+    "load_result": "flexmb.results",
+    "reduce": "flexmb.fe",
+    "render": "flexmb.view",
+    "plot_history": "flexmb.view",
+    "history_figure": "flexmb.view",
+    "save_figure": "flexmb.view",
+    "run_scene": "flexmb.workflow",
+    "check_scene": "flexmb.workflow",
+    "simulate": "flexmb.workflow",
+}
+
+__all__ = [
+    "FlexBody",
+    "FlexmbError",
+    "FlexmbWarning",
+    "Model",
+    "Result",
+    "check_scene",
+    "history_figure",
+    "load_result",
+    "load_scene",
+    "plot_history",
+    "reduce",
+    "render",
+    "rigid_body",
+    "run_scene",
+    "save_figure",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'flexmb' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,186 @@
+"""Consistent first state: positions, velocities, accelerations and multipliers.
+
+Positions by Gauss–Newton with least change of the placed pose, velocities by projection of what the
+user asked for, then, if wanted, elastic equilibrium with the rigid accelerations (quasi-static start),
+at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.gaps import check_branches, gap_problems
+from flexmb.analysis.metric import anchored_system, stiff_system
+from flexmb.engine.compile import Compiled
+from flexmb.engine.consistent import (
+    ACCELERATIONS,
+    BEGIN,
+    POSITIONS,
+    RESIDUAL,
+    VELOCITIES,
+    solve_level,
+)
+from flexmb.engine.tables import System
+from flexmb.engine.work import State, Work, new_state, new_work
+from flexmb.errors import AssemblyError
+from flexmb.model.model import Model
+
+_ROUNDS = 60
+_CLOSED = 1e-13  # correction of a position relative to the model size: round-off
+_EQUILIBRIUM_ROUNDS = 40
+_EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
+_KEPT = 1e-6  # asked-for velocities may change by this share before it is said
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """The first state, the scratch it was computed with, and what the user should know."""
+
+    state: State
+    work: Work
+    notes: tuple[str, ...]
+
+
+def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> Assembled:
+    """Consistent first state of a compiled model.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model, for velocities asked for.
+    start : {"undeformed", "quasi-static"}
+        Whether flexible bodies start without deformation as far as the joints allow, or in elastic
+        equilibrium with weight, loads and the inertia forces of the first motion.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed (worst joints and gaps), a joint on its wrong branch, no
+        elastic equilibrium, or accelerations that are not finite.
+    """
+    system = compiled.system
+    state = new_state(system, channels=len(compiled.layout.channels))
+    work = new_work(system)
+    state.q[:] = compiled.placed
+    stiff = stiff_system(system)
+    anchored = anchored_system(stiff, model)
+    wanted = _asked_velocities(compiled, model)
+
+    def close() -> None:
+        _close_positions(stiff, state, work, compiled, model)
+        state.v[:] = wanted
+        solve_level(anchored, state, work, VELOCITIES)
+
+    close()
+    notes = _velocity_notes(compiled, model, state, wanted)
+    if start == "quasi-static" and any(body.m for body in compiled.layout.bodies):
+        _equilibrate(compiled, stiff, state, work, close)
+    _solve_accelerations(compiled, system, state, work)
+    solve_level(system, state, work, BEGIN)
+    return Assembled(state, work, tuple(notes))
+
+
+def _close_positions(
+    system: System, state: State, work: Work, compiled: Compiled, model: Model
+) -> None:
+    if not compiled.layout.nc:
+        return
+    for _ in range(_ROUNDS):
+        size = solve_level(system, state, work, POSITIONS)
+        if not np.isfinite(size):
+            break
+        if size <= _CLOSED:
+            check_branches(compiled, model, state, work)
+            return
+    solve_level(system, state, work, RESIDUAL)
+    if np.abs(work.con.C).max() <= 1e-10 * compiled.length:
+        check_branches(compiled, model, state, work)
+        return
+    raise AssemblyError.from_problems(gap_problems(compiled, work))
+
+
+def _asked_velocities(compiled: Compiled, model: Model) -> NDArray[np.float64]:
+    """v of the velocities given in the scene (global axes), zero where none is given."""
+    from flexmb.model.orientation import rotation_matrix
+
+    v = np.zeros(compiled.layout.nv)
+    for body, spec in zip(compiled.layout.bodies, model.bodies.values(), strict=True):
+        if spec.velocity is not None:
+            v[body.iv : body.iv + 3] = spec.velocity
+        if spec.angular_velocity is not None:
+            A = rotation_matrix(spec.orientation)
+            v[body.iv + 3 : body.iv + 6] = A.T @ np.array(spec.angular_velocity)
+    return v
+
+
+def _velocity_notes(
+    compiled: Compiled, model: Model, state: State, wanted: NDArray[np.float64]
+) -> list[str]:
+    """What was asked for and could not be kept."""
+    notes = []
+    scale = max(float(np.abs(wanted).max(initial=0.0)), 1e-12)
+    for body, spec in zip(compiled.layout.bodies, model.bodies.values(), strict=True):
+        for word, given, at in (
+            ("velocity", spec.velocity, body.iv),
+            ("angular_velocity", spec.angular_velocity, body.iv + 3),
+        ):
+            change = float(np.abs(state.v[at : at + 3] - wanted[at : at + 3]).max())
+            if given is not None and change > _KEPT * scale:
+                notes.append(
+                    f"bodies.{body.name}.{word} does not fit the joints and drivers; "
+                    f"changed by up to {change:.3g}"
+                )
+    return notes
+
+
+def _equilibrate(compiled: Compiled, stiff: System, state: State, work: Work, close) -> None:
+    """Elastic equilibrium of all modes with the accelerations of a motion without vibration."""
+    system = compiled.system
+    inverses = [
+        (body, np.linalg.pinv(_stiffness(system, body.m, row), rcond=1e-12, hermitian=True))
+        for body, row in zip(compiled.layout.bodies, system.parts.bodies, strict=True)
+        if body.m
+    ]
+    for _ in range(_EQUILIBRIUM_ROUNDS):
+        _solve_accelerations(compiled, stiff, state, work)
+        for body, _ in inverses:
+            state.vd[body.iv + 6 : body.iv + 6 + body.m] = 0.0
+        solve_level(system, state, work, RESIDUAL)
+        change = 0.0
+        for body, inverse in inverses:
+            at = slice(body.iv + 6, body.iv + 6 + body.m)
+            step = -inverse @ work.trial.res[at]
+            state.q[body.iq + 7 : body.iq + 7 + body.m] += step
+            change = max(change, float(np.abs(step * system.weights[at]).max()))
+        if not change < 1.0:
+            break
+        close()
+        if change <= _EQUILIBRIUM:
+            return
+    raise AssemblyError(
+        "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
+        'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+    )
+
+
+def _stiffness(system: System, m: int, row: np.void) -> NDArray[np.float64]:
+    at = int(row["flex"]) + 12 * m + 13 * m * m
+    return system.parts.pool[at : at + m * m].reshape(m, m)
+
+
+def _solve_accelerations(
+    compiled: Compiled, system: System, state: State, work: Work
+) -> None:
+    code = solve_level(system, state, work, ACCELERATIONS)
+    if code < 0:
+        raise AssemblyError("a spring-damper has no length in the first pose; move its markers apart")
+    if not (np.all(np.isfinite(state.vd)) and np.all(np.isfinite(state.lam))):
+        raise AssemblyError(
+            "the first accelerations are not finite; check functions of time at t = 0"
+        )
+    state.aa[:] = state.vd

@@ -1,0 +1,53 @@
+"""Status codes of the kernels as sentences: what happened, where, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmb.engine.compile import Compiled
+from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, ZERO_LENGTH
+from flexmb.engine.work import Work
+
+_WHAT = {
+    NO_CONVERGENCE: "Newton's method does not converge",
+    NOT_FINITE: "the solution is no longer finite",
+    ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
+}
+_CURE = {
+    NO_CONVERGENCE: "try a smaller dynamics.step; check the named place for a locked or "
+    "singular pose, or a jump in a force or driver",
+    NOT_FINITE: "try a smaller dynamics.step; check functions of time at this moment",
+    ZERO_LENGTH: "keep its two markers apart, or use a joint",
+}
+
+
+def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
+    """The message for a failed step.
+
+    Parameters
+    ----------
+    status : int
+        Code of the kernel, not `FINE`.
+    compiled, work : Compiled, Work
+        The system and its scratch as the failed step left it.
+    time : float
+        Time at which the step began [s].
+    """
+    where = "" if status == ZERO_LENGTH else f"; most at {worst_place(compiled, work)}"
+    return f"at t = {time:.6g} s {_WHAT[status]}{where}: {_CURE[status]}"
+
+
+def worst_place(compiled: Compiled, work: Work) -> str:
+    """Name of the constraint row or the body with the largest correction still wanted."""
+    system, layout = compiled.system, compiled.layout
+    size = np.abs(work.factor.sol[system.kkt.place[: layout.nv]]) * system.weights
+    size = np.where(np.isfinite(size), size, np.inf)
+    name = layout.bodies[0].name
+    for body in layout.bodies:
+        if body.iv <= int(np.argmax(size)) < body.iv + 6 + body.m:
+            name = body.name
+    if layout.nc and np.all(np.isfinite(work.con.C)):
+        gap = np.abs(work.con.C)
+        if gap.max() > 1e-6 * compiled.length:
+            return f"{layout.rows[int(np.argmax(gap))]} and body {name}"
+    return f"body {name}"
