@@ -7,13 +7,14 @@ at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.gaps import check_branches, gap_problems
-from flexmb.analysis.metric import anchored_system, stiff_system
+from flexmb.analysis.metric import anchored_system, slowest_period, stiff_system
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
     ACCELERATIONS,
@@ -30,6 +31,8 @@ from flexmb.model.model import Model
 
 _ROUNDS = 60
 _CLOSED = 1e-13  # correction of a position relative to the model size: round-off
+_RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
+_SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _EQUILIBRIUM_ROUNDS = 40
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
 _KEPT = 1e-6  # asked-for velocities may change by this share before it is said
@@ -67,7 +70,8 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
     state.q[:] = compiled.placed
-    stiff = stiff_system(system)
+    period = slowest_period(system)
+    stiff = stiff_system(system, _RIGID * period)
     anchored = anchored_system(stiff, model)
     wanted = _asked_velocities(compiled, model)
 
@@ -78,9 +82,9 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
 
     close()
     notes = _velocity_notes(compiled, model, state, wanted)
-    if start == "quasi-static" and any(body.m for body in compiled.layout.bodies):
-        _equilibrate(compiled, stiff, state, work, close)
-    _solve_accelerations(compiled, system, state, work)
+    if start == "quasi-static" and period > 0.0:
+        _equilibrate(compiled, _SLOW * period, state, work, close)
+    _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)
     return Assembled(state, work, tuple(notes))
 
@@ -138,25 +142,24 @@ def _velocity_notes(
     return notes
 
 
-def _equilibrate(compiled: Compiled, stiff: System, state: State, work: Work, close) -> None:
-    """Elastic equilibrium of all modes with the accelerations of a motion without vibration."""
-    system = compiled.system
-    inverses = [
-        (body, np.linalg.pinv(_stiffness(system, body.m, row), rcond=1e-12, hermitian=True))
-        for body, row in zip(compiled.layout.bodies, system.parts.bodies, strict=True)
-        if body.m
-    ]
+def _equilibrate(
+    compiled: Compiled, b: float, state: State, work: Work, close: Callable[[], None]
+) -> None:
+    """Elastic equilibrium of all modes with the accelerations of a motion without vibration.
+
+    With the modal mass M + b K the accelerations η̈ give the way δη = b η̈ to equilibrium, and
+    reactions that rigid bodies would leave open are shared by stiffness; b is long against all
+    periods, so the error shrinks by 1/(b ω²) per round, and at the end η̈ = 0.
+    """
+    slow = stiff_system(compiled.system, b)
     for _ in range(_EQUILIBRIUM_ROUNDS):
-        _solve_accelerations(compiled, stiff, state, work)
-        for body, _ in inverses:
-            state.vd[body.iv + 6 : body.iv + 6 + body.m] = 0.0
-        solve_level(system, state, work, RESIDUAL)
+        _solve_accelerations(slow, state, work)
         change = 0.0
-        for body, inverse in inverses:
+        for body in compiled.layout.bodies:
             at = slice(body.iv + 6, body.iv + 6 + body.m)
-            step = -inverse @ work.trial.res[at]
+            step = b * state.vd[at]
             state.q[body.iq + 7 : body.iq + 7 + body.m] += step
-            change = max(change, float(np.abs(step * system.weights[at]).max()))
+            change = max(change, float(np.abs(step * compiled.system.weights[at]).max(initial=0.0)))
         if not change < 1.0:
             break
         close()
@@ -168,14 +171,7 @@ def _equilibrate(compiled: Compiled, stiff: System, state: State, work: Work, cl
     )
 
 
-def _stiffness(system: System, m: int, row: np.void) -> NDArray[np.float64]:
-    at = int(row["flex"]) + 12 * m + 13 * m * m
-    return system.parts.pool[at : at + m * m].reshape(m, m)
-
-
-def _solve_accelerations(
-    compiled: Compiled, system: System, state: State, work: Work
-) -> None:
+def _solve_accelerations(system: System, state: State, work: Work) -> None:
     code = solve_level(system, state, work, ACCELERATIONS)
     if code < 0:
         raise AssemblyError("a spring-damper has no length in the first pose; move its markers apart")

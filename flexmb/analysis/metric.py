@@ -1,28 +1,51 @@
 """The metric in which the first state is changed least.
 
-Corrections of positions and velocities minimise δᵀ M δ with two changes to M: modal coordinates weigh
-1e8 times as much, so that gaps are closed by moving bodies and not by straining them, and bodies
-whose velocity the user gave weigh as much more, so that the others adapt to them.
+Corrections of positions and velocities minimise δᵀ M δ with two changes to M: the modal mass becomes
+M + b K, so that gaps are closed by moving bodies and hardly by straining them, and bodies whose
+velocity the user gave weigh 1e8 times as much, so that the others adapt to them.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.engine.tables import System
 from flexmb.model.model import Model
 
 _HEAVY = 1e8
+_STIFF = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
 
 
-def stiff_system(system: System) -> System:
-    """The same system with heavy modal coordinates."""
+def stiff_system(system: System, b: float) -> System:
+    """The same system with modal masses M + b K, b in s²."""
     pool = system.parts.pool.copy()
     for body in system.parts.bodies:
-        m = int(body["m"])
-        at = int(body["flex"]) + 12 * m + 12 * m * m
-        pool[at : at + m * m] *= _HEAVY
+        mass, stiffness = modal_blocks(pool, body)
+        mass += b * stiffness
     return system._replace(parts=system.parts._replace(pool=pool))
+
+
+def modal_blocks(
+    pool: NDArray[np.float64], body: np.void
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Views (m, m) of the modal mass and stiffness of one body in the pool."""
+    m = int(body["m"])
+    at = int(body["flex"]) + 12 * m + 12 * m * m
+    return tuple(pool[at + k * m * m : at + (k + 1) * m * m].reshape(m, m) for k in (0, 1))
+
+
+def slowest_period(system: System) -> float:
+    """1/ω² of the softest mode of all bodies that has stiffness [s²]; 0 without flexible bodies."""
+    slowest = 0.0
+    for body in system.parts.bodies:
+        if body["m"] > 0:
+            mass, stiffness = modal_blocks(system.parts.pool, body)
+            half = np.linalg.inv(np.linalg.cholesky(mass))
+            values = np.linalg.eigvalsh(half @ stiffness @ half.T)
+            values = values[values > _STIFF * values.max(initial=0.0)]
+            slowest = max(slowest, 1.0 / float(values.min())) if values.size else slowest
+    return slowest
 
 
 def anchored_system(system: System, model: Model) -> System:

@@ -59,11 +59,15 @@ def _accept(sys, settings, st, wk, h):
     """Project the velocities of the trial state, add up the works, make it the state."""
     tr, now = wk.trial, wk.now
     kinematics.position(sys.parts, now, tr.q)
-    tolerance = settings.newton_tolerance * weighted_size(tr.v, sys.weights)
-    st.count[PROJECTIONS] += project_velocity(sys, wk, tr.v, max(tolerance, _ROUND_OFF))
+    smallest = _ROUND_OFF * weighted_size(tr.v, sys.weights)
+    tolerance = settings.newton_tolerance * h * weighted_size(tr.vd, sys.weights)
+    st.count[PROJECTIONS] += project_velocity(sys, wk, tr.v, max(tolerance, smallest))
     if settings.works == 1:
         kinematics.velocity(sys.parts, now, tr.v)
-        energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
+        # vd and λ of the step lag behind the projected velocities by δv/h and μ/h (projection.py)
+        for i in range(tr.lam.shape[0]):
+            wk.con.gamma[i] = tr.lam[i] + wk.con.mu[i] / h
+        energy.powers(sys, now, wk.con.fun, tr.v, wk.con.gamma, tr.power)
         for k in range(3):
             st.work_done[k] += 0.5 * h * (st.power[k] + tr.power[k])
             st.power[k] = tr.power[k]

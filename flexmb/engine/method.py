@@ -45,7 +45,7 @@ class Settings(NamedTuple):
     """Numbers of the loop."""
 
     step: float  # s
-    newton_tolerance: float  # remaining Newton correction over the motion of the step
+    newton_tolerance: float  # remaining Newton correction over h² v̇
     max_iterations: int
     output_every: int  # steps per output
     works: int  # 1: something does work (drivers, dampers, applied forces)

@@ -76,6 +76,7 @@ class Constraints(NamedTuple):
     C: np.ndarray  # (nc,) constraint values
     rate: np.ndarray  # (nc,) Cq v + C_t
     gamma: np.ndarray  # (nc,) acceleration right side
+    mu: np.ndarray  # (nc,) multipliers of the last velocity projection
     fun: np.ndarray  # (functions, 3) value, first and second derivative at t
 
 
@@ -177,7 +178,7 @@ def new_work(system: System, stages: int = 0) -> Work:
         res=_nan(nv), zero=np.zeros(nv), power=_nan(3), stages=_nan(stages, nq + nv),
         error=_nan(1), stack=_nan(depth, 3),
     )  # fmt: skip
-    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
+    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
     return Work(now, con, _new_dense(system), _new_factor(system), trial)
 
 

@@ -34,8 +34,6 @@ from flexmb.engine.method import (
 _UNSYMMETRIC_ABOVE = 0.2
 _REFACTOR_ABOVE = 0.3
 _GIVE_UP_ABOVE = 0.9
-# A factor not measured in this step is trusted a little less: its contraction drifts.
-_DRIFT = 1.3
 # Corrections of this size relative to the model are round-off.
 _ROUND_OFF = 1e-14
 
@@ -51,7 +49,9 @@ def step(sys, alpha, settings, st, wk, h):
     _predict(alpha, st, tr, h)
     if memory[FACTOR_STEP] != h:
         memory[AGE] = -1.0
-    tolerance = max(settings.newton_tolerance * weighted_size(tr.dq, sys.weights), _ROUND_OFF)
+    # Newton decides the accelerations: what it leaves is compared with their share of the motion.
+    tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
+    tolerance = max(tolerance, _ROUND_OFF)
     last = 0.0
     for _ in range(settings.max_iterations):
         move(sys.parts.bodies, st.q, tr.dq, tr.q)
@@ -76,7 +76,7 @@ def step(sys, alpha, settings, st, wk, h):
         last = size
         theta = min(memory[CONTRACTION], 0.99)
         if size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
-            _finish(alpha, st, tr)
+            _finish(sys.weights, alpha, st, tr)
             return FINE
     return NO_CONVERGENCE
 
@@ -131,11 +131,15 @@ def _judge(memory, contraction):
 
 
 @kernel
-def _finish(alpha, st, tr):
-    """Algorithmic acceleration of the new state; the factor grows older."""
+def _finish(weights, alpha, st, tr):
+    """Algorithmic acceleration of the new state; the factor ages by the motion of the step.
+
+    The matrix changes by about as much as the model moves relative to its size (or turns), so the
+    contraction of an old factor is the last one measured plus the motion since.
+    """
     for i in range(tr.vd.shape[0]):
         new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
         tr.aa[i] = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
     st.memory[AGE] += 1.0
-    st.memory[CONTRACTION] = min(1.0, _DRIFT * st.memory[CONTRACTION])
+    st.memory[CONTRACTION] = min(1.0, st.memory[CONTRACTION] + weighted_size(tr.dq, weights))
     tr.error[0] = math.nan

@@ -21,10 +21,15 @@ _REFINEMENTS = 2
 def project_velocity(sys, wk, v, tolerance):
     """Put v (nv) on Cq v + C_t = 0 after a position stage; returns the solves made.
 
-    A correction no larger than `tolerance` (weighted) ends the iteration.
+    A correction no larger than `tolerance` (weighted) ends the iteration; wk.con.mu adds up μ.
+    With velocities projected at every step of size h, v̇ and λ of generalized-α refer to a time
+    c h off the step's end, c = 1/3 − 2β + α_f − α_m, and the drift of a step is −c h² times the third
+    derivative: so v̇ + δv/h and λ + μ/h are those at its end, to second order.
     """
-    rate, sol, place = wk.con.rate, wk.factor.sol, sys.kkt.place
+    rate, mu, sol, place = wk.con.rate, wk.con.mu, wk.factor.sol, sys.kkt.place
     nv = v.shape[0]
+    for i in range(mu.shape[0]):
+        mu[i] = 0.0
     if rate.shape[0] == 0:
         return 0
     for n in range(_ROUNDS):
@@ -40,6 +45,8 @@ def project_velocity(sys, wk, v, tolerance):
             d = sol[place[i]]
             v[i] += d
             size = max(size, abs(d) * sys.weights[i])
+        for i in range(mu.shape[0]):
+            mu[i] += sol[place[nv + i]]
         if size <= tolerance:
             return n + 1
     return _ROUNDS
