@@ -226,9 +226,7 @@ def reduce_mesh(
     return body, save(body, path)
 
 
-def check_scene(
-    path: str | Path, overrides: Mapping[str, str] | None = None
-) -> CheckReport:
+def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) -> CheckReport:
     """Validate a scene and count what it holds.
 
     Raises

@@ -1,8 +1,8 @@
 """Consistent first state: positions, velocities, accelerations and multipliers.
 
-Positions by Gauss–Newton with least change of the placed pose, velocities by projection of what the
-user asked for, then, if wanted, elastic equilibrium with the rigid accelerations (quasi-static start),
-at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ).
+Positions by Gauss–Newton with least change of the placed pose, velocities by projection of what
+the user asked for, then, if wanted, elastic equilibrium with the rigid accelerations (quasi-static
+start), at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ).
 """
 
 from __future__ import annotations
@@ -174,7 +174,8 @@ def _equilibrate(
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
     code = solve_level(system, state, work, ACCELERATIONS)
     if code < 0:
-        raise AssemblyError("a spring-damper has no length in the first pose; move its markers apart")
+        what = "a spring-damper has no length in the first pose; move its markers apart"
+        raise AssemblyError(what)
     if not (np.all(np.isfinite(state.vd)) and np.all(np.isfinite(state.lam))):
         raise AssemblyError(
             "the first accelerations are not finite; check functions of time at t = 0"

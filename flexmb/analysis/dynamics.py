@@ -112,7 +112,8 @@ def dynamics(
     clock.lap("integrate")
     notes = list(first.notes)
     if grid.step < spec.step * (1.0 - 1e-9):
-        notes.append(f"step shortened from {spec.step:g} s to {grid.step:.6g} s to meet the outputs")
+        shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
+        notes.append(f"step shortened {shortened} to meet the outputs")
     return Outcome(status, message, _statistics(run, clock), tuple(notes))
 
 

@@ -49,7 +49,7 @@ def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -
         )
         Ri, Rj = (work.now.marker[int(first[side])]["R"] for side in ("I", "J"))
         if any(Ri[:, a] @ Rj[:, a] < 0 for a in signs_of_axes(joint.type)):
-            what = "assembles with its two sides turned by 180 deg; turn one of the markers or bodies"
+            what = "assembles with its sides turned by 180 deg; turn one of the markers or bodies"
             problems.append(Problem(f"joints.{name}", what))
     if problems:
         raise AssemblyError.from_problems(problems)

@@ -1,9 +1,8 @@
 """What a run is asked to do: the method with its coefficients, and the settings of the loop.
 
 The step contract. A method is one file in `integrators` with a kernel
-`step(sys, method, settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t + h in
-`Work` (t1, q1, v1, vd1, aa1, lam1, z1) and its estimate of the local error in `wk.error` (NaN if
-it has none); the loop alone accepts, rejects, projects and stores. Memory that a method carries
+`step(sys, coefficients, settings, st, wk, h) -> status` that reads `State`, leaves the trial state at
+t + h in `Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop alone accepts, rejects, projects and stores. Memory that a method carries
 from step to step (previous accelerations, contraction, step sizes) lives in `State`, so a
 multi-step method, a multi-stage method and an explicit one fit alike. Coefficients are data. The
 methods not chosen are None and are not compiled.

@@ -206,9 +206,7 @@ def _links(blocks, order, below, panels):
 
 def _kkt(blocks, order, panels, below, starts, updates, links) -> Kkt:
     n = len(blocks.body_columns)
-    rows = [
-        np.arange(starts[b], starts[b] + _size(blocks, b)) for under in below for b in under
-    ]
+    rows = [np.arange(starts[b], starts[b] + _size(blocks, b)) for under in below for b in under]
     place = []
     for b in range(len(order)):
         local = np.arange(_size(blocks, b))

@@ -186,7 +186,9 @@ def _length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:
     return max([spread, *gyration, *reach]) or 1.0
 
 
-def _weights(model: Model, flexbodies: Mapping[str, FlexBody], length: float) -> NDArray[np.float64]:
+def _weights(
+    model: Model, flexbodies: Mapping[str, FlexBody], length: float
+) -> NDArray[np.float64]:
     """Size of one unit of every velocity coordinate: metres over the model size, radians, modal
     coordinates by the largest displacement their mode makes, over the model size."""
     parts = []

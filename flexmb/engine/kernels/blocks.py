@@ -1,4 +1,4 @@
-"""Where dense blocks in v order go in the panels of the factor (modes come before the rigid part)."""
+"""Where dense blocks in v order go in the panels of the factor (modes before the rigid part)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Force elements: wrenches on their markers, tangents, energy and power.
 
-Spring–damper: attraction f = k (d − d0) + c ḋ along the line between the markers. Load: a force or a
-torque with three functions of time as components, in global axes or turning with its marker.
+Spring–damper: attraction f = k (d − d0) + c ḋ along the line between the markers. Load: a force
+or a torque with three functions of time as components, in global axes or turning with its marker.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Mass matrix and tangents of the inertia forces of one body, written into a dense block.
 
-Columns and rows follow v of the body: (r, ω', η). `mass_block` is M exactly; `add_velocity_tangent`
-the exact derivative with v (gyroscopic and damping terms); `add_position_tangent` the derivative
-with the configuration: elastic and centrifugal stiffness and the turning of the inertia and weight
-forces with the body (the small change of Z itself outside the modal block is left out: it is of
-second order in the deformation and only slows the iteration).
+Columns and rows follow v of the body: (r, ω', η). `mass_block` is M; `add_velocity_tangent` the
+derivative of the inertia forces with v (gyroscopic and damping terms); `add_position_tangent` that
+with the configuration at constant v and v̇: elastic and centrifugal stiffness, the turning of inertia
+forces and weight with the body, and the change of the integrals with the deformation. All exact.
 """
 
 from __future__ import annotations
@@ -126,14 +125,19 @@ def _add_flexible_velocity_tangent(body, A, pool, Z, v, f, B):
 
 
 @kernel
-def add_position_tangent(body, bn, parts, v, vd, f, B):
-    """Add f × (elastic, centrifugal and frame-turning stiffness) of one body to B."""
+def add_position_tangent(body, bn, Z, parts, v, vd, f, B):
+    """Add f ∂(inertia forces)/∂(r, θ', η) of one body to B."""
     m, iv, A, c, g = body["m"], body["iv"], bn["A"], bn["c"], parts.gravity
     wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
     ux, uy, uz = cross(wx, wy, wz, c[0], c[1], c[2])
+    ex, ey, ez = cross(vd[iv + 3], vd[iv + 4], vd[iv + 5], c[0], c[1], c[2])
+    if m > 0:
+        dx, dy, dz = modal_vector(parts.pool, body["flex"], m, v, iv + 6)
+        ux, uy, uz = ux + 2.0 * dx, uy + 2.0 * dy, uz + 2.0 * dz
+        dx, dy, dz = modal_vector(parts.pool, body["flex"], m, vd, iv + 6)
+        ex, ey, ez = ex + dx, ey + dy, ez + dz
     fx, fy, fz = cross(wx, wy, wz, ux, uy, uz)
-    ux, uy, uz = cross(vd[iv + 3], vd[iv + 4], vd[iv + 5], c[0], c[1], c[2])
-    add_rotated_skew(B, 0, 3, -f, A, fx + ux, fy + uy, fz + uz)
+    add_rotated_skew(B, 0, 3, -f, A, fx + ex, fy + ey, fz + ez)
     px, py, pz = transform_back(A, vd[iv] - g[0], vd[iv + 1] - g[1], vd[iv + 2] - g[2])
     # δ(c × Aᵀa) = c̃ ã' δθ' = (a' cᵀ − (a'·c) I) δθ'
     pc = px * c[0] + py * c[1] + pz * c[2]
@@ -141,13 +145,16 @@ def add_position_tangent(body, bn, parts, v, vd, f, B):
         B[3 + k, 3 + k] -= f * pc
         add_column(B, 3, 3 + k, f * c[k], px, py, pz)
     if m > 0:
-        _add_modal_stiffness(body, parts.pool, v, px, py, pz, f, B)
+        _add_modal_stiffness(body, parts.pool, v, vd, px, py, pz, f, B)
+        _add_frame_columns(body, A, parts.pool, Z, v, vd, f, B)
 
 
 @kernel
-def _add_modal_stiffness(body, pool, v, px, py, pz, f, B):
+def _add_modal_stiffness(body, pool, v, vd, px, py, pz, f, B):
+    """Modal rows; and in the moment rows the first moment moving under a' = (px, py, pz)."""
     m, iv, at = body["m"], body["iv"], body["flex"]
     at_M = at + 12 * m
+    at_G = at_M + 9 * m * m
     at_K = at_M + 13 * m * m
     w2 = v[iv + 3] * v[iv + 3] + v[iv + 4] * v[iv + 4] + v[iv + 5] * v[iv + 5]
     for k in range(m):
@@ -159,14 +166,69 @@ def _add_modal_stiffness(body, pool, v, px, py, pz, f, B):
         B[6 + k, 5] += f * uz
         for c in range(m):
             B[6 + k, 6 + c] += f * pool[at_K + k * m + c]
-    if w2 == 0.0:
-        return
     for b in range(3):
+        # ω̇·δM_ωη: −ω̇_b G_b
+        s = -f * vd[iv + 3 + b]
+        if s != 0.0:
+            _add_block(pool, at_G + b * m * m, m, s, B)
         for e in range(3):
             # Σ B_be M_be; the pool holds M_be at row block 3 e + b
             s = f * (v[iv + 3 + b] * v[iv + 3 + e] - (w2 if b == e else 0.0))
-            block = at_M + (3 * e + b) * m * m
             if s != 0.0:
-                for k in range(m):
-                    for c in range(m):
-                        B[6 + k, 6 + c] += s * pool[block + k * m + c]
+                _add_block(pool, at_M + (3 * e + b) * m * m, m, s, B)
+
+
+@kernel
+def _add_block(pool, at, m, f, B):
+    """Add f × (m × m block of the pool at `at`) to the modal block of B."""
+    for k in range(m):
+        for c in range(m):
+            B[6 + k, 6 + c] += f * pool[at + k * m + c]
+
+
+@kernel
+def _add_frame_columns(body, A, pool, Z, v, vd, f, B):
+    """Force and moment rows: c, J, M_ωη and V change with η."""
+    m, iv, at, z = body["m"], body["iv"], body["flex"], body["z"]
+    o = iv + 6
+    at_M = at + 12 * m
+    at_G = at_M + 9 * m * m
+    wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+    ex, ey, ez = vd[iv + 3], vd[iv + 4], vd[iv + 5]
+    for k in range(m):
+        # δc = p_k: A (ω̇×p_k + ω×(ω×p_k))
+        x, y, z3 = pool[at + k], pool[at + m + k], pool[at + 2 * m + k]
+        ux, uy, uz = cross(wx, wy, wz, x, y, z3)
+        ux, uy, uz = cross(wx, wy, wz, ux, uy, uz)
+        hx, hy, hz = cross(ex, ey, ez, x, y, z3)
+        x, y, z3 = transform(A, ux + hx, uy + hy, uz + hz)
+        add_column(B, 0, 6 + k, f, x, y, z3)
+        # δJ = tr(δS) I − δS, δS_ab = Z_ab + Z_ba: δJ ω̇ + ω×δJ ω
+        trace = 2.0 * (Z[z + k] + Z[z + 4 * m + k] + Z[z + 8 * m + k])
+        hx, hy, hz = _times_symmetric(Z, z + k, m, wx, wy, wz)
+        ux, uy, uz = cross(hx, hy, hz, wx, wy, wz)
+        hx, hy, hz = _times_symmetric(Z, z + k, m, ex, ey, ez)
+        ux, uy, uz = ux + trace * ex - hx, uy + trace * ey - hy, uz + trace * ez - hz
+        add_column(B, 3, 6 + k, f, ux, uy, uz)
+        # δM_ωη η̈ = G η̈, and 2 (tr(δV) − δVᵀ) ω with δV_ab = (M_ab η̇)_k
+        trace = 0.0
+        for a in range(3):
+            trace += dot(pool, at_M + (4 * a * m + k) * m, v, o, m)
+        for b in range(3):
+            s = trace * v[iv + 3 + b]
+            for c in range(3):
+                s -= dot(pool, at_M + ((3 * b + c) * m + k) * m, v, o, m) * v[iv + 3 + c]
+            B[3 + b, 6 + k] += f * (2.0 * s + dot(pool, at_G + (b * m + k) * m, vd, o, m))
+
+
+@kernel
+def _times_symmetric(Z, z, m, x, y, w):
+    """(Z + Zᵀ)(x, y, w) with Z_ab at z + (3 a + b) m."""
+    xy = Z[z + m] + Z[z + 3 * m]
+    xz = Z[z + 2 * m] + Z[z + 6 * m]
+    yz = Z[z + 5 * m] + Z[z + 7 * m]
+    return (
+        2.0 * Z[z] * x + xy * y + xz * w,
+        xy * x + 2.0 * Z[z + 4 * m] * y + yz * w,
+        xz * x + yz * y + 2.0 * Z[z + 8 * m] * w,
+    )

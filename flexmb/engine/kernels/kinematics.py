@@ -1,7 +1,7 @@
 """Markers: position, velocity and acceleration bias, and how a wrench acts back on the body.
 
-Rigid: p = r + A ρ. Flexible: p = r + A s, s = ρ + Φ_t η + E ŝ with E = exp(θ̃), θ = Φ_r η and an arm ŝ
-that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes is
+Rigid: p = r + A ρ. Flexible: p = r + A s, s = ρ + Φ_t η + E ŝ with E = exp(θ̃), θ = Φ_r η and an
+arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes is
 ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of a body.
@@ -128,9 +128,7 @@ def velocity(parts, now, v):
         wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
         ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
         if mk["modes"] >= 0:
-            dx, dy, dz, ex, ey, ez = _deformation_rates(
-                mk, mn, body["m"], parts.pool, v, iv + 6
-            )
+            dx, dy, dz, ex, ey, ez = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
             ux, uy, uz = ux + dx, uy + dy, uz + dz
             wx, wy, wz = wx + ex, wy + ey, wz + ez
         ux, uy, uz = transform(A, ux, uy, uz)
@@ -155,9 +153,7 @@ def bias(parts, now, v):
         ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
         ex, ey, ez = 0.0, 0.0, 0.0
         if mk["modes"] >= 0:
-            dx, dy, dz, ox, oy, oz = _deformation_rates(
-                mk, mn, body["m"], parts.pool, v, iv + 6
-            )
+            dx, dy, dz, ox, oy, oz = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
             cx, cy, cz = cross(wx, wy, wz, dx, dy, dz)
             ex, ey, ez = cross(wx, wy, wz, ox, oy, oz)
             tx, ty, tz = _tangent_rate(mk, mn, body["m"], parts.pool, v, iv + 6)

@@ -1,15 +1,15 @@
 """The iteration matrix S = [[M + cv ∂F/∂v + cp ∂F/∂q, Cqᵀ], [Cq, −ε]] in the panels of the factor.
 
 F are the inertia, applied and constraint forces on the left side, M v̇ + … + Cqᵀ λ − Q. With
-cv = cp = 0 it is the matrix of the acceleration level. ε_i is 1e-9 of (Cq diag(S)⁻¹ Cqᵀ)_ii: relative,
-so that no unit or step size can turn it into noise, and taken back by refinement.
+cv = cp = 0 it is the matrix of the acceleration level. ε_i is 1e-9 of (Cq diag(S)⁻¹ Cqᵀ)_ii:
+relative, so that no unit or step size can turn it into noise, and taken back by refinement.
 """
 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import constraint, inertia_tangent, kinematics, ldl
-from flexmb.engine.kernels.blocks import put_row, row_compliance, add_body_block
+from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 
 _REGULARISATION = 1e-9
@@ -55,7 +55,7 @@ def _bodies(parts, kkt, wk, v, vd, cv, cp):
         if cv != 0.0:
             inertia_tangent.add_velocity_tangent(body, bn, parts.pool, Z, v, cv, B)
         if cp != 0.0:
-            inertia_tangent.add_position_tangent(body, bn, parts, v, vd, cp, B)
+            inertia_tangent.add_position_tangent(body, bn, Z, parts, v, vd, cp, B)
         add_body_block(body, kkt.panels[body["panel"]], B, wk.factor.low, wk.factor.up)
 
 

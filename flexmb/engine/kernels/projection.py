@@ -23,8 +23,8 @@ def project_velocity(sys, wk, v, tolerance):
 
     A correction no larger than `tolerance` (weighted) ends the iteration; wk.con.mu adds up μ.
     With velocities projected at every step of size h, v̇ and λ of generalized-α refer to a time
-    c h off the step's end, c = 1/3 − 2β + α_f − α_m, and the drift of a step is −c h² times the third
-    derivative: so v̇ + δv/h and λ + μ/h are those at its end, to second order.
+    c h off the step's end, c = 1/3 − 2β + α_f − α_m, and the drift of a step is −c h² times the
+    third derivative: so v̇ + δv/h and λ + μ/h are those at its end, to second order.
     """
     rate, mu, sol, place = wk.con.rate, wk.con.mu, wk.factor.sol, sys.kkt.place
     nv = v.shape[0]

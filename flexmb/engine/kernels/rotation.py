@@ -3,7 +3,8 @@
 Euler parameters p = (e0, e1, e2, e3), scalar first, map body axes to global axes: x = A(p) x'.
 A rotation vector θ in body axes is applied on the right, p ∘ exp(θ). The tangent
 T(θ) = I − c1 θ̃ + c2 θ̃², c1 = (1 − cos θ)/θ², c2 = (θ − sin θ)/θ³, gives the angular velocity of
-exp(θ̃) in the axes it starts from as Tᵀ θ̇ (Géradin & Cardona, Flexible Multibody Dynamics, 2001, ch. 4).
+exp(θ̃) in the axes it starts from as Tᵀ θ̇ (Géradin & Cardona, Flexible Multibody Dynamics, 2001,
+ch. 4).
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ def tangent_coefficients(x):
     """c1, c2 of T(θ) and their derivatives with respect to x = θ² (four numbers)."""
     if x < 1e-2:
         c1 = 0.5 - x * (1.0 / 24.0 - x * (1.0 / 720.0 - x * (1.0 / 40320.0 - x / 3628800.0)))
-        c2 = 1.0 / 6.0 - x * (1.0 / 120.0 - x * (1.0 / 5040.0 - x * (1.0 / 362880.0 - x / 39916800.0)))
+        c2 = 1.0 / 362880.0 - x / 39916800.0
+        c2 = 1.0 / 6.0 - x * (1.0 / 120.0 - x * (1.0 / 5040.0 - x * c2))
         d1 = -1.0 / 24.0 + x * (1.0 / 360.0 - x * (1.0 / 13440.0 - x / 907200.0))
         d2 = -1.0 / 120.0 + x * (1.0 / 2520.0 - x * (1.0 / 120960.0 - x / 9979200.0))
         return c1, c2, d1, d2

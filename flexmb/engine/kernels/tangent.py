@@ -109,7 +109,8 @@ def _add_modal_lever(mk, mn, pool, m, fx, fy, fz, tx, ty, tz, B):
         ax, ay, az = cross(ax, ay, az, fx, fy, fz)
         jx, jy, jz = tangent(th[0], th[1], th[2], ax, ay, az)
         o = at + 3 * m
-        dx, dy, dz = _tangent_slope(th, pool[o + c], pool[o + m + c], pool[o + 2 * m + c], mx, my, mz)
+        rx, ry, rz = pool[o + c], pool[o + m + c], pool[o + 2 * m + c]
+        dx, dy, dz = _tangent_slope(th, rx, ry, rz, mx, my, mz)
         jx, jy, jz = jx + dx, jy + dy, jz + dz
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * jx + pool[o + m + r] * jy + pool[o + 2 * m + r] * jz
