@@ -1,8 +1,8 @@
 """The metric in which the first state is changed least.
 
 Corrections of positions and velocities minimise δᵀ M δ with two changes to M: the modal mass
-becomes M + b K, so that gaps are closed by moving bodies and hardly by straining them, and bodies whose
-velocity the user gave weigh 1e8 times as much, so that the others adapt to them.
+becomes M + b K, so that gaps are closed by moving bodies and hardly by straining them, and bodies
+whose velocity the user gave weigh 1e8 times as much, so that the others adapt to them.
 """
 
 from __future__ import annotations

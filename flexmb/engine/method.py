@@ -1,11 +1,12 @@
 """What a run is asked to do: the method with its coefficients, and the settings of the loop.
 
-The step contract. A method is one file in `integrators` with a kernel
-`step(sys, coefficients, settings, st, wk, h) -> status` that reads `State`, leaves the trial state at
-t + h in `Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop alone accepts, rejects, projects and stores. Memory that a method carries
-from step to step (previous accelerations, contraction, step sizes) lives in `State`, so a
-multi-step method, a multi-stage method and an explicit one fit alike. Coefficients are data. The
-methods not chosen are None and are not compiled.
+The step contract. A method is one file in `integrators` with a kernel `step(sys, coefficients,
+settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t + h in
+`Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop
+alone accepts, rejects, projects and stores. Memory that a method carries from step to step
+(previous accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a
+multi-stage method and an explicit one fit alike. Coefficients are data. The methods not chosen
+are None and are not compiled.
 """
 
 from __future__ import annotations

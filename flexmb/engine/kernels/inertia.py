@@ -7,8 +7,8 @@ J = tr(S) I − S, c = ∫ρ x = S1 + p η, and a' = Aᵀ(r̈ − g), B = ω̃'�
     moment   c × a' + J ω̇' + ω'×J ω' + M_ωη η̈ + 2 (tr(V) − Vᵀ) ω',   V_ab = Z_ab·η̇
     modes    p_bᵀ a'_b + M_ωηᵀ ω̇' + M_ηη η̈ + Σ B_bc Z_cb − 2 Σ ω'_k G_k η̇ + Kη + Dη̇
 
-M_ωη has the row x: Z_yz − Z_zy and cyclic; G_x = M_yz − M_zy and cyclic. A rigid body is the case of
-no modes. Gravity enters as an acceleration of the frame, so it needs no force of its own.
+M_ωη has the row x: Z_yz − Z_zy and cyclic; G_x = M_yz − M_zy and cyclic. A rigid body is the case
+of no modes. Gravity enters as an acceleration of the frame, so it needs no force of its own.
 Exact for solids, beams and shells (Shabana, Dynamics of Multibody Systems, 4th ed., §5.4, written
 with second moments).
 """

@@ -1,8 +1,8 @@
 """Markers: position, velocity and acceleration bias, and how a wrench acts back on the body.
 
 Rigid: p = r + A ρ. Flexible: p = r + A s, s = ρ + Φ_t η + E ŝ with E = exp(θ̃), θ = Φ_r η and an
-arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes is
-ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
+arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes
+is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of a body.
 """
