@@ -3,7 +3,8 @@
 Columns and rows follow v of the body: (r, ω', η). `mass_block` is M; `add_velocity_tangent` the
 derivative of the inertia forces with v (gyroscopic and damping terms); `add_position_tangent` that
 with the configuration at constant v and v̇: elastic and centrifugal stiffness, the turning of
-inertia forces and weight with the body, and the change of the integrals with the deformation. All exact.
+inertia forces and weight with the body, and the change of the integrals with the deformation.
+All exact.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     constraint.jacobian(sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
-        spring_tangents(sys, sys.springs, wk, cv, cp)
+        spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
     if symmetric:
         for i in range(low.shape[0]):

@@ -1,0 +1,209 @@
+"""Seeded random bodies and mechanisms: chain, tree, star, loop; rigid, flexible, mixed.
+
+Flexible bodies are clouds of point masses with arbitrary mode shapes, so every inertia integral is an
+exact sum over the points and any of them can be checked point by point. Mechanisms are assembled in
+their placed pose, and use every joint type, drivers, springs, follower and global loads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.flexbody import FlexBody, Interface
+from flexmb.model import Model
+
+JOINT_TYPES = ("revolute", "spherical", "prismatic", "cylindrical", "fixed")
+TOPOLOGIES = ("chain", "tree", "star", "loop")
+BODIES = ("rigid", "flexible", "mixed")
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Point masses: mass (k,), place s (k, 3), mode shapes N (k, 3, m), stiffness, damping (m, m)."""
+
+    mass: np.ndarray
+    s: np.ndarray
+    N: np.ndarray
+    K: np.ndarray
+    D: np.ndarray
+
+    @property
+    def m(self):
+        return self.N.shape[2]
+
+    @property
+    def center(self):
+        return self.mass @ self.s / self.mass.sum()
+
+    @property
+    def inertia(self):
+        """About the centre, undeformed."""
+        d = self.s - self.center
+        S = np.einsum("k,ka,kb->ab", self.mass, d, d)
+        return np.trace(S) * np.eye(3) - S
+
+    def rigid_fields(self):
+        """What a scene says of the same points held together rigidly."""
+        J = 0.5 * (self.inertia + self.inertia.T)
+        return {"mass": self.mass.sum(), "center": list(self.center), "inertia": J.tolist()}
+
+    def flexbody(self, name, interfaces=()):
+        """The FlexBody of the cloud."""
+        return FlexBody(
+            name,
+            self.mass.sum(),
+            self.mass @ self.s,
+            np.einsum("k,ka,kb->ab", self.mass, self.s, self.s),
+            np.einsum("k,kbi->bi", self.mass, self.N),
+            np.einsum("k,ka,kbi->abi", self.mass, self.s, self.N),
+            np.einsum("k,kai,kbj->abij", self.mass, self.N, self.N),
+            self.K,
+            self.D,
+            tuple(interfaces),
+        )
+
+
+def cloud(rng, m=0, points=8):
+    """A random cloud with m modes, about 1 m and 2 kg."""
+    N = 0.5 * rng.standard_normal((points, 3, m))
+    L, R = rng.standard_normal((2, m, m))
+    return Cloud(
+        rng.uniform(0.1, 0.4, points),
+        rng.standard_normal((points, 3)) * (0.6, 0.4, 0.3) + rng.standard_normal(3) * 0.2,
+        N,
+        40.0 * (L @ L.T + 0.5 * np.eye(m)),
+        0.3 * R @ R.T,
+    )
+
+
+def interface(rng, name, m):
+    """An interface anywhere; its rotations per unit modal coordinate are as large as its motion."""
+    shapes = rng.standard_normal((2, 3, m))
+    return Interface(name, 0.5 * rng.standard_normal(3), 0.5 * shapes[0], shapes[1])
+
+
+def random_rotation(rng):
+    """Rotation matrix, uniform over the group."""
+    Q, R = np.linalg.qr(rng.standard_normal((3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return Q * np.linalg.det(Q)
+
+
+def edges(rng, topology, n):
+    """Pairs of bodies that share a joint, −1 being ground."""
+    if topology == "star":
+        return [(-1, 0)] + [(0, k) for k in range(1, n)]
+    if topology == "tree":
+        return [(-1, 0)] + [(int(rng.integers(0, k)), k) for k in range(1, n)]
+    chain = [(k - 1, k) for k in range(n)]
+    return [*chain, (n - 1, -1)] if topology == "loop" else chain
+
+
+class Mechanism:
+    """A random model and how it was made.
+
+    Parameters
+    ----------
+    seed : int
+        The same numbers for the same seed.
+    topology, bodies : str
+        One of TOPOLOGIES and of BODIES.
+    n : int
+        Number of bodies.
+    acting : bool
+        With drivers, springs, loads and gravity.
+    turn, shift : (3, 3), (3,)
+        The whole world turned and shifted.
+    """
+
+    def __init__(
+        self, seed, topology="tree", bodies="mixed", n=4, acting=True, turn=None, shift=(0, 0, 0)
+    ):
+        self.rng = np.random.default_rng(seed)
+        self.turn = np.eye(3) if turn is None else turn
+        self.shift = np.asarray(shift, float)
+        self.model = Model(f"{topology} of {bodies} bodies")
+        self.clouds = {}
+        self.pose = {}
+        for k in range(n):
+            flexible = bodies == "flexible" or (bodies == "mixed" and k % 2 == 1)
+            self._body(f"b{k}", 3 + k % 2 if flexible else 0)
+        joints = edges(self.rng, topology, n)
+        first = int(self.rng.integers(len(JOINT_TYPES)))
+        for k, pair in enumerate(joints):
+            self._joint(f"j{k}", JOINT_TYPES[(first + k) % len(JOINT_TYPES)], pair)
+        if acting:
+            self._act(n)
+
+    def _body(self, name, m):
+        rng = self.rng
+        r, A = rng.standard_normal(3), random_rotation(rng)
+        self.pose[name] = r, A
+        place = {
+            "position": list(self.turn @ r + self.shift),
+            "orientation": (self.turn @ A).tolist(),
+        }
+        made = self.clouds[name] = cloud(rng, m)
+        if m:
+            ends = [interface(rng, end, m) for end in ("a", "b", "c")]
+            self.model.add_body(name, made.flexbody(name, ends), **place)
+        else:
+            self.model.add_body(name, **made.rigid_fields(), **place)
+
+    def marker(self, body, name, x, R=None):
+        """A marker at the global point x with global axes R of the unturned world; its reference."""
+        R = np.eye(3) if R is None else R
+        if body < 0:
+            place = {"position": self.turn @ x + self.shift, "orientation": self.turn @ R}
+            owner = "ground"
+        else:
+            owner = f"b{body}"
+            r, A = self.pose[owner]
+            place = {"position": A.T @ (x - r), "orientation": A.T @ R}
+            if self.clouds[owner].m:
+                place["interface"] = "abc"[self.rng.integers(3)]
+        place = {k: v if isinstance(v, str) else v.tolist() for k, v in place.items()}
+        self.model.add_marker(f"{owner}.{name}", **place)
+        return f"{owner}.{name}"
+
+    def _joint(self, name, kind, pair):
+        x, R = self.rng.standard_normal(3), random_rotation(self.rng)
+        between = [self.marker(body, name, x, R) for body in pair]
+        self.model.add_joint(name, kind, between=between)
+
+    def _act(self, n):
+        model, rng = self.model, self.rng
+        model.set_gravity(list(self.turn @ [1.0, -2.0, -9.0]))
+        for name, joint in model.joints.items():
+            if joint.type in ("revolute", "cylindrical"):
+                model.add_driver(f"angle_{name}", joint=name, angle="0.3*sin(2*t) + 0.1*t")
+            if joint.type in ("prismatic", "cylindrical"):
+                model.add_driver(f"stroke_{name}", joint=name, stroke="0.2*t**2 - 0.1*t")
+        for k in range(n):
+            pair = [(k + 1) % n if k + 1 < n else -1, k]
+            ends = [self.marker(b, f"s{k}{b + 1}", rng.standard_normal(3)) for b in pair]
+            model.add_force(
+                f"spring{k}", "spring-damper", between=ends,
+                stiffness=30.0, damping=2.0, free_length=0.5,
+            )  # fmt: skip
+            at = self.marker(k, f"f{k}", rng.standard_normal(3), random_rotation(rng))
+            for axes in ("global", "body"):
+                for kind in ("force", "torque"):
+                    value = self._turned("3*cos(t)", "2 + t", "-1", axes)
+                    model.add_force(f"{kind}_{axes}{k}", kind, at=at, value=value, axes=axes)
+        angular = [
+            name for name, j in model.joints.items() if j.type in ("revolute", "cylindrical")
+        ]
+        for kind in ("position", "velocity", "acceleration"):
+            model.add_sensor(kind, kind, of=at)
+            model.add_sensor(f"relative_{kind}", kind, of=at, relative_to=ends[0])
+        for name in angular:
+            model.add_sensor(f"angle_{name}", "angle", joint=name)
+
+    def _turned(self, x, y, z, axes):
+        """Components of a vector of functions, in the turned world where axes are global."""
+        if axes == "body":
+            return [x, y, z]
+        return [f"({a!r})*({x}) + ({b!r})*({y}) + ({c!r})*({z})" for a, b, c in self.turn.tolist()]
