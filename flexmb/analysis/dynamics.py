@@ -18,6 +18,7 @@ from flexmb.analysis.rank import motion_is_determined
 from flexmb.engine import march, method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.status import sentence
+from flexmb.engine.warm import compile_kernels
 from flexmb.engine.work import State, Work, new_work
 from flexmb.errors import FlexmbError, SceneError, SolverError
 from flexmb.model.dynamics import DynamicsSpec
@@ -89,7 +90,7 @@ def dynamics(
     sink : Sink
         Takes output rows and, after each chunk, the complete state.
     progress : Progress
-        Told the phases `assemble` and `integrate`.
+        Told the phases `compile`, `assemble` and `integrate`.
 
     Raises
     ------
@@ -101,13 +102,16 @@ def dynamics(
     spec = model.dynamics
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give duration and step")
+    chosen = chosen_method(spec)
     clock = _Clock()
+    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
+    clock.lap("compile")
     progress("assemble", 0.0)
     first = assemble(compiled, model, start=spec.start)
     settings, grid = _settings(compiled, spec, first.state, first.work)
     progress("assemble", 1.0)
     clock.lap("assemble")
-    run = _Run(compiled, chosen_method(spec), settings, first.state)
+    run = _Run(compiled, chosen, settings, first.state)
     status, message = _integrate(run, grid, sink, progress)
     clock.lap("integrate")
     notes = list(first.notes)

@@ -41,7 +41,7 @@ def solve_level(sys, st, wk, level):
     wk.factor.symmetric[0] = 1
     factorise(sys, wk, tr.zero, tr.zero, st.lam, 0.0, 0.0)
     if level == VELOCITIES:
-        return float(project_velocity(sys, wk, st.v, 1e-15))
+        return float(project_velocity(sys, wk, st.v, 0.0, 0.5))
     return _correct_positions(sys, st, wk)
 
 

@@ -70,18 +70,28 @@ _OPTIONS = {
 entry = numba.njit(**_OPTIONS)
 """Decorator of the few functions that Python calls."""
 
+kernel_names: list[str] = []
+"""All kernels that were imported, for the progress of compilation."""
+
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Decorator of all functions that only compiled code calls; they get no Python wrapper.
 
     Called from Python with compilation on, they raise `TypeError` (tests wrap them in an `entry`).
     """
+    kernel_names.append(f"{function.__module__}.{function.__qualname__}")
     compiled = numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
     if isinstance(compiled, Dispatcher):
 
         def refuse(*_: Any, **__: Any) -> None:
             raise TypeError(f"kernel {function.__qualname__} is called by compiled code only")
 
+        def template(args: Any, kws: Any) -> Any:
+            plain = tuple(numba.types.unliteral(arg) for arg in args)
+            return Dispatcher.get_call_template(compiled, plain, kws)
+
         compiled._compile_for_args = refuse
         compiled._insert = lambda *_, **__: None
+        # One compilation for all integers, not one for every literal that is passed.
+        compiled.get_call_template = template
     return compiled

@@ -18,6 +18,7 @@ from flexmb.engine.kernels.motion import copy, weighted_size
 from flexmb.engine.kernels.projection import accelerations, project_velocity
 from flexmb.engine.method import (
     AGE,
+    CONTRACTION,
     FACTORISATIONS,
     FINE,
     NO_METHOD,
@@ -61,7 +62,8 @@ def _accept(sys, settings, st, wk, h):
     kinematics.position(sys.parts, now, tr.q)
     smallest = _ROUND_OFF * weighted_size(tr.v, sys.weights)
     tolerance = settings.newton_tolerance * h * weighted_size(tr.vd, sys.weights)
-    st.count[PROJECTIONS] += project_velocity(sys, wk, tr.v, max(tolerance, smallest))
+    contraction = min(st.memory[CONTRACTION], 0.5)
+    st.count[PROJECTIONS] += project_velocity(sys, wk, tr.v, max(tolerance, smallest), contraction)
     if settings.works == 1:
         kinematics.velocity(sys.parts, now, tr.v)
         # vd and λ of the step lag behind the projected velocities by δv/h and μ/h (projection.py)

@@ -18,10 +18,11 @@ _REFINEMENTS = 2
 
 
 @kernel
-def project_velocity(sys, wk, v, tolerance):
+def project_velocity(sys, wk, v, tolerance, contraction):
     """Put v (nv) on Cq v + C_t = 0 after a position stage; returns the solves made.
 
-    A correction no larger than `tolerance` (weighted) ends the iteration; wk.con.mu adds up μ.
+    A correction that leaves no more than `tolerance` (weighted) ends the iteration, with the
+    contraction that Newton measured for this factor; wk.con.mu adds up μ.
     With velocities projected at every step of size h, v̇ and λ of generalized-α refer to a time
     c h off the step's end, c = 1/3 − 2β + α_f − α_m, and the drift of a step is −c h² times the
     third derivative: so v̇ + δv/h and λ + μ/h are those at its end, to second order.
@@ -47,7 +48,7 @@ def project_velocity(sys, wk, v, tolerance):
             size = max(size, abs(d) * sys.weights[i])
         for i in range(mu.shape[0]):
             mu[i] += sol[place[nv + i]]
-        if size <= tolerance:
+        if contraction / (1.0 - contraction) * size <= tolerance:
             return n + 1
     return _ROUNDS
 
