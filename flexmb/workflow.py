@@ -254,6 +254,11 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
     notes = ["gravity: none" if model.gravity is None else f"gravity: {model.gravity} m/s^2"]
     if counts.flexible_bodies:
         notes.append("modes of flexible bodies add coordinates that are not counted here")
+    if counts.mobility < 0:
+        notes.append(
+            "joints and drivers hold more than rigid bodies can move: flexible bodies must give "
+            "way, or reactions are not unique"
+        )
     return CheckReport(model.title or str(path), told, notes)
 
 

@@ -120,7 +120,7 @@ def rows(t: np.ndarray, layout: Any) -> OutputBlock:
         vd=np.zeros((n, layout.nv)),
         lam=np.zeros((n, layout.nc)),
         sensors=sensors,
-        energy=np.zeros((n, len(layout.energies))),
+        energy=np.full((n, len(layout.energies)), 0.5),
         drift=np.zeros((n, 2)),
     )
 

@@ -24,7 +24,7 @@ Examples:
 
 flexmb run cases/slider_crank/scene.toml
 
-flexmb run scene.toml --set speed="2*pi*50" --set dynamics.step=5e-6 --output out/fast
+flexmb run scene.toml --set speed="2*pi*50" --output out/fast
 
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 

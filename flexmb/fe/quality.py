@@ -79,7 +79,7 @@ def mode_infos(
     R = fe.rigid
     energy, mass = np.sum(R * (fe.K @ R), axis=0), np.sum(R * (fe.M @ R), axis=0)
     residual = np.sqrt(np.maximum(energy / mass, 0.0)) / (2 * np.pi)
-    why = "rigid-body motion, carried by the body frame"
+    why = "rigid motion"
     rigid = [
         ModeInfo(-1, "rigid", float(f), False, why, name)
         for f, name in zip(residual, _RIGID, strict=True)
@@ -98,7 +98,7 @@ def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) 
             "elastic",
             float(frequency),
             True,
-            "elastic mode of the free body",
+            "",
             reduced.labels[largest[j]],
             float(strain[:c, j].sum()),
             tuple(kinetic[j]),

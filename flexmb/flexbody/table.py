@@ -1,6 +1,8 @@
 """The mode table of a body, as rows of text for whoever prints it.
 
-In: a :class:`FlexBody`. Out: one row per candidate mode under the headings ``MODE_COLUMNS``.
+In: a :class:`FlexBody`. Out: one row per candidate mode under the headings ``MODE_COLUMNS``:
+`mostly` names the candidate with the most strain energy in the mode, `interfaces` the share of
+strain energy in interface motions, `x/y/z` the shares of kinetic energy along the axes.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ __all__ = ["MODE_COLUMNS", "mode_table"]
 MODE_COLUMNS = (
     "mode",
     "kind",
-    "frequency [Hz]",
+    "f [Hz]",
     "mostly",
-    "interface share",
-    "moves along x, y, z",
+    "interfaces",
+    "x/y/z",
     "kept or why dropped",
 )
 
@@ -32,12 +34,17 @@ def _row(mode: ModeInfo) -> tuple[str, ...]:
     return (
         str(mode.index) if mode.kept else "-",
         mode.kind,
-        f"{mode.frequency:.6g}",
+        f"{mode.frequency:.1f}" if mode.frequency >= 100.0 else f"{mode.frequency:.3g}",
         mode.mostly,
         _share(mode.interface_share),
-        " ".join(_share(value) for value in mode.kinetic_share).strip(),
-        f"{'kept' if mode.kept else 'dropped'}: {mode.why}",
+        _along_axes(mode.kinetic_share),
+        f"{'kept' if mode.kept else 'dropped'}{': ' if mode.why else ''}{mode.why}",
     )
+
+
+def _along_axes(shares: tuple[float, ...]) -> str:
+    known = bool(shares) and not any(math.isnan(value) for value in shares)
+    return "/".join(f"{100 * value:.0f}" for value in shares) + " %" if known else ""
 
 
 def _share(value: float) -> str:

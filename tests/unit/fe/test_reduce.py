@@ -38,7 +38,7 @@ def test_the_connecting_rod(rod):
 def test_its_mode_table(rod):
     rows = mode_table(rod)
     assert len(rows) == 6 + rod.m
-    assert all(row[0] == "-" and row[-1].startswith("dropped: rigid-body") for row in rows[:6])
+    assert all(row[0] == "-" and row[-1].startswith("dropped: rigid motion") for row in rows[:6])
     assert [row[0] for row in rows[6:]] == [str(k) for k in range(rod.m)]
     shares = np.array([mode.kinetic_share for mode in rod.modes if mode.kept])
     np.testing.assert_allclose(shares.sum(axis=1), 1, atol=1e-10)
