@@ -1,8 +1,8 @@
 """Seeded random bodies and mechanisms: chain, tree, star, loop; rigid, flexible, mixed.
 
-Flexible bodies are clouds of point masses with arbitrary mode shapes, so every inertia integral is an
-exact sum over the points and any of them can be checked point by point. Mechanisms are assembled in
-their placed pose, and use every joint type, drivers, springs, follower and global loads.
+Flexible bodies are clouds of point masses with arbitrary mode shapes, so every inertia integral is
+an exact sum over the points and any of them can be checked point by point. Mechanisms are assembled
+in their placed pose, and use every joint type, drivers, springs, follower and global loads.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ import numpy as np
 from flexmb.flexbody import FlexBody, Interface
 from flexmb.model import Model
 
-JOINT_TYPES = ("revolute", "spherical", "prismatic", "cylindrical", "fixed")
+ROWS = {"revolute": 5, "spherical": 3, "prismatic": 5, "cylindrical": 4, "fixed": 6}
+JOINT_TYPES = tuple(ROWS)
+COORDINATES = {"revolute": ["angle"], "prismatic": ["stroke"], "cylindrical": ["angle", "stroke"]}
 TOPOLOGIES = ("chain", "tree", "star", "loop")
 BODIES = ("rigid", "flexible", "mixed")
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Point masses: mass (k,), place s (k, 3), mode shapes N (k, 3, m), stiffness, damping (m, m)."""
+    """Point masses: mass (k,), place s (k, 3), mode shapes N (k, 3, m); stiffness and damping."""
 
     mass: np.ndarray
     s: np.ndarray
@@ -109,11 +111,11 @@ class Mechanism:
     seed : int
         The same numbers for the same seed.
     topology, bodies : str
-        One of TOPOLOGIES and of BODIES.
+        One of TOPOLOGIES and of BODIES; or "modeless" for flexible bodies with no modes.
     n : int
         Number of bodies.
     acting : bool
-        With drivers, springs, loads and gravity.
+        With drivers (as far as there is freedom for them), springs, loads and gravity.
     turn, shift : (3, 3), (3,)
         The whole world turned and shifted.
     """
@@ -125,6 +127,7 @@ class Mechanism:
         self.turn = np.eye(3) if turn is None else turn
         self.shift = np.asarray(shift, float)
         self.model = Model(f"{topology} of {bodies} bodies")
+        self.bodies = bodies
         self.clouds = {}
         self.pose = {}
         for k in range(n):
@@ -146,14 +149,18 @@ class Mechanism:
             "orientation": (self.turn @ A).tolist(),
         }
         made = self.clouds[name] = cloud(rng, m)
-        if m:
+        if self.bodies == "modeless":
+            nothing = np.zeros((3, 0))
+            ends = [Interface("a", np.zeros(3), nothing, nothing)]
+            self.model.add_body(name, made.flexbody(name, ends), **place)
+        elif m:
             ends = [interface(rng, end, m) for end in ("a", "b", "c")]
             self.model.add_body(name, made.flexbody(name, ends), **place)
         else:
             self.model.add_body(name, **made.rigid_fields(), **place)
 
     def marker(self, body, name, x, R=None):
-        """A marker at the global point x with global axes R of the unturned world; its reference."""
+        """A marker at point x with axes R, both of the unturned world; its reference."""
         R = np.eye(3) if R is None else R
         if body < 0:
             place = {"position": self.turn @ x + self.shift, "orientation": self.turn @ R}
@@ -162,9 +169,11 @@ class Mechanism:
             owner = f"b{body}"
             r, A = self.pose[owner]
             place = {"position": A.T @ (x - r), "orientation": A.T @ R}
-            if self.clouds[owner].m:
+            if self.bodies == "modeless":
+                place["interface"] = "a"
+            elif self.clouds[owner].m:
                 place["interface"] = "abc"[self.rng.integers(3)]
-        place = {k: v if isinstance(v, str) else v.tolist() for k, v in place.items()}
+        place = {key: np.asarray(value).tolist() for key, value in place.items()}
         self.model.add_marker(f"{owner}.{name}", **place)
         return f"{owner}.{name}"
 
@@ -176,11 +185,17 @@ class Mechanism:
     def _act(self, n):
         model, rng = self.model, self.rng
         model.set_gravity(list(self.turn @ [1.0, -2.0, -9.0]))
-        for name, joint in model.joints.items():
-            if joint.type in ("revolute", "cylindrical"):
-                model.add_driver(f"angle_{name}", joint=name, angle="0.3*sin(2*t) + 0.1*t")
-            if joint.type in ("prismatic", "cylindrical"):
-                model.add_driver(f"stroke_{name}", joint=name, stroke="0.2*t**2 - 0.1*t")
+        freedom = 6 * n - sum(ROWS[joint.type] for joint in model.joints.values())
+        coordinates = [
+            (name, coordinate)
+            for name, joint in model.joints.items()
+            for coordinate in COORDINATES.get(joint.type, ())
+        ]
+        motions = {"angle": "0.3*sin(2*t) + 0.1*t", "stroke": "0.2*t**2 - 0.1*t"}
+        for name, coordinate in coordinates[: max(0, freedom)]:
+            model.add_driver(
+                f"{coordinate}_{name}", joint=name, **{coordinate: motions[coordinate]}
+            )
         for k in range(n):
             pair = [(k + 1) % n if k + 1 < n else -1, k]
             ends = [self.marker(b, f"s{k}{b + 1}", rng.standard_normal(3)) for b in pair]

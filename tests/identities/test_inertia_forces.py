@@ -1,7 +1,7 @@
 """Inertia of bodies that are clouds of point masses, against the sum over their points.
 
-The points' motion is differentiated numerically and pulled back by their own Jacobians, so nothing of
-the second-moment integrals enters the other route.
+The points' motion is differentiated numerically and pulled back by their own Jacobians, so nothing
+of the second-moment integrals enters the other route.
 """
 
 from __future__ import annotations

@@ -27,7 +27,11 @@ class Markers:
     def add(self, marker: PlacedMarker) -> int:
         """Index of the marker."""
         body = -1 if marker.body == GROUND else self.bodies.index(marker.body)
-        row = (body, self._modes(marker), marker.rho, marker.arm, marker.R)
+        modes = self._modes(marker)
+        rho, arm = marker.rho, marker.arm
+        if modes < 0:  # what no mode moves is one rigid place
+            rho, arm = marker.position, np.zeros(3)
+        row = (body, modes, rho, arm, marker.R)
         key = b"".join(np.asarray(part).tobytes() for part in row)
         if key not in self.known:
             self.known[key] = len(self.rows)
