@@ -67,6 +67,8 @@ _OPTIONS = {
     "_nrt": False,
 }
 
+_CHEAP = type(numba.config.OPT)(1)
+
 entry = numba.njit(**_OPTIONS)
 """Decorator of the few functions that Python calls."""
 
@@ -88,10 +90,15 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def template(args: Any, kws: Any) -> Any:
             plain = tuple(numba.types.unliteral(arg) for arg in args)
-            return Dispatcher.get_call_template(compiled, plain, kws)
+            level, numba.config.OPT = numba.config.OPT, _CHEAP
+            try:
+                return Dispatcher.get_call_template(compiled, plain, kws)
+            finally:
+                numba.config.OPT = level
 
         compiled._compile_for_args = refuse
         compiled._insert = lambda *_, **__: None
-        # One compilation for all integers, not one for every literal that is passed.
+        # One compilation for all integers, not one for every literal that is passed, and a cheap
+        # one: the entries optimise everything once more with all kernels in view.
         compiled.get_call_template = template
     return compiled
