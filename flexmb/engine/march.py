@@ -96,13 +96,13 @@ def _largest(x):
 def report(sys, method, settings, st, wk, out):
     """Write the state at st.t to the next row, with projected accelerations and multipliers."""
     row = out.rows[0]
-    cv, cp = _filter(method.alpha, settings)
+    cp = _filter(method.alpha, settings)
     tr, now = wk.trial, wk.now
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    if accelerations(sys, wk, st.t[0], st.q, st.v, tr.vd, tr.lam, cv, cp) < 0:
+    if accelerations(sys, wk, st.t[0], st.q, st.v, tr.vd, tr.lam, cp) < 0:
         return ZERO_LENGTH
     constraint.evaluate(sys.rows, now.marker, wk.con)
     constraint.rates(sys.rows, now.marker, wk.con, wk.dense.g[0])
@@ -128,14 +128,11 @@ def report(sys, method, settings, st, wk, out):
 
 @kernel
 def _filter(alpha, settings):
-    """Factors cv, cp of the matrix that reported accelerations are solved with."""
-    if alpha is not None:
-        if settings.determined == 1:
-            return 0.0, 0.0
+    """Factor cp of the matrix that reported accelerations are solved with, of order h²."""
+    if alpha is not None and settings.determined == 0:
         h = settings.step
-        b = alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
-        return b * alpha.gamma / (alpha.beta * h), b
-    return 0.0, 0.0
+        return alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
+    return 0.0
 
 
 @entry

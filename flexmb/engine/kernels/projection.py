@@ -1,8 +1,10 @@
 """Back to the constraints: velocities, and the accelerations and multipliers that are reported.
 
-Both use the factor of the last iteration matrix S. Velocities: S (δv; μ) = (0; −(Cq v + C_t)).
-Accelerations and multipliers: S (v̇; λ) = (Q; γ), refined; S and not M, because with a stiff mode at
-a joint the error of λ stays of second order in h. Where the constraints alone fix the motion, M.
+Velocities use the factor of the last iteration matrix S: S (δv; μ) = (0; −(Cq v + C_t)).
+Accelerations and multipliers: with M + b ∂F/∂q in place of M, (v̇; λ) from (Q; γ), refined; not with
+M, because with a stiff mode at a joint it is b K of order h² that keeps the error of λ of second
+order; and not with S, whose gyroscopic and damping terms of order h make it of first. Where the
+constraints alone fix the motion, M.
 """
 
 from __future__ import annotations
@@ -54,8 +56,10 @@ def project_velocity(sys, wk, v, tolerance, contraction):
 
 
 @kernel
-def accelerations(sys, wk, t, q, v, vd, lam, cv, cp):
-    """Solve S (v̇; λ) = (Q; γ) at (t, q, v) into vd and lam (in: estimates for the tangents).
+def accelerations(sys, wk, t, q, v, vd, lam, cp):
+    """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
+
+    The mass matrix is M + cp ∂F/∂q.
 
     Returns the number of replaced pivots, or −1 − k for spring k of no length.
     """
@@ -64,7 +68,7 @@ def accelerations(sys, wk, t, q, v, vd, lam, cv, cp):
     position_stage(sys, wk, t, q)
     kinematics.velocity(sys.parts, wk.now, v)
     fac.symmetric[0] = 1
-    fixes = factorise(sys, wk, v, vd, lam, cv, cp)
+    fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
     for i in range(lam.shape[0]):
         lam[i] = 0.0
     bad = forces(sys, wk, q, v, tr.zero, lam)
