@@ -20,7 +20,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.status import sentence
 from flexmb.engine.warm import compile_kernels
 from flexmb.engine.work import State, Work, new_work
-from flexmb.errors import FlexmbError, SceneError, SolverError
+from flexmb.errors import FlexmbError, SceneError
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -254,9 +254,3 @@ def _statistics(run: _Run, clock: _Clock) -> dict[str, float | int | str]:
         "energy_balance_error": run.balance.relative,
         **clock.seconds,
     }
-
-
-def require_finished(outcome: Outcome) -> None:
-    """Raise a `SolverError` with the sentence of a run that failed."""
-    if outcome.status == "failed":
-        raise SolverError(outcome.message)

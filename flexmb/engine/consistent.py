@@ -7,9 +7,10 @@ from flexmb.engine.jit import entry, kernel
 from flexmb.engine.kernels import constraint, energy, kinematics, sensor
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
-from flexmb.engine.kernels.motion import move, weighted_size
+from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.projection import accelerations, project_velocity
 from flexmb.engine.kernels.residual import position_stage, residual
+from flexmb.engine.kernels.vector import weighted_size
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN = 0, 1, 2, 3, 4
 # A correction of positions is cut to this share of the model size (or radians) per round.

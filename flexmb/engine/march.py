@@ -14,8 +14,8 @@ import numpy as np
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, kernel
 from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
-from flexmb.engine.kernels.motion import copy, weighted_size
 from flexmb.engine.kernels.projection import accelerations, project_velocity
+from flexmb.engine.kernels.vector import copy, largest, weighted_size
 from flexmb.engine.method import (
     AGE,
     CONTRACTION,
@@ -84,15 +84,6 @@ def _accept(sys, settings, st, wk, h):
 
 
 @kernel
-def _largest(x):
-    s = 0.0
-    for i in range(x.shape[0]):
-        if not abs(x[i]) <= s:
-            s = abs(x[i])
-    return s
-
-
-@kernel
 def report(sys, method, settings, st, wk, out):
     """Write the state at st.t to the next row, with projected accelerations and multipliers."""
     row = out.rows[0]
@@ -112,15 +103,15 @@ def report(sys, method, settings, st, wk, out):
     copy(st.v, out.v[row])
     copy(tr.vd, out.vd[row])
     copy(tr.lam, out.lam[row])
-    out.drift[row, 0] = _largest(wk.con.C)
-    out.drift[row, 1] = _largest(wk.con.rate)
+    out.drift[row, 0] = largest(wk.con.C)
+    out.drift[row, 1] = largest(wk.con.rate)
     out.energy[row, 0] = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
     out.energy[row, 1] = energy.strain(sys.parts, st.q)
     out.energy[row, 2] = energy.gravitational(sys.parts, now, st.q)
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
     for k in range(3):
         out.energy[row, 4 + k] = st.work_done[k]
-    if not (np.isfinite(out.energy[row, 0]) and np.isfinite(_largest(tr.lam))):
+    if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE
     out.rows[0] += 1
     return FINE

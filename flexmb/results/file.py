@@ -19,10 +19,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.layout import Layout
 from flexmb.errors import OutputError
 from flexmb.results.create import create_content, create_state, report_text
 from flexmb.results.disk import DiskFile
-from flexmb.results.layout import Columns, SystemLayout
+from flexmb.results.layout import Columns
 from flexmb.results.schema import DRIFT, STATUS, TABLES
 
 __all__ = ["OutputBlock", "ResultWriter"]
@@ -57,7 +58,7 @@ class ResultWriter:
     ----------
     path : path
         The file, usually ``result.h5``; its folder is made, an older file is replaced.
-    layout : SystemLayout
+    layout : Layout
         Names and offsets of bodies, rows, channels and energies.
     n_outputs : int
         Number of rows to reserve. More may be appended, at the cost of growing the file.
@@ -77,7 +78,7 @@ class ResultWriter:
     def __init__(
         self,
         path: str | Path,
-        layout: SystemLayout,
+        layout: Layout,
         n_outputs: int,
         *,
         scene: Mapping[str, Any],

@@ -14,38 +14,13 @@ from flexmb.engine.compile import elements, joints
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
+from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, Parts, System
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.model import Model
-
-ENERGIES = ("kinetic", "strain", "gravity", "spring", "driver_work", "damper_work", "applied_work")
-
-
-@dataclass(frozen=True)
-class BodyColumns:
-    """Offsets of one body in q and v."""
-
-    name: str
-    iq: int
-    iv: int
-    m: int
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Names of everything the tables hold by index."""
-
-    bodies: tuple[BodyColumns, ...]
-    nq: int
-    nv: int
-    nc: int
-    rows: tuple[str, ...]
-    channels: tuple[str, ...]
-    energies: tuple[str, ...]
-    fingerprint: str
 
 
 @dataclass(frozen=True)

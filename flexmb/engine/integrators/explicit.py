@@ -13,9 +13,10 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import constraint
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve
-from flexmb.engine.kernels.motion import copy, move, normalise, position_rate, weighted_size
+from flexmb.engine.kernels.motion import move, normalise, position_rate
 from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.residual import position_stage
+from flexmb.engine.kernels.vector import copy, weighted_size
 from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,

@@ -14,8 +14,9 @@ import math
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve
-from flexmb.engine.kernels.motion import move, weighted_size
+from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import residual
+from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import (
     AGE,
     CONTRACTION,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import force
-from flexmb.engine.kernels.inertia import dot
 from flexmb.engine.kernels.inertia_tangent import mass_block
 from flexmb.engine.kernels.rotation import transform
+from flexmb.engine.kernels.vector import dot
 
 
 @kernel

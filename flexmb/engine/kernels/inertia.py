@@ -16,8 +16,9 @@ with second moments).
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.kinematics import modal_vector, put
+from flexmb.engine.kernels.kinematics import modal_vector
 from flexmb.engine.kernels.rotation import cross, transform, transform_back
+from flexmb.engine.kernels.vector import dot, put
 
 
 @kernel
@@ -29,15 +30,6 @@ def add_product(pool, at, m, v, o, f, out, oo):
         for j in range(m):
             s += pool[row + j] * v[o + j]
         out[oo + i] += f * s
-
-
-@kernel
-def dot(a, i, b, j, m):
-    """a[i:i+m]·b[j:j+m]."""
-    s = 0.0
-    for k in range(m):
-        s += a[i + k] * b[j + k]
-    return s
 
 
 @kernel

@@ -10,9 +10,9 @@ All exact.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.inertia import dot
 from flexmb.engine.kernels.kinematics import modal_vector
 from flexmb.engine.kernels.rotation import cross, transform, transform_back
+from flexmb.engine.kernels.vector import dot
 
 
 @kernel

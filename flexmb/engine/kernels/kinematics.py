@@ -20,14 +20,7 @@ from flexmb.engine.kernels.rotation import (
     transform,
     transform_back,
 )
-
-
-@kernel
-def put(out, o, x, y, z):
-    """out[o:o+3] = (x, y, z)."""
-    out[o] = x
-    out[o + 1] = y
-    out[o + 2] = z
+from flexmb.engine.kernels.vector import put
 
 
 @kernel

@@ -12,18 +12,10 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.vector import dot
 
 # A pivot this small against its own diagonal entry carries no digits.
 _TINY = 1e-13
-
-
-@kernel
-def partial_dot(a, i, b, j, n):
-    """a[i:i+n]·b[j:j+n]."""
-    s = 0.0
-    for k in range(n):
-        s += a[i + k] * b[j + k]
-    return s
 
 
 @kernel
@@ -82,7 +74,7 @@ def _update_low(panel, updates, L, W):
             w = (up["x"] + i) * nc
             target = up["at"] + i * up["stride"]
             for j in range(i + 1 if up["diagonal"] == 1 else up["ny"]):
-                L[target + j] -= partial_dot(W, w, L, at + (up["y"] + j) * nc, nc)
+                L[target + j] -= dot(W, w, L, at + (up["y"] + j) * nc, nc)
 
 
 @kernel
@@ -123,8 +115,8 @@ def _update_pair(panel, updates, L, U, W, V):
             target = up["at"] + i * up["stride"]
             for j in range(i + 1 if up["diagonal"] == 1 else up["ny"]):
                 y = at + (up["y"] + j) * nc
-                L[target + j] -= partial_dot(W, w, U, y, nc)
-                U[target + j] -= partial_dot(V, w, L, y, nc)
+                L[target + j] -= dot(W, w, U, y, nc)
+                U[target + j] -= dot(V, w, L, y, nc)
 
 
 @kernel
@@ -140,9 +132,9 @@ def _solve(panels, rows_of, L, U, d, b):
         panel = panels[p]
         at, nc, col, rows = panel["at"], panel["nc"], panel["col"], panel["rows"]
         for i in range(1, nc):
-            b[col + i] -= partial_dot(L, at + i * nc, b, col, i)
+            b[col + i] -= dot(L, at + i * nc, b, col, i)
         for i in range(panel["nr"]):
-            b[rows_of[rows + i]] -= partial_dot(L, at + (nc + i) * nc, b, col, nc)
+            b[rows_of[rows + i]] -= dot(L, at + (nc + i) * nc, b, col, nc)
     for i in range(b.shape[0]):
         b[i] /= d[i]
     for q in range(panels.shape[0]):
@@ -179,7 +171,7 @@ def _multiply(panels, rows_of, L, U, eps, x, y):
             r = col + i if i < nc else rows_of[rows + i - nc]
             o = at + i * nc
             n = min(i, nc)
-            y[r] += partial_dot(L, o, x, col, n)
+            y[r] += dot(L, o, x, col, n)
             xr = x[r]
             for k in range(n):
                 y[col + k] += U[o + k] * xr

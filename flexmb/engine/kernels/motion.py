@@ -49,21 +49,3 @@ def normalise(bodies, q):
         s = 1.0 / math.sqrt(s)
         for a in range(4):
             q[i + a] *= s
-
-
-@kernel
-def weighted_size(x, weights):
-    """Largest |x_i| weight_i; NaN counts as largest."""
-    size = 0.0
-    for i in range(x.shape[0]):
-        s = abs(x[i]) * weights[i]
-        if not s <= size:
-            size = s
-    return size
-
-
-@kernel
-def copy(a, b):
-    """b = a."""
-    for i in range(a.shape[0]):
-        b[i] = a[i]

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.kinematics import put
 from flexmb.engine.kernels.rotation import cross
+from flexmb.engine.kernels.vector import put
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, POINT
 
 

@@ -1,0 +1,21 @@
+"""The whole chain in one call: scene to flexible bodies to system to run to files and pictures.
+
+The command line and the Python API use the same functions.
+"""
+
+from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
+from flexmb.workflow.check import check_scene
+from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
+from flexmb.workflow.run import run_model, run_scene, simulate
+
+__all__ = [
+    "CheckOutcome",
+    "CheckReport",
+    "RunReport",
+    "check_scene",
+    "flexible_bodies",
+    "reduce_mesh",
+    "run_model",
+    "run_scene",
+    "simulate",
+]

@@ -1,0 +1,46 @@
+"""Validating a scene without running it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from flexmb.workflow.reports import CheckReport
+
+__all__ = ["check_scene"]
+
+
+def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) -> CheckReport:
+    """Validate a scene and count what it holds.
+
+    Raises
+    ------
+    SceneError
+        All that is wrong with it.
+    """
+    from flexmb.model import load_scene
+    from flexmb.model.counts import count
+
+    model = load_scene(Path(path), dict(overrides or {}))
+    model.validate()
+    counts = count(model)
+    told = {
+        "rigid bodies": counts.rigid_bodies,
+        "flexible bodies": counts.flexible_bodies,
+        **{f"{row.type} joints": row.joints for row in counts.joints},
+        "drivers": counts.drivers,
+        "forces": counts.forces,
+        "sensors": counts.sensors,
+        "coordinates of the bodies, without modes": counts.rigid_coordinates,
+        "equations of the joints": counts.equations,
+        "freedoms left by joints and drivers": counts.mobility,
+    }
+    notes = ["gravity: none" if model.gravity is None else f"gravity: {model.gravity} m/s^2"]
+    if counts.flexible_bodies:
+        notes.append("modes of flexible bodies add coordinates that are not counted here")
+    if counts.mobility < 0:
+        notes.append(
+            "joints and drivers hold more than rigid bodies can move: flexible bodies must give "
+            "way, or reactions are not unique"
+        )
+    return CheckReport(model.title or str(path), told, notes)

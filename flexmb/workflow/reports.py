@@ -1,0 +1,49 @@
+"""What the workflow hands back: files, statistics, notes, known answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+__all__ = ["CheckOutcome", "CheckReport", "RunReport"]
+
+
+@dataclass(frozen=True)
+class CheckOutcome:
+    """One known answer of a scene and what the run gave."""
+
+    sensor: str
+    time: float
+    value: float
+    expected: float
+    tolerance: float
+    source: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value lies within the tolerance."""
+        return abs(self.value - self.expected) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What a run left behind."""
+
+    output: Path
+    result: Path
+    flexbodies: dict[str, Path]
+    picture: Path | None = None
+    history: Path | None = None
+    statistics: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    checks: list[CheckOutcome] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What `flexmb check` tells of a valid scene."""
+
+    title: str
+    counts: dict[str, int]
+    notes: list[str]
