@@ -10,6 +10,7 @@ from flexmb.fe.key import reduction_key
 from flexmb.fe.material import resolve
 from flexmb.fe.mesh import Mesh
 from flexmb.fe.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.precheck import mesh_problems
 from flexmb.fe.reader import read_mesh
 from flexmb.fe.recovery import node_modes, surface
 from flexmb.fe.reduce import make_body, reduce
@@ -29,6 +30,7 @@ __all__ = [
     "integrals",
     "make_body",
     "make_interfaces",
+    "mesh_problems",
     "node_modes",
     "orthonormalise",
     "read_mesh",

@@ -61,10 +61,15 @@ def make_interfaces(fe: FEMatrices, groups: Mapping[str, str]) -> tuple[RigidInt
     Raises
     ------
     MeshError
-        An unknown or empty group, one whose nodes lie on a line, or two that share nodes.
+        All unknown or empty groups, groups whose nodes lie on a line, and pairs that share nodes.
     """
-    found = [_make(fe, name, group) for name, group in groups.items()]
-    problems = []
+    found: list[RigidInterface] = []
+    problems: list[Problem] = []
+    for name, group in groups.items():
+        try:
+            found.append(_make(fe, name, group))
+        except MeshError as error:
+            problems += error.problems
     for k, one in enumerate(found):
         for other in found[:k]:
             shared = np.intersect1d(one.nodes, other.nodes)

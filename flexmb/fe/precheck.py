@@ -1,0 +1,53 @@
+"""What is wrong with a mesh for the body that shall be made of it, told before any assembly.
+
+In: a mesh file, the groups of its interfaces and its sections. Out: the problems, none if the mesh
+has elements of the body and all groups that are named.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from flexmb.errors import MeshError, Problem, ReductionError
+from flexmb.fe.elements import select_elements
+from flexmb.fe.mesh import Mesh
+from flexmb.fe.reader import read_mesh
+from flexmb.fe.section import Section, section_from
+
+__all__ = ["mesh_problems"]
+
+
+def mesh_problems(
+    mesh: str | os.PathLike[str] | Mesh,
+    interfaces: Mapping[str, str] | None = None,
+    sections: Mapping[str, Section | Mapping[str, Any]] | None = None,
+) -> list[Problem]:
+    """Everything that keeps a mesh from becoming the body, as far as reading it can tell.
+
+    Parameters
+    ----------
+    mesh : path or Mesh
+        The mesh.
+    interfaces : mapping of str to str, optional
+        Mesh group by interface name.
+    sections : mapping of str to Section or mapping, optional
+        Section of beams by mesh group.
+    """
+    problems: list[Problem] = []
+    try:
+        read = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
+        chosen = {key: section_from(s, f"sections.{key}") for key, s in (sections or {}).items()}
+    except (MeshError, ReductionError) as error:
+        return list(error.problems)
+    try:
+        select_elements(read, chosen)
+    except MeshError as error:
+        problems += error.problems
+    for name, group in (interfaces or {}).items():
+        try:
+            read.group_nodes(group, f"interfaces.{name}")
+        except MeshError as error:
+            problems += error.problems
+    return problems
