@@ -1,0 +1,116 @@
+"""The loop over chunks: exact output times, states handed over whole, nothing lost at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexmb.analysis import dynamics as module
+from flexmb.analysis.assembly import assemble
+from flexmb.analysis.dynamics import chosen_method, dynamics, time_grid
+from flexmb.engine import march
+from flexmb.engine.compile import compile_system
+from flexmb.engine.method import FINE, Settings
+from flexmb.engine.work import State, new_work
+from flexmb.model import load_scene
+from flexmb.model.dynamics import DynamicsSpec
+
+SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
+
+
+class Kept:
+    """A sink that remembers; it may interrupt the run at a chosen append."""
+
+    def __init__(self, interrupt_at: int | None = None) -> None:
+        self.blocks, self.states, self.interrupt_at = [], [], interrupt_at
+
+    def append(self, block) -> None:
+        self.blocks.append(block)
+        if len(self.blocks) == self.interrupt_at:
+            raise KeyboardInterrupt
+
+    def save_state(self, state) -> None:
+        self.states.append({name: array.copy() for name, array in state.items()})
+
+    def column(self, name: str) -> np.ndarray:
+        return np.concatenate([getattr(block, name) for block in self.blocks])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_scene(SCENE, {"dynamics.outputs": "40"})
+
+
+@pytest.fixture(scope="module")
+def compiled(model):
+    return compile_system(model)
+
+
+def test_outputs_fall_on_steps_not_longer_than_asked():
+    spec = DynamicsSpec(duration=1.0, step=0.03, outputs=10)
+    grid = time_grid(spec)
+    assert grid.every == 4
+    assert grid.step <= spec.step
+    assert grid.step * grid.count == pytest.approx(spec.duration, rel=1e-15)
+
+
+def test_a_step_that_fits_is_kept():
+    grid = time_grid(DynamicsSpec(duration=0.3, step=0.1, outputs=1))
+    assert (grid.every, grid.step) == (3, pytest.approx(0.1, rel=1e-15))
+
+
+def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkeypatch):
+    monkeypatch.setattr(module, "_CHUNK_WORK", 1)  # every chunk one output
+    sink = Kept()
+    phases = []
+    outcome = dynamics(compiled, model, sink, progress=lambda *told: phases.append(told))
+    assert outcome.status == "finished"
+    times = sink.column("t")
+    np.testing.assert_allclose(times, np.linspace(0, model.dynamics.duration, 41), atol=1e-12)
+    assert len(sink.states) == 41
+    assert [phase for phase, share, *_ in phases if share == 1.0] == [
+        "compile",
+        "assemble",
+        "integrate",
+    ]
+
+
+def test_a_state_is_complete(model, compiled, monkeypatch):
+    """A run continued from a saved state repeats the uninterrupted one to the last bit."""
+    monkeypatch.setattr(module, "_CHUNK_WORK", 1)
+    sink = Kept()
+    dynamics(compiled, model, sink)
+    grid = time_grid(model.dynamics)
+    state = State(**{name: array.copy() for name, array in sink.states[20].items()})
+    work = new_work(compiled.system)
+    output = march.new_output(compiled.system, 1, len(compiled.layout.channels))
+    determined = 1
+    settings = Settings(
+        grid.step, model.dynamics.newton_tolerance, 15, grid.every, 1, determined
+    )
+    for chunk in range(20, 40):
+        method = chosen_method(model.dynamics)
+        code = march.march(compiled.system, method, settings, state, work, output, grid.every)
+        assert code == FINE
+        block = sink.blocks[chunk + 1]
+        for name in ("t", "q", "v", "vd", "lam", "sensors", "energy"):
+            assert getattr(output, name)[:1].tobytes() == getattr(block, name).tobytes(), name
+    for name, array in sink.states[40].items():
+        assert getattr(state, name).tobytes() == array.tobytes(), name
+
+
+def test_an_interruption_keeps_what_there_is(model, compiled, monkeypatch):
+    monkeypatch.setattr(module, "_CHUNK_WORK", 1)
+    outcome = dynamics(compiled, model, Kept(interrupt_at=5))
+    assert outcome.status == "stopped"
+    assert "stopped by the user at t = " in outcome.message
+
+
+def test_a_first_state_satisfies_the_constraints(model, compiled):
+    first = assemble(compiled, model)
+    rates = first.work.con.rate
+    assert np.abs(first.work.con.C).max() < 1e-13 * compiled.length
+    assert np.isfinite(rates).all()
+    assert np.isfinite(first.state.lam).all()
