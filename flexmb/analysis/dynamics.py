@@ -247,7 +247,6 @@ def _statistics(run: _Run, clock: _Clock) -> dict[str, float | int | str]:
         "step_s": run.settings.step,
         "newton_iterations": int(count[method.RESIDUALS]),
         "factorisations": int(count[method.FACTORISATIONS]),
-        "velocity_projections": int(count[method.PROJECTIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),

@@ -22,7 +22,7 @@ def solve_level(sys, st, wk, level):
     """Solve one level of the state in place with M as the metric.
 
     POSITIONS: one Gauss–Newton correction of q towards C = 0, returns its weighted size.
-    VELOCITIES: v onto Cq v + C_t = 0, returns the number of solves.
+    VELOCITIES: v onto Cq v + C_t = 0; returns 0.
     ACCELERATIONS: v̇ and λ; returns −1 − k for a spring k of no length, else ≥ 0.
     RESIDUAL: wk.trial.res and wk.con.C; returns the same. BEGIN: works and joint angles from here.
     """
@@ -42,7 +42,8 @@ def solve_level(sys, st, wk, level):
     wk.factor.symmetric[0] = 1
     factorise(sys, wk, tr.zero, tr.zero, st.lam, 0.0, 0.0)
     if level == VELOCITIES:
-        return float(project_velocity(sys, wk, st.v, 0.0, 0.5))
+        project_velocity(sys, wk, st.v)
+        return 0.0
     return _correct_positions(sys, st, wk)
 
 

@@ -14,23 +14,19 @@ import numpy as np
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, kernel
 from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
-from flexmb.engine.kernels.projection import accelerations, project_velocity
-from flexmb.engine.kernels.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.projection import motion_to_report
+from flexmb.engine.kernels.vector import copy, largest
 from flexmb.engine.method import (
     AGE,
-    CONTRACTION,
     FACTORISATIONS,
     FINE,
     NO_METHOD,
     NOT_FINITE,
-    PROJECTIONS,
     STEPS,
     ZERO_LENGTH,
 )
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
-
-_ROUND_OFF = 1e-14
 
 
 class Output(NamedTuple):
@@ -57,19 +53,12 @@ def new_output(system: System, rows: int, channels: int) -> Output:
 
 @kernel
 def _accept(sys, settings, st, wk, h):
-    """Project the velocities of the trial state, add up the works, make it the state."""
+    """Add up the works of the step and make the trial state the state."""
     tr, now = wk.trial, wk.now
     kinematics.position(sys.parts, now, tr.q)
-    smallest = _ROUND_OFF * weighted_size(tr.v, sys.weights)
-    tolerance = settings.newton_tolerance * h * weighted_size(tr.vd, sys.weights)
-    contraction = min(st.memory[CONTRACTION], 0.5)
-    st.count[PROJECTIONS] += project_velocity(sys, wk, tr.v, max(tolerance, smallest), contraction)
     if settings.works == 1:
         kinematics.velocity(sys.parts, now, tr.v)
-        # vd and λ of the step lag behind the projected velocities by δv/h and μ/h (projection.py)
-        for i in range(tr.lam.shape[0]):
-            wk.con.gamma[i] = tr.lam[i] + wk.con.mu[i] / h
-        energy.powers(sys, now, wk.con.fun, tr.v, wk.con.gamma, tr.power)
+        energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
         for k in range(3):
             st.work_done[k] += 0.5 * h * (st.power[k] + tr.power[k])
             st.power[k] = tr.power[k]
@@ -89,23 +78,24 @@ def report(sys, method, settings, st, wk, out):
     row = out.rows[0]
     cp = _filter(method.alpha, settings)
     tr, now = wk.trial, wk.now
+    copy(st.v, tr.v)
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    if accelerations(sys, wk, st.t[0], st.q, st.v, tr.vd, tr.lam, cp) < 0:
+    if motion_to_report(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp) < 0:
         return ZERO_LENGTH
     constraint.evaluate(sys.rows, now.marker, wk.con)
     constraint.rates(sys.rows, now.marker, wk.con, wk.dense.g[0])
     sensor.read(sys.sensors, sys.parts, now, tr.vd, st.angles, wk.dense.J[0], out.sensors[row])
     out.t[row] = st.t[0]
     copy(st.q, out.q[row])
-    copy(st.v, out.v[row])
+    copy(tr.v, out.v[row])
     copy(tr.vd, out.vd[row])
     copy(tr.lam, out.lam[row])
     out.drift[row, 0] = largest(wk.con.C)
     out.drift[row, 1] = largest(wk.con.rate)
-    out.energy[row, 0] = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
+    out.energy[row, 0] = energy.kinetic(sys.parts, now, tr.v, wk.dense.B)
     out.energy[row, 1] = energy.strain(sys.parts, st.q)
     out.energy[row, 2] = energy.gravitational(sys.parts, now, st.q)
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)

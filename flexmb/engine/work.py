@@ -59,7 +59,7 @@ class State(NamedTuple):
     power: np.ndarray  # (3,) their power at t, W
     angles: np.ndarray  # (channels,) continuous joint angles of the angle sensors, rad
     memory: np.ndarray  # (4,) integrator memory, places in `method`
-    count: np.ndarray  # (6,) counters, places in `method`
+    count: np.ndarray  # (5,) counters, places in `method`
 
 
 class Now(NamedTuple):
@@ -76,7 +76,6 @@ class Constraints(NamedTuple):
     C: np.ndarray  # (nc,) constraint values
     rate: np.ndarray  # (nc,) Cq v + C_t
     gamma: np.ndarray  # (nc,) acceleration right side
-    mu: np.ndarray  # (nc,) multipliers of the last velocity projection
     fun: np.ndarray  # (functions, 3) value, first and second derivative at t
 
 
@@ -150,7 +149,7 @@ def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> Stat
     return State(
         np.zeros(1), q, np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nc),
         np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
-        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(6, dtype=np.int64),
+        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(5, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -178,7 +177,7 @@ def new_work(system: System, stages: int = 0) -> Work:
         res=_nan(nv), zero=np.zeros(nv), power=_nan(3), stages=_nan(stages, nq + nv),
         error=_nan(1), stack=_nan(depth, 3),
     )  # fmt: skip
-    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
+    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
     return Work(now, con, _new_dense(system), _new_factor(system), trial)
 
 

@@ -14,7 +14,7 @@ from flexmb.engine.kernels import constraint
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve
 from flexmb.engine.kernels.motion import move, normalise, position_rate
-from flexmb.engine.kernels.projection import accelerations
+from flexmb.engine.kernels.projection import accelerations, project_velocity
 from flexmb.engine.kernels.residual import position_stage
 from flexmb.engine.kernels.vector import copy, weighted_size
 from flexmb.engine.method import (
@@ -77,7 +77,7 @@ def _combine(y, slopes, at, weights, n, h, out):
 
 @kernel
 def _return_to_constraints(sys, st, wk):
-    """Positions onto C = 0 by Newton's method with M as the metric, with one factor."""
+    """Positions onto C = 0 by Newton's method, then velocities, with one factor of M."""
     tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
     nv = tr.v.shape[0]
     for n in range(_MAX_PROJECTIONS):
@@ -96,6 +96,7 @@ def _return_to_constraints(sys, st, wk):
         for i in range(nv):
             tr.dq[i] = sol[place[i]]
         if weighted_size(tr.dq, sys.weights) <= _ROUND_OFF:
+            project_velocity(sys, wk, tr.v)
             return FINE
         move(sys.parts.bodies, tr.q, tr.dq, tr.q)
     return NO_CONVERGENCE

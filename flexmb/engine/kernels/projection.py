@@ -1,10 +1,11 @@
-"""Back to the constraints: velocities, and the accelerations and multipliers that are reported.
+"""Back to the constraints: velocities, accelerations and multipliers as they are reported.
 
-Velocities use the factor of the last iteration matrix S: S (δv; μ) = (0; −(Cq v + C_t)).
-Accelerations and multipliers: with M + b ∂F/∂q in place of M, (v̇; λ) from (Q; γ), refined; not with
-M, because with a stiff mode at a joint it is b K of order h² that keeps the error of λ of second
-order; and not with S, whose gyroscopic and damping terms of order h make it of first. Where the
-constraints alone fix the motion, M.
+Generalized-α holds its own velocities and multipliers at second order only if they are left alone
+from step to step (projected with the factor of an earlier pose they lose an order), so those that
+are reported are computed aside, with a factor of the moment: v from (0; −(Cq v + C_t)), (v̇; λ) from
+(Q; γ), refined. The mass matrix is M + b ∂F/∂q: with M a stiff mode at a joint spoils λ, which b K,
+of order h², prevents; gyroscopic and damping terms, of order h, stay out. Where the constraints
+alone fix the motion, it is M.
 """
 
 from __future__ import annotations
@@ -20,22 +21,13 @@ _REFINEMENTS = 2
 
 
 @kernel
-def project_velocity(sys, wk, v, tolerance, contraction):
-    """Put v (nv) on Cq v + C_t = 0 after a position stage; returns the solves made.
-
-    A correction that leaves no more than `tolerance` (weighted) ends the iteration, with the
-    contraction that Newton measured for this factor; wk.con.mu adds up μ.
-    With velocities projected at every step of size h, v̇ and λ of generalized-α refer to a time
-    c h off the step's end, c = 1/3 − 2β + α_f − α_m, and the drift of a step is −c h² times the
-    third derivative: so v̇ + δv/h and λ + μ/h are those at its end, to second order.
-    """
-    rate, mu, sol, place = wk.con.rate, wk.con.mu, wk.factor.sol, sys.kkt.place
+def project_velocity(sys, wk, v):
+    """Put v (nv) on Cq v + C_t = 0 after a position stage, with a factor of this position."""
+    rate, sol, place = wk.con.rate, wk.factor.sol, sys.kkt.place
     nv = v.shape[0]
-    for i in range(mu.shape[0]):
-        mu[i] = 0.0
     if rate.shape[0] == 0:
-        return 0
-    for n in range(_ROUNDS):
+        return
+    for _ in range(_ROUNDS):
         kinematics.velocity(sys.parts, wk.now, v)
         constraint.rates(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
         for i in range(nv):
@@ -43,16 +35,17 @@ def project_velocity(sys, wk, v, tolerance, contraction):
         for i in range(rate.shape[0]):
             sol[place[nv + i]] = -rate[i]
         solve(sys.kkt, wk.factor, sol)
-        size = 0.0
         for i in range(nv):
-            d = sol[place[i]]
-            v[i] += d
-            size = max(size, abs(d) * sys.weights[i])
-        for i in range(mu.shape[0]):
-            mu[i] += sol[place[nv + i]]
-        if contraction / (1.0 - contraction) * size <= tolerance:
-            return n + 1
-    return _ROUNDS
+            v[i] += sol[place[i]]
+
+
+@kernel
+def motion_to_report(sys, wk, t, q, v, vd, lam, cp):
+    """Put v on the velocity constraints at (t, q), then solve for (v̇; λ) as `accelerations`."""
+    _factorise_at(sys, wk, t, q, v, vd, lam, cp)
+    project_velocity(sys, wk, v)
+    kinematics.velocity(sys.parts, wk.now, v)
+    return _solve(sys, wk, q, v, vd, lam, 0)
 
 
 @kernel
@@ -63,12 +56,21 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp):
 
     Returns the number of replaced pivots, or −1 − k for spring k of no length.
     """
-    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
-    nv = v.shape[0]
+    return _solve(sys, wk, q, v, vd, lam, _factorise_at(sys, wk, t, q, v, vd, lam, cp))
+
+
+@kernel
+def _factorise_at(sys, wk, t, q, v, vd, lam, cp):
     position_stage(sys, wk, t, q)
     kinematics.velocity(sys.parts, wk.now, v)
-    fac.symmetric[0] = 1
-    fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
+    wk.factor.symmetric[0] = 1
+    return factorise(sys, wk, v, vd, lam, 0.0, cp)
+
+
+@kernel
+def _solve(sys, wk, q, v, vd, lam, fixes):
+    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
+    nv = v.shape[0]
     for i in range(lam.shape[0]):
         lam[i] = 0.0
     bad = forces(sys, wk, q, v, tr.zero, lam)
