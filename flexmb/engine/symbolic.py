@@ -3,8 +3,7 @@
 Blocks are bodies (6 + m columns, modes first) and constraint groups. Minimum degree on the block
 graph, with one rule that keeps all pivots away from zero: a group is eliminated after both its
 bodies, or after its child body if it is the joint by which that body hangs in the spanning tree
-(its pivot is then −C_q M̂⁻¹ C_qᵀ of a free body, of full rank). Trees get no fill, or a little
-where the tangents of joints do not couple their bodies.
+(its pivot is then −C_q M̂⁻¹ C_qᵀ of a free body, of full rank). Trees get hardly any fill.
 References: Davis, Direct Methods for Sparse Linear Systems (2006), ch. 4, 7.
 """
 

@@ -31,6 +31,7 @@ __all__ = [
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 _ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
+_LAST_DIGITS = 4e-16  # what scaling to unit length leaves
 
 
 def rotation_matrix(p: Any) -> Array:
@@ -88,6 +89,8 @@ def triad(axis: Any) -> Array:
 def _unit(p: Any) -> Quaternion:
     w, x, y, z = (float(c) for c in p)
     length = math.sqrt(w * w + x * x + y * y + z * z)
+    if abs(length - 1.0) <= _LAST_DIGITS:  # unit already: written and read again it stays the same
+        length = 1.0
     length = -length if w < 0 else length
     return (w / length + 0.0, x / length + 0.0, y / length + 0.0, z / length + 0.0)
 

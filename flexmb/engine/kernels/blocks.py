@@ -60,10 +60,12 @@ def put_row(link, r, jac, start, m, values):
 
 @kernel
 def row_compliance(panel, m, jac, start, low):
-    """Σ Cq² / diag(S) of one row on one body."""
+    """Σ Cq² / diag(S) of one row on one body, over the coordinates that have inertia."""
     at, nc = panel["at"], panel["nc"]
     s = 0.0
     for c in range(6 + m):
         pc = local_column(c, m)
-        s += jac[start + c] * jac[start + c] / abs(low[at + pc * nc + pc])
+        d = abs(low[at + pc * nc + pc])
+        if d > 0.0:
+            s += jac[start + c] * jac[start + c] / d
     return s

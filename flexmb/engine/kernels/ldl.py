@@ -16,14 +16,23 @@ from flexmb.engine.kernels.vector import dot
 
 # A pivot this small against its own diagonal entry carries no digits.
 _TINY = 1e-13
+# What replaces it, against the same entry: the square root of round-off, lost as much by the
+# growth of the factor as by the error of the matrix.
+_SMALL = 1e-8
 
 
 @kernel
 def _guarded(d, a, sign):
-    """Pivot d, or a replacement if it has the wrong sign or no digits; and whether it was."""
+    """Pivot d, or a replacement if it has the wrong sign or no digits; and whether it was.
+
+    a is its diagonal entry. One of the wrong sign becomes |a|, a step of Newton's method in a safe
+    direction. One without digits becomes small, so that refinement takes it back.
+    """
     if d * sign > _TINY * abs(a) and math.isfinite(d):
         return d, 0
-    return sign * max(abs(a), 1e-300), 1
+    if abs(d) > _TINY * abs(a) and math.isfinite(d):
+        return sign * max(abs(a), abs(d)), 1
+    return sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 
 @kernel

@@ -1,0 +1,96 @@
+"""State, scratch, coefficients of methods, and how positions move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import MOVE, Bench, slope
+from generators import Mechanism
+
+from flexmb.engine.method import bogacki_shampine, generalized_alpha, n_stages
+from flexmb.engine.work import new_state, new_work, sizes
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench(Mechanism(1, "loop", "mixed").model)
+
+
+def leaves(part):
+    if isinstance(part, tuple):
+        return [leaf for item in part for leaf in leaves(item)]
+    return [part]
+
+
+def test_sizes_agree_with_the_layout(bench):
+    assert sizes(bench.sys) == (bench.layout.nq, bench.layout.nv, bench.layout.nc)
+
+
+def test_a_new_state_is_at_rest_with_unit_orientations(bench):
+    state = new_state(bench.sys)
+    e0 = bench.sys.parts.bodies["iq"] + 3
+    assert (state.q[e0] == 1.0).all() and np.abs(state.q).sum() == len(e0)
+    assert not state.v.any() and not state.lam.any() and state.t[0] == 0.0
+
+
+def test_scratch_says_when_it_is_read_too_early(bench):
+    work = new_work(bench.sys, stages=4)
+    for array in leaves((work.now, work.con, work.dense)):
+        numbers = array.view(np.float64) if array.dtype.names else array
+        assert np.isnan(numbers).all()
+    assert work.trial.stages.shape == (4, bench.layout.nq + bench.layout.nv)
+
+
+def test_every_stage_is_evaluated_from_scratch(bench):
+    """Nothing of the scratch's NaN reaches a result, and no result depends on the one before."""
+    bench.randomise(5)
+    first = bench.at().residual, bench.gamma, bench.matrix(0.1, 0.01)
+    bench.use(bench.sys)
+    bench.randomise(6)
+    bench.at()
+    bench.matrix(0.1, 0.01)
+    bench.randomise(5)
+    again = bench.at().residual, bench.gamma, bench.matrix(0.1, 0.01)
+    for found, wanted in zip(again, first, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+        assert np.isfinite(found).all()
+
+
+def test_positions_move_on_the_group(bench):
+    bench.randomise(7)
+    d = np.random.default_rng(8).standard_normal(bench.layout.nv)
+    for size in (1.0, 1e-3, 1e-9, 0.0):
+        bench.work.trial.dq[:] = size * d
+        bench.run(MOVE)
+        np.testing.assert_allclose(
+            bench.work.trial.q, bench.moved(bench.q, size * d), rtol=0, atol=2e-15
+        )
+    q, v = bench.q.copy(), bench.v.copy()
+    rate = bench.out[: bench.layout.nq].copy()
+    np.testing.assert_allclose(rate, slope(lambda s: bench.moved(q, s * v)), atol=1e-11)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 0.99])
+def test_generalized_alpha_has_order_two_and_its_spectral_radius(radius):
+    alpha = generalized_alpha(radius).alpha
+    assert alpha.gamma == pytest.approx(0.5 + alpha.alpha_f - alpha.alpha_m)
+    # the amplification of an oscillator of infinite frequency (Chung & Hulbert 1993, eq. 20)
+    b, g, f, m = alpha.beta, alpha.gamma, alpha.alpha_f, alpha.alpha_m
+    # rows: displacement (1-f) u1 + f u0 = 0, velocity, displacement update, unknown (u1, v1, a1)
+    left = np.array([[1 - f, 0, 0], [0, 1, -g], [1, 0, -b]])
+    right = np.array([[-f, 0, 0], [0, 1, 1 - g], [1, 1, 0.5 - b]])
+    largest = np.abs(np.linalg.eigvals(np.linalg.solve(left, right))).max()
+    # double and triple eigenvalues: the root of round-off
+    assert largest == pytest.approx(radius, abs=1e-4)
+    assert m == pytest.approx((2 * radius - 1) / (radius + 1))
+
+
+def test_explicit_pair_meets_the_order_conditions():
+    method = bogacki_shampine()
+    A, b, c, difference = method.explicit
+    assert n_stages(method) == 4 and n_stages(generalized_alpha(0.8)) == 0
+    np.testing.assert_allclose(A.sum(axis=1), c)
+    np.testing.assert_allclose([b.sum(), b @ c, b @ c**2, b @ A @ c], [1, 1 / 2, 1 / 3, 1 / 6])
+    lower = b - difference
+    np.testing.assert_allclose([lower.sum(), lower @ c], [1, 1 / 2])
+    assert abs(lower @ c**2 - 1 / 3) > 1e-3
