@@ -45,7 +45,8 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         if target.parent.is_dir():
             partial.unlink(missing_ok=True)
-        raise OutputError(f"{target}: cannot write the flexible body: {error}") from error
+        why = os.strerror(error.errno) if error.errno else error
+        raise OutputError(f"{target}: cannot write the flexible body: {why}") from error
     return target
 
 

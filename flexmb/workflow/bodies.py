@@ -1,20 +1,33 @@
-"""Flexible bodies of a model: reduced once, reused while mesh, material and options stay."""
+"""Flexible bodies of a model: reduced once, reused while mesh, material and options stay.
+
+A mistake in one body does not hide those of the others: all are told, each under its body's name.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import BodyFileError, FlexmbWarning
+from flexmb.errors import (
+    BodyFileError,
+    FlexmbError,
+    FlexmbWarning,
+    MaterialError,
+    MeshError,
+    Problem,
+    ReductionError,
+)
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
-__all__ = ["flexible_bodies", "reduce_mesh"]
+__all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
+
+_MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
 def reduce_mesh(
@@ -46,25 +59,73 @@ def reduce_mesh(
 def flexible_bodies(
     model: Model, folder: Path, *, fresh: bool = False, progress: Progress = silent
 ) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:
-    """The reduced bodies of a model by name, their files in `folder`, and notes for the user."""
-    from flexmb.flexbody import load, save
+    """The reduced bodies of a model by name, their files in `folder`, and notes for the user.
+
+    Raises
+    ------
+    MeshError, MaterialError, ReductionError, BodyFileError
+        All that is wrong with the bodies; the class is that of the first mistake.
+    """
+    from flexmb.flexbody import save
     from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
     notes: list[str] = []
+    errors: list[tuple[str, FlexmbError]] = []
+
     for name, spec in model.bodies.items():
         file = folder / f"{name}.flexbody.h5"
-        if isinstance(spec, MeshBodySpec):
-            bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
-        elif isinstance(spec, FlexbodySpec):
-            held = spec.flexbody
-            bodies[name] = load(model.path(held)) if isinstance(held, str) else held
-            save(bodies[name], file)
-        else:
-            continue
+        try:
+            if isinstance(spec, MeshBodySpec):
+                bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
+            elif isinstance(spec, FlexbodySpec):
+                bodies[name] = _held(model, spec.flexbody)
+                save(bodies[name], file)
+            else:
+                continue
+        except _MISTAKES as error:
+            errors.append((name, error))
         files[name] = file
+    if errors:
+        told = [problem for name, error in errors for problem in _under(name, error.problems)]
+        raise type(errors[0][1]).from_problems(told)
     return bodies, files, notes
+
+
+def body_problems(model: Model) -> list[Problem]:
+    """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
+    from flexmb import fe
+    from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+
+    problems: list[Problem] = []
+    for name, spec in model.bodies.items():
+        found: list[Problem] = []
+        if isinstance(spec, MeshBodySpec):
+            found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
+        elif isinstance(spec, FlexbodySpec):
+            try:
+                _held(model, spec.flexbody)
+            except BodyFileError as error:
+                found = list(error.problems)
+        problems += _under(name, found)
+    return problems
+
+
+def _held(model: Model, held: str | FlexBody) -> FlexBody:
+    from flexmb.flexbody import load
+
+    return load(model.path(held)) if isinstance(held, str) else held
+
+
+def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
+    """The problems with their place in the scene in front."""
+    told = []
+    for problem in problems:
+        field = problem.where.split(".")[0] in ("interfaces", "sections", "material")
+        where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
+        told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
+    return told
 
 
 def _reduced(
@@ -97,6 +158,7 @@ def _reduced(
             body = None  # of another version, or cut off: made anew
         if body is not None and body.provenance.get("key") == fe.reduction_key(mesh, **options):
             notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
+            notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
             return body
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)

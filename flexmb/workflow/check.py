@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from flexmb.errors import SceneError
 from flexmb.workflow.reports import CheckReport
 
 __all__ = ["check_scene"]
 
 
 def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) -> CheckReport:
-    """Validate a scene and count what it holds.
+    """Validate a scene, the groups of its meshes too, and count what it holds.
 
     Raises
     ------
@@ -20,9 +21,12 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
     """
     from flexmb.model import load_scene
     from flexmb.model.counts import count
+    from flexmb.workflow.bodies import body_problems
 
     model = load_scene(Path(path), dict(overrides or {}))
-    model.validate()
+    problems = model.problems() + body_problems(model)
+    if problems:
+        raise SceneError.from_problems(problems)
     counts = count(model)
     told = {
         "rigid bodies": counts.rigid_bodies,

@@ -152,7 +152,9 @@ def _writable(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError as error:
-        raise OutputError(f"cannot write to the output folder {folder}: {error.strerror}") from None
+        files = [path for path in (folder, *folder.parents) if path.is_file()]
+        why = f"{files[0]} is a file" if files else error.strerror
+        raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
 
 
 def _draw(
