@@ -29,6 +29,7 @@ from flexmb.results import OutputBlock
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
 _MAX_ITERATIONS = 15
+_AT_REST = 1e-6
 
 
 class Sink(Protocol):
@@ -186,7 +187,9 @@ class _Balance:
         if self.first is None:
             self.first = float(stored[0])
         self.error = max(self.error, float(np.abs(stored - self.first).max()))
-        self.scale = max(self.scale, float(np.ptp(energy, axis=0).max()), float(energy[:, 0].max()))
+        moved = max(float(np.ptp(energy, axis=0).max()), float(energy[:, 0].max()))
+        # in a scene at rest nothing but round-off of the stored energy moves
+        self.scale = max(self.scale, moved, _AT_REST * float(np.abs(energy).max()))
 
     @property
     def relative(self) -> float:

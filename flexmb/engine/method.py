@@ -5,8 +5,9 @@ settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t 
 `Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop
 alone accepts, rejects, projects and stores. Memory that a method carries from step to step
 (previous accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a
-multi-stage method and an explicit one fit alike. Coefficients are data. The methods not chosen
-are None and are not compiled.
+multi-stage method and an explicit one fit alike; and because a step is only proposed, an event
+found between `State` and the trial state can still shorten or reject it. Coefficients are data.
+The methods not chosen are None and are not compiled.
 """
 
 from __future__ import annotations
