@@ -6,6 +6,11 @@ empty tables instead of None, so that all tests share one compilation.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from flexmb.engine.compile import compile_system
@@ -64,6 +69,22 @@ def padded(system):
         loads=np.zeros(0, LOAD) if system.loads is None else system.loads,
         sensors=np.zeros(0, SENSOR) if system.sensors is None else system.sensors,
     )
+
+
+def interpreted(code, folder):
+    """Run Python code with compilation off; the arrays it puts into `found`.
+
+    It costs no compile time, so analyses that need entries of their own are tested by it.
+    """
+    file = folder / "found.npz"
+    paths = [str(Path(__file__).parent), *(path for path in sys.path if path)]
+    env = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(paths)}
+    code = f"import numpy as np\nfound = {{}}\n{code}\nnp.savez({str(file)!r}, **found)\n"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return np.load(file)
 
 
 class Bench:

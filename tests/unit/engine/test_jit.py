@@ -6,11 +6,10 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from enginekit import STAGES, Bench
+from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 from numba.core.errors import NumbaError
 
@@ -93,14 +92,11 @@ def test_nan_stays_visible():
 
 
 WITHOUT = """
-import sys
 import numba
-import numpy as np
 from enginekit import STAGES, Bench
 from generators import Mechanism
 
 assert numba.config.DISABLE_JIT
-found = {}
 for acting in (True, False):
     bench = Bench(Mechanism(3, "loop", "mixed", acting=acting).model, as_compiled=True)
     bench.randomise(4)
@@ -111,19 +107,12 @@ for acting in (True, False):
     found[f"out{acting}"] = bench.out
     found[f"S{acting}"] = bench.matrix(0.3, 0.02)
     found[f"x{acting}"] = bench.solve(np.ones(len(found[f"S{acting}"])), 2)
-np.savez(sys.argv[1], **found)
 """
 
 
 def test_interpreted_and_compiled_code_agree(tmp_path):
     """Every kernel of the residual and of the iteration matrix, and with all features left out."""
-    tests = Path(__file__).resolve().parents[2]
-    paths = os.pathsep.join([str(tests), *(p for p in sys.path if p)])
-    env = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
-    command = [sys.executable, "-c", WITHOUT, str(tmp_path / "found.npz")]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = np.load(tmp_path / "found.npz")
+    found = interpreted(WITHOUT, tmp_path)
     for acting in (True, False):
         bench = Bench(Mechanism(3, "loop", "mixed", acting=acting).model)
         bench.randomise(4)
