@@ -77,6 +77,7 @@ def step(sys, alpha, settings, st, wk, h):
         last = size
         theta = min(memory[CONTRACTION], 0.99)
         if size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
+            move(sys.parts.bodies, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             return FINE
     return NO_CONVERGENCE
@@ -84,11 +85,12 @@ def step(sys, alpha, settings, st, wk, h):
 
 @kernel
 def _predict(alpha, st, tr, h):
-    """Trial state of constant acceleration."""
+    """Trial state with the acceleration extrapolated over the last step."""
     tr.t[0] = st.t[0] + h
     for i in range(st.v.shape[0]):
-        aa1 = (st.vd[i] - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
-        tr.vd[i] = st.vd[i]
+        tr.vd[i] = 2.0 * st.vd[i] - st.vd_before[i]
+        new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
+        aa1 = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
         tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * st.aa[i] + alpha.beta * aa1)
         tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * st.aa[i] + alpha.gamma * aa1)
     for i in range(st.lam.shape[0]):
