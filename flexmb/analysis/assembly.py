@@ -99,8 +99,7 @@ def _close_positions(
         if not np.isfinite(size):
             break
         if size <= _CLOSED:
-            check_branches(compiled, model, state, work)
-            return
+            break  # closed, or at a pose from which no small motion narrows the gaps
     solve_level(system, state, work, RESIDUAL)
     if np.abs(work.con.C).max() <= 1e-10 * compiled.length:
         check_branches(compiled, model, state, work)
@@ -181,3 +180,4 @@ def _solve_accelerations(system: System, state: State, work: Work) -> None:
             "the first accelerations are not finite; check functions of time at t = 0"
         )
     state.aa[:] = state.vd
+    state.vd_before[:] = state.vd

@@ -14,10 +14,10 @@ from typing import Protocol
 import numpy as np
 
 from flexmb.analysis.assembly import assemble
+from flexmb.analysis.failure import first_rows, n_kept, open_joint, reason
 from flexmb.analysis.rank import motion_is_determined
 from flexmb.engine import march, method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.status import sentence
 from flexmb.engine.warm import compile_kernels
 from flexmb.engine.work import State, Work, new_work
 from flexmb.errors import FlexmbError, SceneError
@@ -113,7 +113,7 @@ def dynamics(
     progress("assemble", 1.0)
     clock.lap("assemble")
     run = _Run(compiled, chosen, settings, first.state)
-    status, message = _integrate(run, grid, sink, progress)
+    status, message = _integrate(run, grid, model, sink, progress)
     clock.lap("integrate")
     notes = list(first.notes)
     if grid.step < spec.step * (1.0 - 1e-9):
@@ -219,7 +219,9 @@ def _settings(
     return settings, grid
 
 
-def _integrate(run: _Run, grid: Steps, sink: Sink, progress: Progress) -> tuple[str, str]:
+def _integrate(
+    run: _Run, grid: Steps, model: Model, sink: Sink, progress: Progress
+) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     state = run.state
     sink.save_state(state._asdict())
@@ -230,16 +232,21 @@ def _integrate(run: _Run, grid: Steps, sink: Sink, progress: Progress) -> tuple[
         while status == method.FINE and done < grid.outputs:
             n = min(run.outputs_per_chunk, grid.outputs - done)
             status = run.march(n * grid.every)
-            sink.append(run.block())
+            rows = run.block()
+            whole = n_kept(run.compiled, rows)
+            sink.append(first_rows(rows, whole))
+            if whole < len(rows.t):
+                return "failed", open_joint(run.compiled, run.work.con.C, float(rows.t[whole]))
             sink.save_state(state._asdict())
-            done += int(run.output.rows[0])
+            done += whole
             progress("integrate", done / grid.outputs, f"t = {state.t[0]:.4g} s")
     except KeyboardInterrupt:
         return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
     except FlexmbError as error:
         return "failed", str(error)
     if status != method.FINE:
-        return "failed", sentence(status, run.compiled, run.work, float(state.t[0]))
+        at, step = float(state.t[0]), run.settings.step
+        return "failed", reason(status, run.compiled, model, run.work, at, step)
     return "finished", ""
 
 

@@ -123,6 +123,8 @@ class ResultWriter:
         """
         tables = block.tables()
         self._check_shapes(tables)
+        if not len(tables["time"]):
+            return
         good = _finite_rows(tables)
         if good > 0:
             self._write_rows(tables, good)

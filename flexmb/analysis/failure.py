@@ -1,0 +1,87 @@
+"""Why a run ended early, in one sentence: what happened, when, where, and what to do.
+
+In: the status of the kernels, or the drift of the constraints, and the model. Out: the sentence. A
+function of time that is not finite is named before anything it has spoilt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.status import sentence
+from flexmb.engine.work import Work
+from flexmb.model.forces import LoadSpec
+from flexmb.model.functions import Function
+from flexmb.model.model import Model
+from flexmb.results import OutputBlock
+
+__all__ = ["first_rows", "n_kept", "open_joint", "reason"]
+
+# Gap of a constraint over the size of the model from which on a mechanism has come apart.
+_OPEN = 1e-3
+
+_WORDS = ("value", "first derivative", "second derivative")
+
+
+def reason(
+    status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float
+) -> str:
+    """The sentence for a step that failed.
+
+    Parameters
+    ----------
+    status : int
+        Code of the kernel, not `FINE`.
+    compiled, model, work : Compiled, Model, Work
+        What was run, and its scratch as the failed step left it.
+    time, step : float
+        When the step began, and its length [s].
+    """
+    if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
+        for where, function, derivatives in _functions(model):
+            for moment in (time, time + 0.5 * step, time + step):
+                jet = tuple(function.value(moment))[: derivatives + 1]
+                for word, number in zip(_WORDS, jet, strict=False):
+                    if not math.isfinite(number):
+                        what = f'the {word} of "{function.expression.text}" is {number:g}'
+                        return f"at t = {moment:.6g} s {where}: {what}, not finite"
+    return sentence(status, compiled, work, time)
+
+
+def n_kept(compiled: Compiled, rows: OutputBlock) -> int:
+    """How many of the first rows keep the constraints."""
+    apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * compiled.length)
+    return int(apart[0]) if len(apart) else len(rows.t)
+
+
+def first_rows(rows: OutputBlock, n: int) -> OutputBlock:
+    """The first `n` rows of a block."""
+    return OutputBlock(*(getattr(rows, field.name)[:n] for field in fields(rows)))
+
+
+def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
+    """The sentence for constraints that are no longer kept; `C` are their gaps at that time."""
+    worst = int(np.argmax(np.abs(C)))
+    where, gap = compiled.layout.rows[worst], abs(C[worst])
+    return (
+        f"at t = {time:.6g} s the mechanism has come apart: {where} is off by {gap:.3g} m or rad. "
+        "A driver asks for more than the links can reach, or the pose is singular: check drivers "
+        "and lengths, or try a smaller dynamics.step"
+    )
+
+
+def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
+    """All functions of time with their place and how many derivatives the run needs."""
+    for name, driver in model.drivers.items():
+        yield f"drivers.{name}.{driver.coordinate}", driver.function, 2
+    for name, force in model.forces.items():
+        if isinstance(force, LoadSpec):
+            for k, function in enumerate(force.value):
+                yield f"forces.{name}.value[{k}]", function, 0

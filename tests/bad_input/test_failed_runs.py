@@ -1,0 +1,118 @@
+"""Runs that fail on the way: one sentence with the time, the place and a cure; results until then.
+
+All scenes here have functions of time and sensors and nothing else that compiles, so that they
+share their kernels with the other cases.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import flexmb
+from flexmb.analysis.failure import first_rows, n_kept, open_joint
+from flexmb.cli import app
+from flexmb.engine.compile import compile_system
+from flexmb.errors import AssemblyError, SolverError
+from flexmb.results import OutputBlock
+
+R, L = 0.2, 0.5  # m, crank and rod
+
+
+def arm(angle: str) -> flexmb.Model:
+    """One arm, turned as told."""
+    model = flexmb.Model("arm")
+    model.add_body("arm", mass=1, inertia=[1, 1, 1], markers={"tip": {"position": [R, 0, 0]}})
+    model.add_joint("bearing", "revolute", between=["ground", "arm"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=angle)
+    model.add_sensor("tip", "position", of="arm.tip")
+    model.set_dynamics(duration=0.2, step=1e-3, outputs=40)
+    return model
+
+
+def pulled_slider(x: float, height: float) -> flexmb.Model:
+    """A crank and a rod that a slider pulls straight from `x`, the pin placed at a height."""
+    model = flexmb.Model("pulled slider-crank")
+    pin = [np.sqrt(R**2 - height**2), height, 0]
+    turn = {"axis": "z", "angle": np.arctan2(-height, x - pin[0])}
+    model.add_body("crank", mass=1, inertia=[1, 1, 1], markers={"pin": {"position": pin}})
+    model.add_body("rod", mass=1, inertia=[1, 1, 1], position=pin, orientation=turn)
+    model.add_marker("rod.end", position=[L, 0, 0])
+    model.add_body("slider", mass=1, inertia=[1, 1, 1], position=[x, 0, 0])
+    model.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    model.add_joint("crank_pin", "spherical", between=["crank.pin", "rod"])
+    model.add_joint("wrist_pin", "cylindrical", between=["rod.end", "slider"], axis="z")
+    model.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    model.add_driver("pull", joint="guide", stroke=f"{x!r} + 0.5*t")
+    model.add_sensor("slider", "position", of="slider")
+    model.set_dynamics(duration=1, step=1e-3, outputs=200)
+    return model
+
+
+def test_a_function_that_leaves_its_domain_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SolverError) as caught:
+        flexmb.simulate(arm("log(1.5 - 10*t)"), output=tmp_path)
+    text = str(caught.value)
+    assert text.startswith("at t = 0.15 s drivers.motor.angle: the value of ")
+    assert '"log(1.5 - 10*t)"' in text and "not finite" in text
+    run = flexmb.load_result(tmp_path / "result.h5")
+    assert (run.status, len(run.time)) == ("failed", 30)
+    assert run.message in text
+    np.testing.assert_allclose(run["tip.x"], R * np.cos(np.log(1.5 - 10 * run.time)), atol=1e-9)
+
+
+def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "[bodies.arm]\nmass = 1\ninertia = [1, 1, 1]\nmarkers.tip = { position = [0.2, 0, 0] }\n"
+        '[joints.bearing]\ntype = "revolute"\nbetween = ["ground", "arm"]\naxis = "z"\n'
+        '[drivers.motor]\njoint = "bearing"\nangle = "sqrt(0.1 - t)"\n'
+        '[sensors.tip]\ntype = "position"\nof = "arm.tip"\n'
+        "[dynamics]\nduration = 0.2\nstep = 1e-3\noutputs = 40\n"
+    )
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["run", str(scene), "-o", str(out)])
+    assert done.exit_code == 2, done.output
+    assert "Traceback" not in done.output
+    message = done.stderr.partition("error: ")[2].strip()
+    assert len(message.splitlines()) == 1
+    assert 'drivers.motor.angle: the value of "sqrt(0.1 - t)" is' in message
+    assert f"{out / 'result.h5'} keeps the 20 outputs until then" in message
+    assert (out / "picture.png").exists()
+
+
+def test_a_mechanism_pulled_beyond_its_reach(tmp_path: Path) -> None:
+    x = np.sqrt(L**2 - R**2)
+    with pytest.raises(SolverError, match="joints.crank_pin|joints.wrist_pin|body") as caught:
+        flexmb.simulate(pulled_slider(float(x), R), output=tmp_path)
+    assert "Newton's method does not converge" in str(caught.value)
+    run = flexmb.load_result(tmp_path / "result.h5")
+    stretched = (R + L - x) / 0.5
+    assert stretched - 0.02 < run.time[-1] < stretched
+    assert run.drift.max() < 1e-6
+
+
+def test_a_gap_that_no_small_motion_narrows_is_no_assembly() -> None:
+    """All links in line and the slider too near: the mechanism must buckle, but either way."""
+    with pytest.raises(AssemblyError, match="cannot be assembled") as caught:
+        model = pulled_slider(R + L, 0.0)
+        model.drivers.clear()
+        model.add_driver("pull", joint="guide", stroke=R + L - 0.05)
+        flexmb.simulate(model)
+    assert "stays open by 16.67 mm" in str(caught.value)
+
+
+def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
+    compiled = compile_system(arm("t"))
+    rows = OutputBlock(*(np.zeros((5, 1)) for _ in range(8)))
+    assert n_kept(compiled, rows) == 5
+    rows.drift[3:] = 2e-3 * compiled.length
+    assert n_kept(compiled, rows) == 3
+    assert len(first_rows(rows, 3).t) == 3
+    gaps = np.zeros(compiled.layout.nc)
+    gaps[1] = -0.02
+    text = open_joint(compiled, gaps, 0.5)
+    assert "at t = 0.5 s" in text and "joints.bearing: place y is off by 0.02 m or rad" in text
