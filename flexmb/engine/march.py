@@ -66,6 +66,7 @@ def _accept(sys, settings, st, wk, h):
     st.t[0] = tr.t[0]
     copy(tr.q, st.q)
     copy(tr.v, st.v)
+    copy(st.vd, st.vd_before)
     copy(tr.vd, st.vd)
     copy(tr.aa, st.aa)
     copy(tr.lam, st.lam)

@@ -52,6 +52,7 @@ class State(NamedTuple):
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,)
     vd: np.ndarray  # (nv,) accelerations
+    vd_before: np.ndarray  # (nv,) accelerations one step earlier, for the predictor
     aa: np.ndarray  # (nv,) algorithmic accelerations of generalized-alpha
     lam: np.ndarray  # (nc,) the integrator's own multipliers
     z: np.ndarray  # (nz,) first-order states
@@ -147,7 +148,7 @@ def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> Stat
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
     return State(
-        np.zeros(1), q, np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nc),
+        np.zeros(1), q, np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nc),
         np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
         np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(5, dtype=np.int64),
     )  # fmt: skip
