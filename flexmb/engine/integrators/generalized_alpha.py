@@ -34,8 +34,9 @@ from flexmb.engine.method import (
 
 _UNSYMMETRIC_ABOVE = 0.2
 # Before a step, an expected contraction above this costs more iterations than a new factor
-# (measured on the flexible slider-crank: 27 µs per step at 0.03, 35 at 0.3, 28 at 0.01).
-_RENEW_ABOVE = 0.03
+# (flexible slider-crank: 27 µs per step at 0.03, 30 at 0.1, 35 at 0.3; a single rigid body pays
+# for factors, not for iterations).
+_RENEW_ABOVE = 0.1
 # Within a step, a measured one above this.
 _REFACTOR_ABOVE = 0.3
 _GIVE_UP_ABOVE = 0.9
