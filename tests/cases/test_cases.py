@@ -1,0 +1,44 @@
+"""Every case runs from its scene file and gives the answers that the file itself names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import flexmb
+
+CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/scene.toml"))
+
+# Changes that shorten a run without leaving the tolerances of its checks.
+SHORTER = {
+    "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
+}
+
+
+def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
+    """Run a scene without pictures and compare with its checks."""
+    report = flexmb.run_scene(scene, output=folder, overrides=overrides, pictures=False)
+    assert flexmb.load_result(report.result).status == "finished"
+    assert report.checks, "a case without a check proves nothing"
+    for check in report.checks:
+        assert check.passed, check
+    assert report.statistics["largest_position_drift"] < 1e-8
+    assert report.statistics["energy_balance_error"] < 1e-4
+
+
+@pytest.mark.parametrize("scene", CASES, ids=lambda path: path.parent.name)
+def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
+    run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(SHORTER))
+def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) -> None:
+    run(CASES[0].parents[1] / name / "scene.toml", tmp_path, {})
+
+
+def test_every_case_says_where_its_answers_come_from() -> None:
+    for scene in CASES:
+        for check in flexmb.load_scene(scene).checks:
+            assert check.source, scene
