@@ -87,9 +87,7 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
     work = new_work(compiled.system)
     output = march.new_output(compiled.system, 1, len(compiled.layout.channels))
     determined = 1
-    settings = Settings(
-        grid.step, model.dynamics.newton_tolerance, 15, grid.every, 1, determined
-    )
+    settings = Settings(grid.step, model.dynamics.newton_tolerance, 15, grid.every, 1, determined)
     for chunk in range(20, 40):
         method = chosen_method(model.dynamics)
         code = march.march(compiled.system, method, settings, state, work, output, grid.every)
