@@ -181,3 +181,4 @@ def _solve_accelerations(system: System, state: State, work: Work) -> None:
         )
     state.aa[:] = state.vd
     state.vd_before[:] = state.vd
+    state.lam_before[:] = state.lam

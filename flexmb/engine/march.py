@@ -69,6 +69,7 @@ def _accept(sys, settings, st, wk, h):
     copy(st.vd, st.vd_before)
     copy(tr.vd, st.vd)
     copy(tr.aa, st.aa)
+    copy(st.lam, st.lam_before)
     copy(tr.lam, st.lam)
     st.count[STEPS] += 1
 

@@ -161,6 +161,7 @@ class System(NamedTuple):
     groups: np.ndarray  # GROUP
     kkt: Kkt
     weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
+    row_weights: np.ndarray  # (nc,) size of one unit of each constraint row
     functions: object  # FunctionTable or None
     springs: object  # SPRING or None
     loads: object  # LOAD or None

@@ -55,6 +55,7 @@ class State(NamedTuple):
     vd_before: np.ndarray  # (nv,) accelerations one step earlier, for the predictor
     aa: np.ndarray  # (nv,) algorithmic accelerations of generalized-alpha
     lam: np.ndarray  # (nc,) the integrator's own multipliers
+    lam_before: np.ndarray  # (nc,) multipliers one step earlier, for the predictor
     z: np.ndarray  # (nz,) first-order states
     work_done: np.ndarray  # (3,) work of drivers, dampers and applied forces so far, J
     power: np.ndarray  # (3,) their power at t, W
@@ -148,7 +149,7 @@ def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> Stat
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
     return State(
-        np.zeros(1), q, np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(nc),
+        np.zeros(1), q, *(np.zeros(nv) for _ in range(4)), np.zeros(nc), np.zeros(nc),
         np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
         np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(5, dtype=np.int64),
     )  # fmt: skip

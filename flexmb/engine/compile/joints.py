@@ -102,6 +102,11 @@ def signs_of_axes(kind: str) -> tuple[int, ...]:
     )
 
 
+def row_weights(groups: Groups, length: float) -> np.ndarray:
+    """(nc,) size of one unit of every row: metres over the model size, radians."""
+    return np.array([1.0 if row[0] in (DOT1, ANGLE) else 1.0 / length for row in groups.rows])
+
+
 def row_table(groups: Groups, sizes: np.ndarray) -> np.ndarray:
     """ROW rows with the places of their Jacobian rows; `sizes` is 6 + m of each body."""
     from flexmb.engine.tables import ROW

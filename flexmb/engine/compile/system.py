@@ -75,6 +75,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         groups=group_table,
         kkt=symbolic.kkt,
         weights=_weights(model, known, length),
+        row_weights=joints.row_weights(groups, length),
         functions=lower(functions.programs) if functions.programs else None,
         springs=springs,
         loads=loads,

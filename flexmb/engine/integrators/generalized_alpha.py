@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.kkt import factorise
+from flexmb.engine.kernels.kkt import REGULARISATION, factorise
 from flexmb.engine.kernels.ldl import solve
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import residual
@@ -40,8 +40,10 @@ _RENEW_ABOVE = 0.1
 # Within a step, a measured one above this.
 _REFACTOR_ABOVE = 0.3
 _GIVE_UP_ABOVE = 0.9
-# Corrections of this size relative to the model are round-off.
-_ROUND_OFF = 1e-14
+# Corrections of this size relative to the model are round-off, and those of positions up to the
+# second where all together no longer shrink.
+_ROUND_OFF = 2e-15
+_NOISE = 1e-13
 
 
 @kernel
@@ -74,16 +76,19 @@ def step(sys, alpha, settings, st, wk, h):
             memory[CONTRACTION] = 1.0
             memory[FACTOR_STEP] = h
             last = 0.0  # a contraction is measured between corrections by one factor
-        size = _correct(sys.kkt, sys.weights, wk, b, cv)
+        size, moved = _correct(sys, wk, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
         if last > 0.0:
             memory[CONTRACTION] = size / last
-        if last > 0.0 and size > tolerance and _judge(memory, size / last):
+        noise = moved <= _NOISE and last > 0.0 and size > _REFACTOR_ABOVE * last
+        if noise:
+            memory[CONTRACTION] = 0.0  # it measures nothing here
+        elif last > 0.0 and size > tolerance and _judge(memory, size / last):
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        if size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
+        if noise or size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
             move(sys.parts.bodies, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             return FINE
@@ -92,7 +97,7 @@ def step(sys, alpha, settings, st, wk, h):
 
 @kernel
 def _predict(alpha, st, tr, h):
-    """Trial state with the acceleration extrapolated over the last step."""
+    """Trial state with acceleration and multipliers extrapolated over the last step."""
     tr.t[0] = st.t[0] + h
     for i in range(st.v.shape[0]):
         tr.vd[i] = 2.0 * st.vd[i] - st.vd_before[i]
@@ -101,31 +106,40 @@ def _predict(alpha, st, tr, h):
         tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * st.aa[i] + alpha.beta * aa1)
         tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * st.aa[i] + alpha.gamma * aa1)
     for i in range(st.lam.shape[0]):
-        tr.lam[i] = st.lam[i]
+        tr.lam[i] = 2.0 * st.lam[i] - st.lam_before[i]
 
 
 @kernel
-def _correct(kkt, weights, wk, b, cv):
-    """Newton correction of the trial state; returns its weighted size."""
-    tr, sol, C = wk.trial, wk.factor.sol, wk.con.C
+def _correct(sys, wk, b, cv):
+    """Newton correction of the trial state; returns its weighted size, and that of q alone.
+
+    That of a multiplier is what it moves its row: with an old factor, forces that are not yet right
+    move positions in the next iteration.
+    """
+    tr, sol, C, kkt = wk.trial, wk.factor.sol, wk.con.C, sys.kkt
     nv = tr.res.shape[0]
     for i in range(nv):
         sol[kkt.place[i]] = -b * tr.res[i]
     for i in range(C.shape[0]):
         sol[kkt.place[nv + i]] = -C[i]
     solve(kkt, wk.factor, sol)
-    size = 0.0
+    moved = 0.0
     for i in range(nv):
         d = sol[kkt.place[i]]
         tr.dq[i] += d
         tr.v[i] += cv * d
         tr.vd[i] += d / b
-        s = abs(d) * weights[i]
+        s = abs(d) * sys.weights[i]
+        if not s <= moved:
+            moved = s
+    size = moved
+    for i in range(C.shape[0]):
+        k = kkt.place[nv + i]
+        tr.lam[i] += sol[k] / b
+        s = abs(sol[k]) * wk.factor.eps[k] * sys.row_weights[i] / REGULARISATION
         if not s <= size:
             size = s
-    for i in range(C.shape[0]):
-        tr.lam[i] += sol[kkt.place[nv + i]] / b
-    return size
+    return size, moved
 
 
 @kernel

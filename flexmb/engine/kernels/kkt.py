@@ -12,7 +12,7 @@ from flexmb.engine.kernels import constraint, inertia_tangent, kinematics, ldl
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 
-_REGULARISATION = 1e-9
+REGULARISATION = 1e-9
 
 
 @kernel
@@ -79,11 +79,11 @@ def _jacobian_blocks(sys, jac, factor):
                 if not symmetric:
                     put_row(link, r, jac, at, m, factor.up)
                 s += row_compliance(panels[bodies[b]["panel"]], m, jac, at, factor.low)
-            factor.eps[panel["col"] + r] = _REGULARISATION * s
+            factor.eps[panel["col"] + r] = REGULARISATION * s
             at = panel["at"] + r * panel["nc"] + r
-            factor.low[at] = -_REGULARISATION * s
+            factor.low[at] = -REGULARISATION * s
             if not symmetric:
-                factor.up[at] = -_REGULARISATION * s
+                factor.up[at] = -REGULARISATION * s
 
 
 @kernel
