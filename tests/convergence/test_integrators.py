@@ -1,0 +1,111 @@
+"""Orders of the integrators by slope, rigid and flexible, each judged by the other method.
+
+Generalized-alpha: 2 for positions, velocities, accelerations and reported multipliers. Explicit pair
+of Bogacki and Shampine on the index-1 form: 3, with an estimate of the local error of order 3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from femeshes import line
+from truthkit import order, run, steps
+
+from flexmb.engine import method
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+_STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7800.0}
+REPORTED = ("q", "v", "vd", "lam")
+
+
+def chain():
+    """Three bodies on spherical joints, the last one thrown, bent out of a plane: chaotic later."""
+    made = Model("chain", gravity=[0, -9.81, 0])
+    place = np.zeros(3)
+    for k in range(3):
+        spin = {"angular_velocity": [1.0, 2.0, 3.0]} if k == 2 else {}
+        end = np.array([1.0, 0.0, 0.1 * k])
+        made.add_body(
+            f"b{k}", mass=1.0 + k, center=[0.5, 0.1, 0], inertia=[0.02, 0.1, 0.09],
+            position=place.tolist(), **spin,
+        )  # fmt: skip
+        made.add_marker(f"b{k}.end", position=end.tolist())
+        made.add_joint(f"j{k}", "spherical", between=[f"b{k - 1}.end" if k else "ground", f"b{k}"])
+        place = place + end
+    return made
+
+
+def flexible_pendulum():
+    """A rod of steel, 0.8 m by 3 mm square, with two bending modes each way (25 and 69 Hz)."""
+    made = Model("rod", gravity=[0, -9.81, 3.0])
+    rod = reduce(
+        line(8, end=(0.8, 0, 0)), material=_STEEL, interfaces={"root": "root"}, modes=4,
+        sections={"all": rectangle(0.003, 0.003)},
+    )  # fmt: skip
+    made.add_body("rod", rod)
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("root", "acceleration", of="rod.root")
+    return made
+
+
+MODELS = {"rigid chain": (chain, 1.0), "flexible pendulum": (flexible_pendulum, 0.5)}
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def truth(request):
+    """A model, its duration, and explicit runs with steps h, h/2, h/4, h/8."""
+    make, duration = MODELS[request.param]
+    model = make()
+    runs = [
+        run(model, duration=duration, step=duration / n, outputs=20, method="explicit-rk")
+        for n in (2000, 4000, 8000, 16000)
+    ]
+    return model, duration, runs
+
+
+def distances(runs, judge):
+    """Largest difference of each reported table, relative to its largest value."""
+    return {
+        name: [
+            np.abs(getattr(one, name) - getattr(judge, name)).max()
+            / np.abs(getattr(judge, name)).max()
+            for one in runs
+        ]
+        for name in REPORTED
+    }
+
+
+def test_explicit_method_has_order_three(truth):
+    """Against its own finest run, which leaves (1/8)³ of the first error: slopes within 0.15."""
+    _, _, runs = truth
+    for name, errors in distances(runs[:3], runs[3]).items():
+        found = order([4.0, 2.0], errors[:2])
+        assert 2.8 < found < 3.3, (name, errors)
+
+
+@pytest.mark.parametrize("radius", [0.9, 0.5])
+def test_generalized_alpha_has_order_two(truth, radius):
+    """Against the explicit method, which knows nothing of it."""
+    model, duration, judges = truth
+    h = duration / np.array([2000, 4000, 8000])
+    runs = [
+        run(
+            model, duration=duration, step=step, outputs=20,
+            spectral_radius=radius, newton_tolerance=1e-9,
+        )
+        for step in h
+    ]  # fmt: skip
+    for name, errors in distances(runs, judges[-1]).items():
+        assert 1.9 < order(h, errors) < 2.15, (name, errors)
+
+
+def test_explicit_estimate_has_order_three(truth):
+    """The difference of the embedded formulas is the local error of the one of order two."""
+    model, duration, _ = truth
+    counts = np.array([1000, 2000, 4000])
+    errors = [
+        steps(model, method.bogacki_shampine(), duration / n, n // 2, 0)[2].trial.error[0]
+        for n in counts
+    ]
+    assert 2.7 < order(1.0 / counts, errors) < 3.3, errors

@@ -1,0 +1,155 @@
+"""Runs in memory for tests that compare with known truth: models in, arrays over time out.
+
+Every system gets tables of functions and sensors, empty where the model has none, so that all runs
+share the compiled time loop of the slider-crank cases; only springs and loads compile anew.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from flexmb.analysis.assembly import assemble
+from flexmb.analysis.dynamics import dynamics
+from flexmb.engine import march, method
+from flexmb.engine.compile import compile_system
+from flexmb.engine.consistent import ACCELERATIONS, BEGIN, VELOCITIES, solve_level
+from flexmb.engine.functions import lower
+from flexmb.engine.tables import SENSOR
+from flexmb.engine.work import new_work
+
+_REFERENCES = Path(__file__).parent / "references"
+
+
+def reference(file, name=None):
+    """A table of reference values, each with its source."""
+    table = json.loads((_REFERENCES / f"{file}.json").read_text())
+    return table if name is None else table[name]
+
+
+def compiled(model):
+    """The compiled model, with functions and sensors even if it has none."""
+    made = compile_system(model)
+    system = made.system
+    return replace(
+        made,
+        system=system._replace(
+            functions=lower([]) if system.functions is None else system.functions,
+            sensors=np.zeros(0, SENSOR) if system.sensors is None else system.sensors,
+        ),
+    )
+
+
+class Memory:
+    """Keeps the rows of a run."""
+
+    def __init__(self):
+        self.blocks = []
+
+    def append(self, block):
+        self.blocks.append(block)
+
+    def save_state(self, state):
+        pass
+
+    def tables(self):
+        return [np.concatenate(parts) for parts in zip(*self._rows(), strict=True)]
+
+    def _rows(self):
+        names = ("t", "q", "v", "vd", "lam", "sensors", "energy", "drift")
+        return [[getattr(block, name) for name in names] for block in self.blocks]
+
+
+@dataclass
+class Run:
+    """Rows of a run; `run["slider.x"]` is a channel."""
+
+    layout: object
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    vd: np.ndarray
+    lam: np.ndarray
+    sensors: np.ndarray
+    energy: np.ndarray
+    drift: np.ndarray
+    statistics: dict
+
+    def __getitem__(self, channel):
+        return self.sensors[:, self.layout.channels.index(channel)]
+
+    def vector(self, sensor):
+        """(n, 3) of a marker sensor."""
+        return np.stack([self[f"{sensor}.{axis}"] for axis in "xyz"], axis=1)
+
+    def reaction(self, name):
+        """(n, rows) multipliers of one joint or driver, in the order of its rows."""
+        found = [k for k, row in enumerate(self.layout.rows) if row.split(":")[0] == name]
+        return self.lam[:, found]
+
+    def stored(self, *columns):
+        """Sum of energies by name."""
+        at = [self.layout.energies.index(column) for column in columns]
+        return self.energy[:, at].sum(axis=1)
+
+    def mismatch(self):
+        """Largest departure of stored energy less works from its first value [J]."""
+        balance = self.energy[:, :4].sum(axis=1) - self.energy[:, 4:].sum(axis=1)
+        return np.abs(balance - balance[0]).max()
+
+    def at(self, times):
+        """Row numbers of output times, which must be there."""
+        rows = np.rint(np.asarray(times) / (self.t[1] - self.t[0])).astype(int)
+        np.testing.assert_allclose(self.t[rows], times, rtol=1e-9)
+        return rows
+
+
+def run(model, **knobs):
+    """Run a model by `analysis.dynamics`, as a user's run does, without files."""
+    model.set_dynamics(**knobs)
+    made, memory = compiled(model), Memory()
+    outcome = dynamics(made, model, memory)
+    assert outcome.status == "finished", outcome.message
+    return Run(made.layout, *memory.tables(), outcome.statistics)
+
+
+def steps(model, chosen, h, count, every, start=None, **settings):
+    """Run `count` steps through the engine's own loop; returns a Run, the state and the scratch.
+
+    `start(state, layout)` may change positions and velocities of the assembled state; velocities
+    are then put on the constraints again, and accelerations and multipliers solved.
+    """
+    made = compiled(model)
+    state = assemble(made, model).state
+    if start is not None:
+        start(state, made.layout)
+        scratch = new_work(made.system)
+        for level in (VELOCITIES, ACCELERATIONS, BEGIN):
+            solve_level(made.system, state, scratch, level)
+        state.aa[:] = state.vd
+    work = new_work(made.system, method.n_stages(chosen))
+    knobs = method.Settings(
+        **{
+            "step": h, "newton_tolerance": 1e-10, "max_iterations": 15, "output_every": every,
+            "works": 1, "determined": 0, **settings,
+        }
+    )  # fmt: skip
+    rows = count // every if every else 1
+    out = march.new_output(made.system, rows, len(made.layout.channels))
+    status = march.march(made.system, chosen, knobs, state, work, out, count)
+    assert status == method.FINE, status
+    tables = [np.array(table[: int(out.rows[0])]) for table in out[:-1]]
+    return Run(made.layout, *tables, {}), state, work
+
+
+def order(h, errors):
+    """Observed order of convergence: slope of log error over log h."""
+    return np.polyfit(np.log(h), np.log(errors), 1)[0]
+
+
+def extrapolated(coarse, fine, p=2):
+    """Richardson's value from steps h and h/2 of a method of order p."""
+    return fine + (fine - coarse) / (2**p - 1)
