@@ -1,0 +1,1 @@
+"""What the engine costs; run by hand: `python -m tests.benchmarks`."""

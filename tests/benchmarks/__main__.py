@@ -1,0 +1,29 @@
+"""One table of all timings."""
+
+from __future__ import annotations
+
+from tests.benchmarks import models, timing
+
+
+def main():
+    print("Rigid chain, spherical joints, generalized-alpha, h = 1 ms, no output")
+    print(f"{'bodies':>8} {'us/step':>10} {'us/body':>9} {'iterations':>11} {'factors':>8}")
+    for n, count in ((1, 20000), (10, 5000), (100, 1000), (1000, 200)):
+        seconds, iterations, factors = timing.per_step(*models.chain(n), 1e-3, count)
+        micro = 1e6 * seconds
+        print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
+    print("\nSlider-crank with a flexible rod, h = 10 us, no output")
+    print(f"{'modes':>8} {'us/step':>10} {'iterations':>21} {'factors':>8}")
+    for modes in (14, 20):
+        model, compiled, m = models.slider_crank(modes)
+        seconds, iterations, factors = timing.per_step(model, compiled, 1e-5, 4000)
+        print(f"{m:8} {1e6 * seconds:10.2f} {iterations:21.2f} {factors:8.2f}")
+    print(f"\nimport flexmb: {timing.import_time():.2f} s")
+    fresh, warm = timing.whole_runs()
+    print("\nSlider-crank case from mesh to picture [s]      fresh cache       again")
+    for name in fresh:
+        print(f"{name:40} {fresh[name]:18.2f} {warm.get(name, 0.0):11.2f}")
+
+
+if __name__ == "__main__":
+    main()

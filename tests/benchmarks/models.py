@@ -1,0 +1,37 @@
+"""The models that are timed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flexmb.engine.compile import compile_system
+from flexmb.fe import reduce
+from flexmb.model import Model, load_scene
+
+_SLIDER_CRANK = Path(__file__).parents[2] / "cases" / "slider_crank" / "scene.toml"
+
+
+def chain(n):
+    """n bars of 1 kg and 1 m with spherical joints, horizontal, at rest, under gravity."""
+    made = Model(f"chain of {n}", gravity=[0, 0, -9.81])
+    for k in range(n):
+        made.add_body(
+            f"b{k}", mass=1.0, center=[0.5, 0, 0], inertia=[0.01, 1 / 12, 1 / 12],
+            position=[k, 0, 0],
+        )  # fmt: skip
+        made.add_marker(f"b{k}.end", position=[1, 0, 0])
+        before = f"b{k - 1}.end" if k else "ground"
+        made.add_joint(f"j{k}", "spherical", between=[before, f"b{k}"])
+    made.set_dynamics(duration=1.0, step=1e-3, newton_tolerance=1e-6)
+    return made, compile_system(made)
+
+
+def slider_crank(modes):
+    """The case with a flexible rod of 6 + `modes` coordinates."""
+    made = load_scene(_SLIDER_CRANK, {"bodies.rod.modes": str(modes)})
+    rod = made.bodies["rod"]
+    body = reduce(
+        made.path(rod.mesh), units=rod.units, material=rod.material,
+        interfaces=dict(rod.interfaces), modes=rod.modes,
+    )  # fmt: skip
+    return made, compile_system(made, {"rod": body}), body.m

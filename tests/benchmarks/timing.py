@@ -1,0 +1,83 @@
+"""Time of the compiled loop per step, and of whole runs in fresh processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+from flexmb.analysis.assembly import assemble
+from flexmb.engine import march, method
+from flexmb.engine.work import new_work
+
+_ROOT = Path(__file__).parents[2]
+_REPEATS = 5
+_RUN = """
+import sys, time
+started = time.perf_counter()
+from flexmb.workflow import run_scene
+first = {}
+def progress(phase, fraction, detail=""):
+    first.setdefault(phase, time.perf_counter() - started)
+report = run_scene(sys.argv[1], output=sys.argv[2], progress=progress)
+print("total", time.perf_counter() - started)
+print("start_of_the_loop", first["integrate"])
+for name, value in report.statistics.items():
+    if name.startswith("seconds_"):
+        print(name, value)
+"""
+
+
+def per_step(model, compiled, h, count):
+    """Median CPU time of a step [s] over several runs of `count` steps without output; Newton
+    iterations and factorisations of a step."""
+    chosen = method.generalized_alpha(0.8)
+    first = assemble(compiled, model, start=model.dynamics.start).state
+    settings = method.Settings(h, model.dynamics.newton_tolerance, 15, 0, 1, 0)
+    seconds, state = [], first
+    for k in range(_REPEATS + 1):
+        state = type(first)(*(array.copy() for array in first))
+        work = new_work(compiled.system)
+        out = march.new_output(compiled.system, 1, len(compiled.layout.channels))
+        begin = time.process_time()
+        status = march.march(
+            compiled.system, chosen, settings, state, work, out, 1 if k == 0 else count
+        )
+        if k:  # the first loads or compiles the loop
+            seconds.append((time.process_time() - begin) / count)
+        assert status == method.FINE, (model, status, state.t)
+    share = state.count / count
+    return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
+
+
+def import_time():
+    """Median wall time of `import flexmb` in a new interpreter, less that of an empty one [s]."""
+    return median(_python("-c", "import flexmb") for _ in range(_REPEATS)) - median(
+        _python("-c", "pass") for _ in range(_REPEATS)
+    )
+
+
+def whole_runs():
+    """Phases [s] of the slider-crank case in new processes: fresh cache, then warm."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "FLEXMB_CACHE_DIR": f"{folder}/cache"}
+        scene = _ROOT / "cases" / "slider_crank" / "scene.toml"
+        return [_phases(scene, f"{folder}/out", environment) for _ in range(2)]
+
+
+def _python(*arguments):
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, *arguments], check=True, cwd=_ROOT)
+    return time.perf_counter() - begin
+
+
+def _phases(scene, output, environment):
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, str(scene), output],
+        check=True, cwd=_ROOT, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    return {name: float(value) for name, value in map(str.split, done.stdout.splitlines())}
