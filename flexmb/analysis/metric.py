@@ -32,7 +32,8 @@ def modal_blocks(
     """Views (m, m) of the modal mass and stiffness of one body in the pool."""
     m = int(body["m"])
     at = int(body["flex"]) + 12 * m + 12 * m * m
-    return tuple(pool[at + k * m * m : at + (k + 1) * m * m].reshape(m, m) for k in (0, 1))
+    mass, stiffness = pool[at : at + 2 * m * m].reshape(2, m, m)
+    return mass, stiffness
 
 
 def slowest_period(system: System) -> float:

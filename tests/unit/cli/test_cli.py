@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import types
 from dataclasses import dataclass, field
@@ -212,6 +213,9 @@ def test_help_and_version() -> None:
     for command in ("run", "reduce", "render", "check", "info"):
         assert "Example: flexmb" in call(command, "--help").stdout
     assert call("--version").stdout.startswith("flexmb ")
+    words = [sys.executable, "-m", "flexmb", "--version"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout == call("--version").stdout
 
 
 def test_doctor_says_what_works() -> None:
