@@ -1,7 +1,7 @@
 """Orders of the integrators by slope, rigid and flexible, each judged by the other method.
 
-Generalized-alpha: 2 for positions, velocities, accelerations and reported multipliers. Explicit pair
-of Bogacki and Shampine on the index-1 form: 3, with an estimate of the local error of order 3.
+Generalized-alpha: 2 for positions, velocities, accelerations and reported multipliers. Explicit
+pair of Bogacki and Shampine on the index-1 form: 3, with a local error estimate of order 3.
 """
 
 from __future__ import annotations

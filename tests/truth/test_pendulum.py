@@ -131,7 +131,7 @@ def test_double_pendulum():
     """Two point masses on massless rods, released from the horizontal.
 
     Angles and rates are those of any two bodies with the same m2 l1 d2, J2 + m2 d2², m2 d2,
-    J1 + m1 d1² + m2 l1² and m1 d1 + m2 l1 (d to the centre of mass, J about it, l1 between the pins).
+    J1 + m1 d1² + m2 l1² and m1 d1 + m2 l1 (d to the centre of mass, J about it, l1 between pins).
     """
     table = reference("rigid_bodies", "double_pendulum_point_masses")
     times = [float(t) for t in table["values"]]
