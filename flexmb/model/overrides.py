@@ -49,6 +49,8 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     parts = name.split(".")
     if len(parts) == 1:
         parameters = scene.get("parameters", {})
+        if not isinstance(parameters, Mapping):
+            parameters = {}
         top = tuple(key for key in scene if not isinstance(scene[key], Mapping | list))
         if name in parameters:
             parameters[name] = value

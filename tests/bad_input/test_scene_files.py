@@ -83,5 +83,13 @@ def test_overrides_that_do_not_exist_or_cannot_be(scene, name, value, wanted):
     assert wanted in message(scene, {name: value})
 
 
+@pytest.mark.parametrize("parameters", ["5", "[1]", '"speed"'])
+@pytest.mark.parametrize("name", ["speed", "parameters.speed", "title"])
+def test_overrides_of_a_scene_whose_parameters_are_no_table(tmp_path, parameters, name):
+    path = tmp_path / "scene.toml"
+    path.write_text(f"parameters = {parameters}\n" + GOOD.partition("speed = 10")[2])
+    assert "parameter" in message(path, {name: "1"})
+
+
 def test_all_wrong_overrides_at_once(scene):
     assert len(message(scene, {"sped": "1", "masss": "2"}).splitlines()) == 2
