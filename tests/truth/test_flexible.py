@@ -1,0 +1,247 @@
+"""Flexible bodies in motion: equilibrium under rotation, limits, energy, momentum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from femeshes import line
+from generators import cloud
+from truthkit import order, run
+
+from flexmb.fe import rectangle, reduce
+from flexmb.flexbody import Interface, rigid_body
+from flexmb.model import Model
+
+E, RHO = 2.1e11, 7800.0
+R, L = 0.1, 0.45  # crank and rod, m
+
+
+def beam(length, modes, n=8, height=0.012):
+    """A steel bar along x with the interfaces root and tip."""
+    return reduce(
+        line(n, end=(length, 0, 0)),
+        material={"E": E, "nu": 0.3, "density": RHO},
+        interfaces={"root": "root", "tip": "tip"}, modes=modes,
+        sections={"all": rectangle(height, 0.02)},
+    )  # fmt: skip
+
+
+# --- a bar turning at constant speed ---
+
+
+def spinning_bar(hub, speed):
+    """The bar on a hub of a given radius, driven about z."""
+    made = Model("bar on a hub")
+    made.add_body("hub", mass=1.0, inertia=[0.1] * 3)
+    made.add_marker("hub.rim", position=[hub, 0, 0])
+    made.add_body("bar", beam(0.5, 42), position=[hub, 0, 0])
+    made.add_joint("axle", "revolute", between=["ground", "hub"], axis="z")
+    made.add_joint("root", "fixed", between=["hub.rim", "bar.root"])
+    made.add_driver("motor", joint="axle", angle=f"{speed!r}*t")
+    made.add_sensor("tip", "position", of="bar.tip", relative_to="hub")
+    made.add_sensor("tip_acceleration", "acceleration", of="bar.tip")
+    return made
+
+
+@pytest.mark.parametrize("hub", [0.0, 0.3])
+def test_spinning_bar_is_stretched_from_the_start(hub):
+    """Stretch of a bar in equilibrium with its centrifugal load, and no ringing about it.
+
+    With k = Ω √(ρ/E): u(L) = hub/cos kL + tan(kL)/k − hub − L, to first order
+    ρ Ω² L²/E (hub/2 + L/3). All modes of 8 elements are kept; they err by some
+    (k L/8)², 1e-6.
+    """
+    length, speed = 0.5, 150.0  # its first bending mode (clamped, 12 mm) is at 250 rad/s
+    result = run(
+        spinning_bar(hub, speed), duration=0.02, step=5e-6, outputs=200, start="quasi-static",
+        newton_tolerance=1e-9,
+    )  # fmt: skip
+    k = speed * np.sqrt(RHO / E)
+    stretch = hub / np.cos(k * length) + np.tan(k * length) / k - hub - length
+    first_order = RHO * speed**2 * length**2 / E * (hub / 2 + length / 3)
+    assert stretch == pytest.approx(first_order, rel=1e-3)
+    reach = np.linalg.norm(result.vector("tip"), axis=1) - hub - length
+    np.testing.assert_allclose(reach, stretch, rtol=1e-5)
+    acceleration = np.linalg.norm(result.vector("tip_acceleration"), axis=1)
+    np.testing.assert_allclose(acceleration, speed**2 * (hub + length + stretch), rtol=1e-5)
+
+
+# --- slider-crank ---
+
+
+def slider_crank(rod, speed=150.0):
+    """Crank, rod with the markers root and tip, slider; no redundant row, rigid or flexible."""
+    made = Model("slider-crank")
+    made.add_body("crank", mass=1.0, inertia=[0.01] * 3)
+    made.add_marker("crank.pin", position=[R, 0, 0])
+    made.add_body("rod", rod, position=[R, 0, 0])
+    made.add_body("slider", mass=0.5, inertia=[0.01] * 3, position=[R + L, 0, 0])
+    made.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    made.add_joint("pin", "spherical", between=["crank.pin", "rod.root"])
+    made.add_joint("wrist", "cylindrical", between=["rod.tip", "slider"], axis="z")
+    made.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    made.add_driver("motor", joint="bearing", angle=f"{speed!r}*t + 0.2*sin(100*t)")
+    made.add_sensor("slider", "position", of="slider")
+    made.add_sensor("span", "position", of="rod.tip", relative_to="rod.root")
+    return made
+
+
+def without_modes(body):
+    """The same body with the same interfaces, rigid."""
+    rigid = rigid_body(body.mass, body.center, body.inertia_about_center)
+    still = np.zeros((3, 0))
+    ends = [Interface(end.name, end.position, still, still) for end in body.interfaces]
+    return replace(rigid, interfaces=tuple(ends))
+
+
+def test_no_modes_is_a_rigid_body():
+    """A FlexBody without modes against [bodies] with mass, centre and inertia: round-off apart."""
+    knobs = {"duration": 0.02, "step": 1e-4, "outputs": 20, "newton_tolerance": 1e-11}
+    body = without_modes(beam(L, 0))
+    found = run(slider_crank(body), **knobs)
+    made = slider_crank(body)
+    made.bodies["rod"] = Model("rod").add_body(
+        "rod", mass=body.mass, center=body.center.tolist(), position=[R, 0, 0],
+        inertia=body.inertia_about_center.tolist(),
+        markers={"root": {"position": [0, 0, 0]}, "tip": {"position": [L, 0, 0]}},
+    )  # fmt: skip
+    wanted = run(made, **knobs)
+    np.testing.assert_allclose(found.sensors, wanted.sensors, rtol=0, atol=1e-12)
+    size = np.abs(wanted.reaction("joints.pin")).max()
+    for joint in ("joints.pin", "joints.guide", "drivers.motor"):
+        np.testing.assert_allclose(
+            found.reaction(joint), wanted.reaction(joint), rtol=0, atol=1e-9 * size
+        )
+
+
+def test_stiff_rod_approaches_the_rigid_one():
+    """Positions differ by the deformation, as 1/E.
+
+    Reactions differ by the ringing that the start leaves: in equilibrium, but not moving along
+    with it, by the drive's frequency over the mode's, as 1/√E.
+    """
+    knobs = {"duration": 0.02, "step": 1e-5, "outputs": 50, "newton_tolerance": 1e-10}
+    wanted = run(slider_crank(without_modes(beam(L, 0))), **knobs)
+    stiffer = np.array([10.0, 100.0, 1000.0])
+    errors, reactions = [], []
+    steel = beam(L, 4)
+    for factor in stiffer:
+        rod = replace(steel, K=factor * steel.K)
+        found = run(slider_crank(rod), start="quasi-static", **knobs)
+        errors.append(np.abs(found["slider.x"] - wanted["slider.x"]).max())
+        size = np.abs(wanted.reaction("joints.pin")).max()
+        difference = found.reaction("joints.pin") - wanted.reaction("joints.pin")
+        reactions.append(np.abs(difference).max() / size)
+    assert -1.1 < order(stiffer, errors) < -0.9, errors
+    assert errors[-1] < 1e-6
+    assert -0.7 < order(stiffer, reactions) < -0.4, reactions
+    assert reactions[-1] < 2e-3, reactions
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return {
+        h: run(
+            slider_crank(beam(L, 6)), duration=0.04, step=h, outputs=400, start="quasi-static",
+            newton_tolerance=1e-8,
+        )
+        for h in (2e-5, 1e-5)
+    }  # fmt: skip
+
+
+def test_driver_work_becomes_energy(driven):
+    """Kinetic and strain energy against the drivers' work, added up by the trapezoidal rule."""
+    errors = [one.mismatch() / np.ptp(one.stored("kinetic")) for one in driven.values()]
+    assert errors[-1] < 1e-5, errors
+    assert order(list(driven), errors) > 1.8, errors
+    strain = driven[1e-5].stored("strain")
+    assert strain.max() > 10 * errors[-1] * np.ptp(driven[1e-5].stored("kinetic"))
+
+
+def test_quasi_static_start_does_not_ring():
+    """The length of the rod over the first periods of its stretching mode (2.6 kHz and more)."""
+    rings = {}
+    for start in ("quasi-static", "undeformed"):
+        result = run(
+            slider_crank(beam(L, 6)), duration=1.5e-3, step=1e-6, outputs=150, start=start,
+            spectral_radius=0.95,
+        )  # fmt: skip
+        stretch = np.linalg.norm(result.vector("span"), axis=1) - L
+        smooth = np.polynomial.Polynomial.fit(result.t, stretch, 3)
+        rings[start] = np.abs(stretch - smooth(result.t)).max() / np.abs(stretch).max()
+    assert rings["undeformed"] > 0.2, rings
+    assert rings["quasi-static"] < 0.02 * rings["undeformed"], rings
+
+
+# --- conservation ---
+
+
+def test_conservative_pendulum_keeps_its_energy():
+    """Without numerical damping the energy errs by O(h²) and does not drift."""
+    made = Model("flexible pendulum", gravity=[0, -9.81, 0])
+    made.add_body("rod", beam(1.0, 2, height=0.004))
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    steps = np.array([4e-4, 2e-4, 1e-4])
+    runs = [
+        run(
+            made, duration=2.0, step=h, outputs=200, spectral_radius=1.0, newton_tolerance=1e-9,
+            start="quasi-static",
+        )
+        for h in steps
+    ]  # fmt: skip
+    energy = np.ptp(runs[-1].stored("gravity"))
+    errors = [one.mismatch() / energy for one in runs]
+    assert 1.7 < order(steps, errors) < 2.3, errors
+    assert errors[-1] < 1e-4, errors
+
+
+def test_free_flexible_body_keeps_its_momentum():
+    """Linear and angular momentum summed over its point masses, and the way of its centre."""
+    rng = np.random.default_rng(3)
+    points = cloud(rng, 3)
+    made = Model("tumbling body")
+    made.add_body(
+        "body",
+        points.flexbody("body"),
+        velocity=[0.3, -0.2, 0.1],
+        angular_velocity=[1.0, 2.0, -1.5],
+    )
+    steps = np.array([2e-3, 1e-3, 5e-4])
+    errors = []
+    for h in steps:
+        result = run(made, duration=2.0, step=h, outputs=50, newton_tolerance=1e-10)
+        momenta, center = momentum(points, result)
+        errors.append(np.abs(momenta - momenta[0]).max(axis=0) / np.abs(momenta[0]).max())
+        mass = points.mass.sum()
+        way = center - center[0] - result.t[:, None] * momenta[0, :3] / mass
+        errors[-1] = np.append(errors[-1], np.abs(way).max())
+        assert np.abs(result.q[:, 7:]).max() > 1e-3  # it does deform
+    errors = np.array(errors)
+    for k in range(errors.shape[1]):
+        if errors[0, k] > 1e-11:  # conserved to round-off else
+            assert 1.8 < order(steps, errors[:, k]) < 2.3, errors[:, k]
+    assert errors[-1].max() < 1e-5, errors[-1]
+
+
+def momentum(points, result):
+    """(n, 6) momentum and moment of momentum about the global origin, (n, 3) centre of mass."""
+    rows, centers = [], []
+    for q, v in zip(result.q, result.v, strict=True):
+        A = rotation(q[3:7])
+        s = points.s + points.N @ q[7:]
+        x = q[:3] + s @ A.T
+        speed = v[:3] + (np.cross(v[3:6], s) + points.N @ v[6:]) @ A.T
+        carried = points.mass[:, None] * speed
+        rows.append(np.append(carried.sum(axis=0), np.cross(x, carried).sum(axis=0)))
+        centers.append(points.mass @ x / points.mass.sum())
+    return np.array(rows), np.array(centers)
+
+
+def rotation(p):
+    """Direction cosines of Euler parameters."""
+    e, (x, y, z) = p[0], p[1:]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * e * cross + 2 * cross @ cross
