@@ -83,6 +83,22 @@ def test_everything_reported_converges_with_order_two(refined):
         assert 1.9 < order(h, errors) < 2.1, (name, errors)
 
 
+def test_explicit_method_converges_with_order_three():
+    sizes = [100, 200, 400]
+    runs = [
+        run(bar(), duration=PERIOD, step=PERIOD / n, outputs=50, method="explicit-rk")
+        for n in sizes
+    ]
+    position, velocity, _, force = truth(runs[0].t)
+    for name, wanted, found in (
+        ("position", position, [one.vector("position")[:, :2] for one in runs]),
+        ("velocity", velocity, [one.vector("velocity")[:, :2] for one in runs]),
+        ("force", force, [-one.reaction("joints.pin")[:, :2] for one in runs]),
+    ):
+        errors = [np.abs(one - wanted).max() for one in found]
+        assert 2.8 < order(1 / np.array(sizes), errors) < 3.2, (name, errors)
+
+
 def test_error_is_that_of_the_method():
     """At spectral radius 0.8 the phase lags by at most 0.0864 (w0 h)² w0 t: checked within two."""
     h = PERIOD / 800
