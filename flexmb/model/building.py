@@ -19,6 +19,7 @@ from flexmb.model.head import read_gravity
 from flexmb.model.markers import GroundSpec
 from flexmb.model.names import bad_name
 from flexmb.model.parameters import resolve
+from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, given, read_entry, under, unknown_key
 from flexmb.model.view import ViewSpec
 
@@ -71,10 +72,10 @@ class _Builder:
             self.problems.append(Problem("title", f"text is expected, given {given(title)}"))
             title = ""
         self.model.title = title
-        parameters = self.table("parameters")
+        parameters = plain(self.table("parameters"))
         values, problems = resolve(parameters)
         self.problems += problems
-        self.model.given_parameters, self.model.parameters = dict(parameters), values
+        self.model.given_parameters, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
         self.names = {**dict.fromkeys(map(str, parameters), 1.0), **values}
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)

@@ -20,7 +20,7 @@ from pydantic_core import core_schema
 from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import Expression, Ops, parse
 from flexmb.model.jets import Jet
-from flexmb.model.quantities import Angle, Number, in_radians, read_number
+from flexmb.model.quantities import Angle, Number, in_radians, plain, read_number
 from flexmb.model.reading import Names, Spec, fail, given, names_of, read_variant
 
 __all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "read_function"]
@@ -153,10 +153,11 @@ def read_function(value: Any, names: Names | None = None) -> Function:
     if isinstance(value, str):
         return Function(value, parse(in_radians(value), names))
     if isinstance(value, Mapping):
+        value = plain(value)
         form, problems = read_variant("function", FUNCTION_FORMS, value, names)
         if form is None:
             raise SceneError.from_problems(problems)
-        return Function(dict(value), Expression(given(dict(value)), form.ops()))
+        return Function(value, Expression(given(value), form.ops()))
     if isinstance(value, Real) and not isinstance(value, bool):
         number = read_number(value, names)
         return Function(number, Expression(f"{number:g}", (("const", number),)))

@@ -24,6 +24,7 @@ from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
+from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, read_entry, under
 from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channels_of
 from flexmb.model.view import ViewSpec
@@ -66,7 +67,7 @@ class Model:
     ) -> None:
         self.title = title
         self.folder = Path(folder)
-        self.given_parameters: dict[str, Any] = dict(parameters or {})
+        self.given_parameters: dict[str, Any] = plain(parameters or {})
         self.parameters, problems = resolve(self.given_parameters)
         _raise(problems)
         self.gravity: tuple[float, float, float] | None = None

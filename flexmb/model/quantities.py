@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
@@ -33,6 +35,7 @@ __all__ = [
     "Time",
     "Vector",
     "in_radians",
+    "plain",
     "read_axis",
     "read_number",
 ]
@@ -127,7 +130,25 @@ class Integer:
         return round(number)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Tables, lists and numbers as plain Python, whatever kind of array or number they hold."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Real) and not isinstance(value, int | float | np.generic):
+        return _number(value)
+    return _as_list(value)
+
+
+def _number(value: Real) -> Any:
+    try:
+        return float(value)
+    except OverflowError:
+        return value  # refused where it is read
+
+
+def _as_list(value: Any) -> Any:
     """NumPy arrays as lists."""
     return value.tolist() if hasattr(value, "tolist") else value
 
@@ -137,8 +158,8 @@ Angle = Annotated[float, Quantity("rad")]
 Length = Annotated[float, Quantity("m")]
 Size = Annotated[float, Quantity("m", "positive")]
 Time = Annotated[float, Quantity("s", "positive")]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_plain)]
-Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_plain)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_list)]
+Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_as_list)]
 
 
 def _text(value: Any, info: ValidationInfo) -> str:
@@ -162,7 +183,7 @@ def read_axis(value: Any, names: Names) -> tuple[float, float, float]:
     SceneError
         Neither of them, or a vector of length zero.
     """
-    value = _plain(value)
+    value = _as_list(value)
     if isinstance(value, str):
         axis = _AXES.get(value.lstrip("+-"))
         if axis is None or len(value) > 2:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,20 @@ def test_counts_of_the_slider_crank():
     counts = count(load_scene(path))
     assert (counts.rigid_coordinates, counts.equations, counts.drivers) == (18, 17, 1)
     assert counts.mobility == 0 and counts.modes == 0
+
+
+def test_numbers_of_numpy_are_written_as_plain_ones():
+    parameters = {"n": np.int64(3), "l": np.float32(0.5), "h": np.array(2.0), "q": Fraction(1, 4)}
+    model = Model("m", parameters=parameters)
+    model.add_body("bob", mass="n", inertia=[1, 1, 1])
+    for name, coefficients in (("a", np.array([1, 2])), ("b", (np.float64(1), np.int64(2)))):
+        table = {"type": "polynomial", "coefficients": coefficients}
+        model.add_force(name, "force", at="bob", value=[table, np.float64(1), "q*t"])
+    written = json.loads(json.dumps(model.to_scene_dict()))
+    assert written["parameters"] == {"n": 3, "l": 0.5, "h": 2.0, "q": 0.25}
+    assert written["forces"]["a"]["value"][0]["coefficients"] == [1, 2]
+    again = Model.from_scene_dict(written | {"parameters": parameters})
+    assert json.loads(json.dumps(again.to_scene_dict())) == written
 
 
 def test_names_are_used_once():
