@@ -1,7 +1,7 @@
 """Time histories of channels, drawn with matplotlib without its global state.
 
-In: a :class:`Result` and channel names. Out: a matplotlib ``Figure`` or its file: one pair of axes
-per unit, stacked over a common time axis, legends outside the data.
+In: a :class:`Result` or its file, and channel names. Out: a matplotlib ``Figure`` or a picture of
+it: one pair of axes per unit, stacked over a common time axis, legends outside the data.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import ViewError
+from flexmb.results import Result
 from flexmb.view.files import writable_file
 from flexmb.view.style import INK, LINES, PAPER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from flexmb.results import Result
 
 __all__ = ["history_figure", "plot_history", "save_figure"]
 
@@ -35,14 +34,14 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def plot_history(
-    result: Result, channels: Sequence[str] = (), output: str | Path = "history.png"
+    result: Result | str | Path, channels: Sequence[str] = (), output: str | Path = "history.png"
 ) -> Path:
     """Draw channels over time into a file.
 
     Parameters
     ----------
-    result : Result
-        The run.
+    result : Result or path
+        The run, or its file.
     channels : sequence of str
         Names such as ``"slider.x"``; none: those the scene's ``[view]`` names, else all that move.
     output : path
@@ -58,7 +57,7 @@ def plot_history(
     return save_figure(history_figure(result, channels), output)
 
 
-def history_figure(result: Result, channels: Sequence[str] = ()) -> Figure:
+def history_figure(result: Result | str | Path, channels: Sequence[str] = ()) -> Figure:
     """Channels over time as a matplotlib ``Figure``, which notebooks show by themselves.
 
     Raises
@@ -71,6 +70,7 @@ def history_figure(result: Result, channels: Sequence[str] = ()) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    result = result if isinstance(result, Result) else Result(result)
     names = tuple(channels) or _chosen(result)
     if not names or not len(result.time):
         lacks = "rows" if names else "sensor channels"

@@ -46,6 +46,11 @@ def test_the_file_is_written_and_no_window_system_is_touched(result, tmp_path: P
     assert plot_history(result, ["slider.x"], tmp_path / "h.svg").stat().st_size > 1000
 
 
+def test_the_file_of_a_run_is_plotted_like_the_run(result: Result, tmp_path: Path) -> None:
+    assert plot_history(result.path, output=tmp_path / "a.png").is_file()
+    assert plot_history(str(result.path), ["slider.x"], tmp_path / "b.png").is_file()
+
+
 @pytest.mark.parametrize("output", ["history.doc", "", "file/history.png"])
 def test_a_file_that_cannot_be_is_refused(result: Result, tmp_path: Path, output: str) -> None:
     (tmp_path / "file").write_text("")
