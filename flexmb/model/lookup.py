@@ -1,7 +1,8 @@
 """Finding things by their names: markers, their places, the frames of joints.
 
-Every body has the marker ``origin``; a rigid one also ``center``, a flexible one one for each of
-its interfaces. Out: specifications, and :class:`PlacedMarker` for the engine.
+Every body has the marker ``origin``; a rigid one also ``center``, so has a reduced one without
+modes; a flexible one has one for each of its interfaces. Out: specifications, and
+:class:`PlacedMarker` for the engine.
 """
 
 from __future__ import annotations
@@ -63,6 +64,8 @@ def automatic_markers(model: Model, body: str, flexbodies: Bodies) -> dict[str, 
     flexbody = flexbody_of(model, body, flexbodies)
     if flexbody is not None:
         names = tuple(interface.name for interface in flexbody.interfaces)
+        if flexbody.m == 0 and isinstance(spec, FlexbodySpec):
+            markers["center"] = MarkerSpec(position=tuple(flexbody.center))
     return markers | {name: MarkerSpec(interface=name) for name in names}
 
 

@@ -32,7 +32,7 @@ class MarkerSpec(Spec):
 
     ``position`` [m] defaults to the carrying node's, else to the body's origin. ``node`` (0-based
     index in the mesh) or ``interface`` name the carrier on a flexible body; with a position alone
-    the nearest node carries it.
+    the nearest node carries it, and without modes the body itself.
     """
 
     position: Vector | None = None
@@ -111,12 +111,17 @@ def place(body: str, marker: MarkerSpec, flexbody: FlexBody | None = None) -> Pl
     """
     R = rotation_matrix(marker.orientation)
     zero = np.zeros(3)
-    if flexbody is None or marker.is_frame:
+    if flexbody is None or marker.is_frame or _at_rigid_place(marker, flexbody):
         rho = zero if marker.position is None else np.array(marker.position)
         return PlacedMarker(body, rho, zero, R)
     rho, Phi_t, Phi_r = _carrier(marker, flexbody)
     arm = zero if marker.position is None else np.array(marker.position) - rho
     return PlacedMarker(body, rho, arm, R, Phi_t, Phi_r)
+
+
+def _at_rigid_place(marker: MarkerSpec, flexbody: FlexBody) -> bool:
+    """Whether it is a mere position on a body without modes, where nothing needs to carry it."""
+    return flexbody.m == 0 and marker.node is None and marker.interface is None
 
 
 def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Array]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.errors import SceneError
-from flexmb.flexbody import FlexBody, Interface, NodeModes
+from flexmb.flexbody import FlexBody, Interface, NodeModes, rigid_body
 from flexmb.model import Model
 from flexmb.model.lookup import frames, placed, pose
 from flexmb.model.orientation import rotation_matrix
@@ -64,6 +64,20 @@ def test_a_node_or_an_interface_carries_a_flexible_marker(model, beam):
     np.testing.assert_allclose(eye.arm, [0, 0, 0.2])
     np.testing.assert_array_equal(eye.Phi_r, beam.interfaces[1].Phi_r)
     assert placed(model, "beam.origin").Phi_t is None
+
+
+def test_a_body_without_modes_carries_markers_anywhere(model):
+    model.add_body("block", rigid_body(2.0, (0.1, 0, 0), 1.0))
+    model.add_marker("block.corner", position=[1, 2, 3])
+    model.add_joint("weld", "fixed", between=["crank.tip", "block.corner"])
+    model.validate()
+    corner = placed(model, "block.corner")
+    np.testing.assert_array_equal(corner.position, [1, 2, 3])
+    assert corner.Phi_t is None
+    np.testing.assert_allclose(placed(model, "block.center").position, [0.1, 0, 0])
+    model.add_marker("block.pin", node=3)
+    with pytest.raises(SceneError, match="bodies.block.markers.pin: .*holds no nodes"):
+        model.validate()
 
 
 def test_joint_frames_coincide_in_the_placed_pose(model):
