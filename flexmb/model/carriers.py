@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
@@ -13,7 +16,12 @@ from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.names import GROUND
 from flexmb.model.scope import Scope
 
-__all__ = ["body_problems"]
+if TYPE_CHECKING:
+    from flexmb.model.model import Model
+
+__all__ = ["body_problems", "far_markers"]
+
+_FAR = 0.5  # of the body's length; a marker further from its nodes is likely a slip of units
 
 
 def body_problems(scope: Scope) -> Iterator[Problem]:
@@ -78,3 +86,22 @@ def _carrier(scope: Scope, at: str, body: str, marker: MarkerSpec) -> Iterator[P
             place(body, marker, flexbody)
         except FlexmbError as error:
             yield from (Problem(at, p.what, p.allowed, p.nearest) for p in error.problems)
+
+
+def far_markers(model: Model, flexbodies: lookup.Bodies) -> Iterator[str]:
+    """Sentences about markers that lie far away from the flexible body they are on."""
+    for body, flexbody in flexbodies.items():
+        spec = model.bodies.get(body)
+        nodes = flexbody.nodes
+        if spec is None or nodes is None or flexbody.m == 0:
+            continue
+        length = flexbody.characteristic_length
+        for name, marker in spec.markers.items():
+            if marker.position is None:
+                continue
+            away = np.linalg.norm(nodes.position - np.array(marker.position), axis=1).min()
+            if away > _FAR * length:
+                yield (
+                    f"bodies.{body}.markers.{name}: lies {away:.3g} m from the nearest node of a "
+                    f"body about {length:.3g} m long, as on a rigid arm; positions are in metres"
+                )

@@ -7,13 +7,15 @@ its parts fit together, the engine compiles it.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
+from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
@@ -213,8 +215,13 @@ class Model:
         return references.problems(self, flexbodies or {})
 
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
-        """Raise a :class:`SceneError` with all problems, if there are any."""
+        """Raise a :class:`SceneError` with all problems, if there are any.
+
+        Warns of markers far away from the flexible body they are on, once the body is given.
+        """
         _raise(self.problems(flexbodies))
+        for sentence in far_markers(self, flexbodies or {}):
+            warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def to_scene_dict(
         self, folder: str | Path | None = None, flexbodies: Mapping[str, str | Path] | None = None

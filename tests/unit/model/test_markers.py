@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from flexmb.errors import SceneError
+from flexmb.errors import FlexmbWarning, SceneError
 from flexmb.flexbody import FlexBody, Interface, NodeModes, rigid_body
 from flexmb.model import Model
 from flexmb.model.lookup import frames, placed, pose
@@ -78,6 +80,17 @@ def test_a_body_without_modes_carries_markers_anywhere(model):
     model.add_marker("block.pin", node=3)
     with pytest.raises(SceneError, match="bodies.block.markers.pin: .*holds no nodes"):
         model.validate()
+
+
+def test_a_marker_far_from_its_body_is_warned_of(model, beam):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.validate({"beam": beam})
+    model.add_marker("beam.lost", position=[100, 0, 0])
+    model.validate()  # said once the bodies are known, not each time
+    with pytest.warns(FlexmbWarning, match="bodies.beam.markers.lost: lies 99 m from") as told:
+        model.validate({"beam": beam})
+    assert len(told) == 1
 
 
 def test_joint_frames_coincide_in_the_placed_pose(model):
