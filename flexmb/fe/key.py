@@ -1,7 +1,7 @@
 """The fingerprint of a reduction: what makes two reductions give the same body.
 
 In: a mesh file and the options of :func:`flexmb.fe.reduce`. Out: a SHA-256 in hexadecimal over the
-file's bytes, the values (not the names) of material and sections, and the version of the method.
+file's bytes, the options (of the material its values alone), and the version of the method.
 """
 
 from __future__ import annotations
@@ -43,10 +43,11 @@ def reduction_key(
     MeshError
         The mesh file cannot be read.
     """
+    meant = resolve(material)
     chosen = {
         "mesh": mesh_hash(mesh),
         "units": unit_system(units).name,
-        "material": asdict(resolve(material)),
+        "material": [float(meant.E), float(meant.nu), float(meant.density)],
         "interfaces": list((interfaces or {}).items()),
         "modes": modes,
         "damping": float(damping),

@@ -148,6 +148,9 @@ def test_the_key_follows_mesh_material_and_options(project, tmp_path, rod):
     key = reduction_key(mesh, **ROD)
     assert rod.provenance["key"] == key
     steel = {"E": 210e9, "nu": 0.3, "density": 7850}
+    named = steel | {"name": "S355", "source": "a data sheet"}
+    assert reduction_key(mesh, **ROD | {"material": steel}) == key
+    assert reduction_key(mesh, **ROD | {"material": named}) == key
     copy = tmp_path / "connecting_rod.msh"
     copy.write_bytes(mesh.read_bytes())
     assert reduction_key(copy, **ROD) == key
