@@ -21,7 +21,7 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["ReducedModes", "elastic_modes", "orthonormalise", "rigid_coordinates"]
 
-_NEGATIVE = -1e-6  # least eigenvalue relative to the largest that is still rounding
+_LOOSE = 1e-12  # a squared frequency this small relative to the largest is zero but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def orthonormalise(fe: FEMatrices, reduced: CraigBampton) -> ReducedModes:
     """
     R = rigid_coordinates(fe, reduced)
     omega2, Z = elastic_modes(reduced.K, reduced.M, R)
-    if len(omega2) and omega2[0] <= abs(_NEGATIVE) ** 2 * omega2[-1]:
+    if len(omega2) and omega2[0] <= _LOOSE * omega2[-1]:
         raise ReductionError(
             "the body has a motion without stiffness besides the six rigid ones: parts of the mesh "
             "hang together by too few nodes"
