@@ -23,7 +23,10 @@ from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
 __all__ = ["FlexBody"]
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
+_RIGID = 1e-10  # least share of a mode's mass matrix that must be left beside rigid motion
+_MASSLESS = 1e-12  # relative; a smaller moment of inertia is that of a line of masses about itself
 _SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
+_PLANES = ((1, 2), (2, 0), (0, 1))  # the components of a cross product
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +67,8 @@ class FlexBody:
     Raises
     ------
     ReductionError
-        Arrays whose shapes disagree, entries that are not finite, or inertia and stiffness that
-        cannot be; all problems at once.
+        Arrays whose shapes disagree, entries that are not finite, inertia and stiffness that
+        cannot be, or modes that contain rigid motion; all problems at once.
     """
 
     name: str
@@ -90,6 +93,8 @@ class FlexBody:
         _check_inertia(self, check)
         _check_modal(self, check)
         _check_parts(self, check)
+        check.raise_problems()
+        _check_rigid_motion(self, check)
         check.raise_problems()
 
     @property
@@ -192,6 +197,27 @@ def _check_modal(body: FlexBody, check: Checker) -> None:
         check.add("Mab", "is not symmetric: Mab[a, b] must be the transpose of Mab[b, a]")
     elif np.linalg.eigvalsh(body.M_eta)[0] <= 0:
         check.add("Mab", "gives a modal mass that is not positive definite")
+
+
+def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
+    """The modes and the six motions of the body frame must be independent.
+
+    Else the mass matrix at rest is singular. About the centre and in principal axes its rigid block
+    is diagonal; what is left of the modal mass beside it, relative to all of it, is compared.
+    """
+    if body.m == 0:
+        return
+    about_center = body.P - body.center[:, None, None] * body.p
+    turning = np.array([about_center[a, b] - about_center[b, a] for a, b in _PLANES])
+    moments, axes = np.linalg.eigh(body.inertia_about_center)
+    has_mass = moments > _MASSLESS * moments[-1]
+    turning = (axes.T @ turning)[has_mass] / np.sqrt(moments[has_mass])[:, None]
+    rigid = np.vstack([body.p / np.sqrt(body.mass), turning])
+    L = np.linalg.cholesky(body.M_eta)
+    share = np.linalg.svd(np.linalg.solve(L, rigid.T), compute_uv=False)[0] ** 2
+    if 1.0 - share < _RIGID:
+        what = "contain rigid motion of the whole body, which its frame has already"
+        check.add("modes", f"{what}: the mass matrix is singular; take it out of the modes")
 
 
 def _check_parts(body: FlexBody, check: Checker) -> None:

@@ -108,6 +108,50 @@ def test_refused_bodies(beam, change, sentence):
         replace(beam, **change(beam))
 
 
+def point_masses(places, modes, mass):
+    """The body of point masses (n,) at places (n, 3) with modes (n, 3, m)."""
+    s, Phi, rho = np.asarray(places, float), np.asarray(modes, float), np.asarray(mass, float)
+    m = Phi.shape[2]
+    return FlexBody(
+        "cloud",
+        rho.sum(),
+        rho @ s,
+        np.einsum("n,na,nb->ab", rho, s, s),
+        np.einsum("n,nbi->bi", rho, Phi),
+        np.einsum("n,na,nbi->abi", rho, s, Phi),
+        np.einsum("n,nai,nbj->abij", rho, Phi, Phi),
+        np.eye(m),
+    )
+
+
+@pytest.mark.parametrize("origin", [(0, 0, 0), (30, -20, 5)])
+@pytest.mark.parametrize("line", [False, True])
+@pytest.mark.parametrize("motion", ["none", "shift", "turn", "hidden"])
+def test_modes_that_contain_rigid_motion(origin, line, motion):
+    rng = np.random.default_rng(4)
+    s = np.outer(rng.normal(size=9), (1, 2, 3)) if line else rng.normal(size=(9, 3))
+    modes = rng.normal(size=(9, 3, 3)) * (1.0, 1e-2, 30.0)
+    turn = np.cross((0.3, -0.1, 0.8), s)
+    if motion == "shift":
+        modes[:, :, 1] = (0, 2e-2, 1e-2)
+    elif motion == "turn":
+        modes[:, :, 2] = turn
+    elif motion == "hidden":  # no mode alone, the sum of two
+        modes[:, :, 2] = turn - modes[:, :, 0]
+    if motion == "none":
+        assert point_masses(s + origin, modes, np.ones(9)).m == 3
+        return
+    with pytest.raises(ReductionError, match="body cloud.modes: contain rigid motion"):
+        point_masses(s + origin, modes, np.ones(9))
+
+
+def test_clamped_modes_are_no_rigid_motion():
+    x = np.linspace(0, 1, 200)
+    modes = np.zeros((200, 3, 6))
+    modes[:, 1] = np.stack([x ** (k + 2) for k in range(6)], axis=1)
+    assert point_masses(np.outer(x, (1, 0, 0)), modes, np.full(200, 5e-3)).m == 6
+
+
 def test_parts_with_another_number_of_modes_are_refused(beam):
     with pytest.raises(ReductionError, match="interface right: has 1 modes where the body has 9"):
         replace(beam, interfaces=two_mass().interfaces)
