@@ -28,8 +28,10 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
+from flexmb.model.orientation import rotation_matrix
 
 _ROUNDS = 60
+_OPEN = 1e-10  # gap relative to the model size, or radians
 _CLOSED = 1e-13  # correction of a position relative to the model size: round-off
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
@@ -73,10 +75,11 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     period = slowest_period(system)
     stiff = stiff_system(system, _RIGID * period)
     anchored = anchored_system(stiff, model)
-    wanted = _asked_velocities(compiled, model)
+    wanted = np.zeros(compiled.layout.nv)
 
     def close() -> None:
         _close_positions(stiff, state, work, compiled, model)
+        wanted[:] = _asked_velocities(compiled, model, state)
         state.v[:] = wanted
         solve_level(anchored, state, work, VELOCITIES)
 
@@ -101,22 +104,20 @@ def _close_positions(
         if size <= _CLOSED:
             break  # closed, or at a pose from which no small motion narrows the gaps
     solve_level(system, state, work, RESIDUAL)
-    if np.abs(work.con.C).max() <= 1e-10 * compiled.length:
+    if np.abs(work.con.C * system.row_weights).max() <= _OPEN:
         check_branches(compiled, model, state, work)
         return
     raise AssemblyError.from_problems(gap_problems(compiled, work))
 
 
-def _asked_velocities(compiled: Compiled, model: Model) -> NDArray[np.float64]:
+def _asked_velocities(compiled: Compiled, model: Model, state: State) -> NDArray[np.float64]:
     """v of the velocities given in the scene (global axes), zero where none is given."""
-    from flexmb.model.orientation import rotation_matrix
-
     v = np.zeros(compiled.layout.nv)
     for body, spec in zip(compiled.layout.bodies, model.bodies.values(), strict=True):
         if spec.velocity is not None:
             v[body.iv : body.iv + 3] = spec.velocity
         if spec.angular_velocity is not None:
-            A = rotation_matrix(spec.orientation)
+            A = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
             v[body.iv + 3 : body.iv + 6] = A.T @ np.array(spec.angular_velocity)
     return v
 

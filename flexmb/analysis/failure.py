@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
+from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.status import sentence
-from flexmb.engine.work import Work
+from flexmb.engine.work import Work, new_state, new_work
 from flexmb.model.forces import LoadSpec
 from flexmb.model.functions import Function
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
-__all__ = ["first_rows", "n_kept", "open_joint", "reason"]
+__all__ = ["first_rows", "gaps_at", "n_kept", "open_joint", "reason"]
 
 # Gap of a constraint over the size of the model from which on a mechanism has come apart.
 _OPEN = 1e-3
@@ -57,13 +58,22 @@ def reason(
 
 def n_kept(compiled: Compiled, rows: OutputBlock) -> int:
     """How many of the first rows keep the constraints."""
-    apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * compiled.length)
+    apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))
     return int(apart[0]) if len(apart) else len(rows.t)
 
 
 def first_rows(rows: OutputBlock, n: int) -> OutputBlock:
     """The first `n` rows of a block."""
     return OutputBlock(*(getattr(rows, field.name)[:n] for field in fields(rows)))
+
+
+def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float64]:
+    """C (nc,) at one output row."""
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    work = new_work(compiled.system)
+    state.t[0], state.q[:], state.v[:] = rows.t[row], rows.q[row], rows.v[row]
+    solve_level(compiled.system, state, work, RESIDUAL)
+    return work.con.C
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:

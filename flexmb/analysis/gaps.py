@@ -13,6 +13,7 @@ from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 
 _SHOWN = 3
+_SAME = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
 
 
 def gap_problems(compiled: Compiled, work: Work) -> list[Problem]:
@@ -38,7 +39,7 @@ def gap_problems(compiled: Compiled, work: Work) -> list[Problem]:
 
 
 def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
-    """Refuse joints whose axes point opposite ways (rows of dot products are blind to it)."""
+    """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish."""
     solve_level(compiled.system, state, work, RESIDUAL)
     problems = []
     for name, joint in model.joints.items():
@@ -48,8 +49,8 @@ def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -
             if text.startswith(f"joints.{name}:")
         )
         Ri, Rj = (work.now.marker[int(first[side])]["R"] for side in ("I", "J"))
-        if any(Ri[:, a] @ Rj[:, a] < 0 for a in signs_of_axes(joint.type)):
-            what = "assembles with its sides turned by 180 deg; turn one of the markers or bodies"
+        if any(Ri[:, a] @ Rj[:, a] < _SAME for a in signs_of_axes(joint.type)):
+            what = "assembles with its sides turned against each other; turn a marker or body"
             problems.append(Problem(f"joints.{name}", what))
     if problems:
         raise AssemblyError.from_problems(problems)

@@ -2,7 +2,8 @@
 
 Corrections of positions and velocities minimise δᵀ M δ with two changes to M: the modal mass
 becomes M + b K, so that gaps are closed by moving bodies and hardly by straining them, and bodies
-whose velocity the user gave weigh 1e8 times as much, so that the others adapt to them.
+whose velocity the user gave weigh 1e8 times as much, in translation or rotation as given, so that
+the others adapt to them.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ def anchored_system(system: System, model: Model) -> System:
     """A stiff system in which bodies with a given velocity are heavy."""
     bodies = system.parts.bodies.copy()
     for row, spec in zip(bodies, model.bodies.values(), strict=True):
-        if spec.velocity is not None or spec.angular_velocity is not None:
-            for field in ("mass", "S1", "S0"):
-                row[field] = np.asarray(row[field]) * _HEAVY
+        if spec.velocity is not None:
+            row["mass"] *= _HEAVY
+        if spec.angular_velocity is not None:
+            row["S0"] += _HEAVY * np.trace(row["S0"]) * np.eye(3)
     return system._replace(parts=system.parts._replace(bodies=bodies))

@@ -1,4 +1,8 @@
-"""Whether the constraints alone fix the motion, so that no free coordinate is left."""
+"""How many of the constraint equations are independent at the first state.
+
+As many as velocity coordinates: the constraints alone fix the motion. Fewer than equations: some
+repeat others, and reactions are not unique.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +32,12 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
     return Cq
 
 
-def motion_is_determined(compiled: Compiled, work: Work) -> bool:
-    """True if the rows of Cq at the first state span all velocity coordinates."""
+def constraint_rank(compiled: Compiled, work: Work) -> int | None:
+    """Rank of Cq at the first state; None for a model too large for a dense decomposition."""
     nc, nv = compiled.layout.nc, compiled.layout.nv
-    if nc < nv or nv > _LARGEST:
-        return False
+    if nv > _LARGEST:
+        return None
+    if nc == 0:
+        return 0
     values = np.linalg.svd(dense_jacobian(compiled, work), compute_uv=False)
-    return int(np.sum(values > _RANK * values[0])) == nv
+    return int(np.sum(values > _RANK * values[0]))

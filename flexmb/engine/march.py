@@ -39,7 +39,7 @@ class Output(NamedTuple):
     lam: np.ndarray  # (rows, nc)
     sensors: np.ndarray  # (rows, channels)
     energy: np.ndarray  # (rows, 7): kinetic, strain, gravity, spring, and three works
-    drift: np.ndarray  # (rows, 2): largest |C| and |Cq v + C_t|
+    drift: np.ndarray  # (rows, 2): largest |C|, and |Cq v + C_t| before v was projected
     rows: np.ndarray  # (1,) rows written so far
 
 
@@ -88,7 +88,6 @@ def report(sys, method, settings, st, wk, out):
     if motion_to_report(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp) < 0:
         return ZERO_LENGTH
     constraint.evaluate(sys.rows, now.marker, wk.con)
-    constraint.rates(sys.rows, now.marker, wk.con, wk.dense.g[0])
     sensor.read(sys.sensors, sys.parts, now, tr.vd, st.angles, wk.dense.J[0], out.sensors[row])
     out.t[row] = st.t[0]
     copy(st.q, out.q[row])
@@ -96,7 +95,7 @@ def report(sys, method, settings, st, wk, out):
     copy(tr.vd, out.vd[row])
     copy(tr.lam, out.lam[row])
     out.drift[row, 0] = largest(wk.con.C)
-    out.drift[row, 1] = largest(wk.con.rate)
+    out.drift[row, 1] = wk.con.drift[0]
     out.energy[row, 0] = energy.kinetic(sys.parts, now, tr.v, wk.dense.B)
     out.energy[row, 1] = energy.strain(sys.parts, st.q)
     out.energy[row, 2] = energy.gravitational(sys.parts, now, st.q)

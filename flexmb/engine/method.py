@@ -3,7 +3,7 @@
 The step contract. A method is one file in `integrators` with a kernel `step(sys, coefficients,
 settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t + h in
 `Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop
-alone accepts, rejects, projects and stores. Memory that a method carries from step to step
+alone accepts, stores and reports. Memory that a method carries from step to step
 (previous accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a
 multi-stage method and an explicit one fit alike; and because a step is only proposed, an event
 found between `State` and the trial state can still shorten or reject it. Coefficients are data.
@@ -54,15 +54,15 @@ class Settings(NamedTuple):
 
 
 # Status codes of the kernels; `status` turns them into sentences.
-FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, SINGULAR, NO_METHOD = 0, 1, 2, 3, 4, 5
+FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD = 0, 1, 2, 3, 4
 
 # Places in State.memory and State.count.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP = 0, 1, 2, 3
-STEPS, RESIDUALS, FACTORISATIONS, REJECTED, FIXED_PIVOTS = 0, 1, 2, 3, 4
+STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS = 0, 1, 2, 3
 
 
 def generalized_alpha(spectral_radius: float) -> Method:
-    """Chung & Hulbert's coefficients for a spectral radius at infinity in [0, 1)."""
+    """Chung & Hulbert's coefficients for a spectral radius at infinity in [0, 1]."""
     rho = spectral_radius
     alpha_m = (2.0 * rho - 1.0) / (rho + 1.0)
     alpha_f = rho / (rho + 1.0)

@@ -61,7 +61,7 @@ class State(NamedTuple):
     power: np.ndarray  # (3,) their power at t, W
     angles: np.ndarray  # (channels,) continuous joint angles of the angle sensors, rad
     memory: np.ndarray  # (4,) integrator memory, places in `method`
-    count: np.ndarray  # (5,) counters, places in `method`
+    count: np.ndarray  # (4,) counters, places in `method`
 
 
 class Now(NamedTuple):
@@ -77,6 +77,7 @@ class Constraints(NamedTuple):
 
     C: np.ndarray  # (nc,) constraint values
     rate: np.ndarray  # (nc,) Cq v + C_t
+    drift: np.ndarray  # (1,) its largest entry before the last projection
     gamma: np.ndarray  # (nc,) acceleration right side
     fun: np.ndarray  # (functions, 3) value, first and second derivative at t
 
@@ -103,6 +104,7 @@ class Factor(NamedTuple):
     Wu: np.ndarray
     d: np.ndarray  # (n,) pivots
     eps: np.ndarray  # (n,) regularisation
+    diagonal: np.ndarray  # (n,) |diagonal| of the coordinates before elimination
     symmetric: np.ndarray  # (1,) 1: LDL^T on `low`; 0: LDU on both
     rhs: np.ndarray  # (n,)
     sol: np.ndarray  # (n,)
@@ -151,7 +153,7 @@ def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> Stat
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(4)), np.zeros(nc), np.zeros(nc),
         np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
-        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(5, dtype=np.int64),
+        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(4, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -179,7 +181,7 @@ def new_work(system: System, stages: int = 0) -> Work:
         res=_nan(nv), zero=np.zeros(nv), power=_nan(3), stages=_nan(stages, nq + nv),
         error=_nan(1), stack=_nan(depth, 3),
     )  # fmt: skip
-    con = Constraints(_nan(nc), _nan(nc), _nan(nc), _nan(max(1, nfun), 3))
+    con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     return Work(now, con, _new_dense(system), _new_factor(system), trial)
 
 
@@ -196,7 +198,7 @@ def _new_factor(system: System) -> Factor:
     n = len(system.kkt.place)
     return Factor(
         *(_nan(length) for _ in range(4)), _nan(largest), _nan(largest), _nan(n), np.zeros(n),
-        np.ones(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
+        _nan(n), np.ones(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
     )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import tempfile
 import time
 import warnings
@@ -73,7 +75,7 @@ def run_model(
     progress: Progress = silent,
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
-    from flexmb.analysis.dynamics import dynamics
+    from flexmb.analysis.dynamics import integrate, prepare
     from flexmb.engine.compile import compile_system
     from flexmb.results import Result, ResultWriter
 
@@ -85,6 +87,7 @@ def run_model(
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
+    prepared = prepare(compiled, model, progress=progress)
     result = folder / "result.h5"
     scene = model.to_scene_dict(folder, {name: file.name for name, file in files.items()})
     texts = {"scene": model.source.text} if model.source else {}
@@ -93,7 +96,7 @@ def run_model(
     with ResultWriter(
         result, compiled.layout, rows, scene=scene, flexbodies=names, texts=texts
     ) as writer:
-        outcome = dynamics(compiled, model, writer, progress=progress)
+        outcome = integrate(prepared, writer, progress=progress)
         statistics = {**outcome.statistics, "seconds_flexible_bodies": reduced - started}
         writer.finish(statistics, outcome.status, outcome.message)
     notes += outcome.notes
@@ -138,10 +141,17 @@ def simulate(
 
     if dynamics:
         given = {} if model.dynamics is None else model.dynamics.model_dump()
+        model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
     folder = Path(output) if output is not None else Path(tempfile.mkdtemp(prefix="flexmb-"))
     report = run_model(model, folder, pictures=False, progress=progress)
-    for note in report.notes:
+    failed = [
+        f"check of {c.sensor} at {c.time:g} s failed: {c.value:.12g}, not {c.expected:.12g} "
+        f"within {c.tolerance:g} ({c.source})"
+        for c in report.checks
+        if not c.passed
+    ]
+    for note in [*report.notes, *failed]:
         warnings.warn(note, FlexmbWarning, stacklevel=2)
     return Result(report.result)
 
@@ -177,13 +187,17 @@ def _draw(
 
 
 def _checks(model: Model, run: Result) -> list[CheckOutcome]:
-    """The scene's known answers at their times, by interpolation between outputs."""
+    """The scene's known answers at their times, by interpolation between outputs.
+
+    A check after the end of a stopped run has the value NaN, and fails.
+    """
     outcomes = []
     for check in model.checks:
-        value = float(np.interp(check.time, run.time, run[check.sensor]))
+        reached = len(run.time) and check.time <= run.time[-1] * (1 + 1e-9) + 1e-12
+        value = np.interp(check.time, run.time, run[check.sensor]) if reached else math.nan
         outcomes.append(
             CheckOutcome(
-                check.sensor, check.time, value, check.value, check.tolerance, check.source
+                check.sensor, check.time, float(value), check.value, check.tolerance, check.source
             )
         )
     return outcomes

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.kkt import REGULARISATION, factorise
+from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import residual
@@ -40,10 +40,12 @@ _RENEW_ABOVE = 0.1
 # Within a step, a measured one above this.
 _REFACTOR_ABOVE = 0.3
 _GIVE_UP_ABOVE = 0.9
-# Corrections of this size relative to the model are round-off, and those of positions up to the
-# second where all together no longer shrink.
+# Corrections of this size relative to the model, or of this many units in the last place of the
+# positions where the model is far from the origin, are round-off; so are corrections of positions
+# up to `_NOISE` times as large that no longer shrink.
 _ROUND_OFF = 2e-15
-_NOISE = 1e-13
+_LAST_PLACES = 1e-15
+_NOISE = 50.0
 
 
 @kernel
@@ -59,7 +61,8 @@ def step(sys, alpha, settings, st, wk, h):
         memory[AGE] = -1.0
     # Newton decides the accelerations: what it leaves is compared with their share of the motion.
     tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
-    tolerance = max(tolerance, _ROUND_OFF)
+    floor = _round_off(sys.parts.bodies, sys.weights, st.q)
+    tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
@@ -81,18 +84,29 @@ def step(sys, alpha, settings, st, wk, h):
             return NOT_FINITE
         if last > 0.0:
             memory[CONTRACTION] = size / last
-        noise = moved <= _NOISE and last > 0.0 and size > _REFACTOR_ABOVE * last
+        noise = moved <= _NOISE * floor and last > 0.0 and size > _REFACTOR_ABOVE * last
         if noise:
             memory[CONTRACTION] = 0.0  # it measures nothing here
         elif last > 0.0 and size > tolerance and _judge(memory, size / last):
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        if noise or size <= _ROUND_OFF or theta / (1.0 - theta) * size <= tolerance:
+        if noise or size <= floor or theta / (1.0 - theta) * size <= tolerance:
             move(sys.parts.bodies, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             return FINE
     return NO_CONVERGENCE
+
+
+@kernel
+def _round_off(bodies, weights, q):
+    """Weighted size of a correction that positions cannot show."""
+    size = _ROUND_OFF
+    for k in range(bodies.shape[0]):
+        i, o = bodies[k]["iq"], bodies[k]["iv"]
+        for a in range(3):
+            size = max(size, _LAST_PLACES * abs(q[i + a]) * weights[o + a])
+    return size
 
 
 @kernel
@@ -111,35 +125,36 @@ def _predict(alpha, st, tr, h):
 
 @kernel
 def _correct(sys, wk, b, cv):
-    """Newton correction of the trial state; returns its weighted size, and that of q alone.
+    """Newton correction of the trial state; returns what was still wrong, and the size of δq.
 
-    That of a multiplier is what it moves its row: with an old factor, forces that are not yet right
-    move positions in the next iteration.
+    Forces out of balance count by what they would move their own coordinate: with an old factor
+    they move positions in the next iteration. The multipliers are solved for from zero (−ε b λ on
+    the left), so that redundant rows share the least; the bias of C is 1e-9 of h² v̇.
     """
-    tr, sol, C, kkt = wk.trial, wk.factor.sol, wk.con.C, sys.kkt
+    tr, fac, sol, C, kkt = wk.trial, wk.factor, wk.factor.sol, wk.con.C, sys.kkt
     nv = tr.res.shape[0]
     for i in range(nv):
         sol[kkt.place[i]] = -b * tr.res[i]
     for i in range(C.shape[0]):
-        sol[kkt.place[nv + i]] = -C[i]
-    solve(kkt, wk.factor, sol)
-    moved = 0.0
+        k = kkt.place[nv + i]
+        sol[k] = fac.eps[k] * b * tr.lam[i] - C[i]
+    solve(kkt, fac, sol)
+    moved, size = 0.0, 0.0
     for i in range(nv):
-        d = sol[kkt.place[i]]
+        k = kkt.place[i]
+        d = sol[k]
         tr.dq[i] += d
         tr.v[i] += cv * d
         tr.vd[i] += d / b
         s = abs(d) * sys.weights[i]
         if not s <= moved:
             moved = s
-    size = moved
-    for i in range(C.shape[0]):
-        k = kkt.place[nv + i]
-        tr.lam[i] += sol[k] / b
-        s = abs(sol[k]) * wk.factor.eps[k] * sys.row_weights[i] / REGULARISATION
+        s = abs(b * tr.res[i]) / fac.diagonal[k] * sys.weights[i]
         if not s <= size:
             size = s
-    return size, moved
+    for i in range(C.shape[0]):
+        tr.lam[i] += sol[kkt.place[nv + i]] / b
+    return max(size, moved), moved
 
 
 @kernel
@@ -164,6 +179,8 @@ def _finish(weights, alpha, st, tr):
     for i in range(tr.vd.shape[0]):
         new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
         tr.aa[i] = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
-    st.memory[AGE] += 1.0
-    st.memory[CONTRACTION] = min(1.0, st.memory[CONTRACTION] + weighted_size(tr.dq, weights))
+    if st.memory[AGE] >= 0.0:  # else a renewal is due
+        st.memory[AGE] += 1.0
+    measured = st.memory[CONTRACTION] if st.memory[CONTRACTION] < 1.0 else 0.0
+    st.memory[CONTRACTION] = min(0.99, measured + weighted_size(tr.dq, weights))
     tr.error[0] = math.nan

@@ -12,7 +12,7 @@ from flexmb.engine.kernels import constraint, inertia_tangent, kinematics, ldl
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 
-REGULARISATION = 1e-9
+_REGULARISATION = 1e-9
 
 
 @kernel
@@ -37,6 +37,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
+    _keep_diagonal(sys.parts.bodies, sys.kkt.panels, wk.factor)
     _jacobian_blocks(sys, wk.dense.jac, wk.factor)
     for i in range(low.shape[0]):
         wk.factor.low0[i] = low[i]
@@ -60,6 +61,15 @@ def _bodies(parts, kkt, wk, v, vd, cv, cp):
 
 
 @kernel
+def _keep_diagonal(bodies, panels, factor):
+    for i in range(bodies.shape[0]):
+        panel = panels[bodies[i]["panel"]]
+        for c in range(panel["nc"]):
+            diagonal = factor.low[panel["at"] + c * panel["nc"] + c]
+            factor.diagonal[panel["col"] + c] = abs(diagonal)
+
+
+@kernel
 def _jacobian_blocks(sys, jac, factor):
     symmetric = factor.symmetric[0] == 1
     bodies, panels, links = sys.parts.bodies, sys.kkt.panels, sys.kkt.links
@@ -79,11 +89,11 @@ def _jacobian_blocks(sys, jac, factor):
                 if not symmetric:
                     put_row(link, r, jac, at, m, factor.up)
                 s += row_compliance(panels[bodies[b]["panel"]], m, jac, at, factor.low)
-            factor.eps[panel["col"] + r] = REGULARISATION * s
+            factor.eps[panel["col"] + r] = _REGULARISATION * s
             at = panel["at"] + r * panel["nc"] + r
-            factor.low[at] = -REGULARISATION * s
+            factor.low[at] = -_REGULARISATION * s
             if not symmetric:
-                factor.up[at] = -REGULARISATION * s
+                factor.up[at] = -_REGULARISATION * s
 
 
 @kernel

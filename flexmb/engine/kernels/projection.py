@@ -15,6 +15,7 @@ from flexmb.engine.kernels import constraint, kinematics
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.ldl import solve, solve_refined
 from flexmb.engine.kernels.residual import forces, position_stage
+from flexmb.engine.kernels.vector import largest
 
 _ROUNDS = 3
 _REFINEMENTS = 2
@@ -22,14 +23,20 @@ _REFINEMENTS = 2
 
 @kernel
 def project_velocity(sys, wk, v):
-    """Put v (nv) on Cq v + C_t = 0 after a position stage, with a factor of this position."""
+    """Put v (nv) on Cq v + C_t = 0 after a position stage, with a factor of this position.
+
+    wk.con.drift keeps how far v was off.
+    """
     rate, sol, place = wk.con.rate, wk.factor.sol, sys.kkt.place
     nv = v.shape[0]
+    wk.con.drift[0] = 0.0
     if rate.shape[0] == 0:
         return
-    for _ in range(_ROUNDS):
+    for n in range(_ROUNDS):
         kinematics.velocity(sys.parts, wk.now, v)
         constraint.rates(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+        if n == 0:
+            wk.con.drift[0] = largest(rate)
         for i in range(nv):
             sol[place[i]] = 0.0
         for i in range(rate.shape[0]):

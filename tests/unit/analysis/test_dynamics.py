@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexmb.analysis import dynamics as module
+from flexmb.analysis import run as module
 from flexmb.analysis.assembly import assemble
 from flexmb.analysis.dynamics import chosen_method, dynamics, time_grid
 from flexmb.engine import march
@@ -48,6 +48,11 @@ def compiled(model):
     return compile_system(model)
 
 
+def one_output(model, compiled) -> int:
+    """Work of a chunk that makes it one output long."""
+    return time_grid(model.dynamics).every * compiled.layout.nv
+
+
 def test_outputs_fall_on_steps_not_longer_than_asked():
     spec = DynamicsSpec(duration=1.0, step=0.03, outputs=10)
     grid = time_grid(spec)
@@ -62,7 +67,7 @@ def test_a_step_that_fits_is_kept():
 
 
 def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkeypatch):
-    monkeypatch.setattr(module, "_CHUNK_WORK", 1)  # every chunk one output
+    monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
     sink = Kept()
     phases = []
     outcome = dynamics(compiled, model, sink, progress=lambda *told: phases.append(told))
@@ -79,7 +84,7 @@ def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkey
 
 def test_a_state_is_complete(model, compiled, monkeypatch):
     """A run continued from a saved state repeats the uninterrupted one to the last bit."""
-    monkeypatch.setattr(module, "_CHUNK_WORK", 1)
+    monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
     sink = Kept()
     dynamics(compiled, model, sink)
     grid = time_grid(model.dynamics)
@@ -99,8 +104,17 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
         assert getattr(state, name).tobytes() == array.tobytes(), name
 
 
+def test_chunks_do_not_wait_for_outputs(model, compiled, monkeypatch):
+    """Progress, Ctrl-C and saved states come also within a long interval between outputs."""
+    monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled) // 5)
+    sink = Kept()
+    assert dynamics(compiled, model, sink).status == "finished"
+    assert len(sink.states) == 5 * 40 + 1
+    assert len(sink.column("t")) == 41
+
+
 def test_an_interruption_keeps_what_there_is(model, compiled, monkeypatch):
-    monkeypatch.setattr(module, "_CHUNK_WORK", 1)
+    monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
     outcome = dynamics(compiled, model, Kept(interrupt_at=5))
     assert outcome.status == "stopped"
     assert "stopped by the user at t = " in outcome.message

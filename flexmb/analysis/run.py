@@ -1,0 +1,94 @@
+"""One integration under way: tables, state, room for the rows of a chunk, and what it costs."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from flexmb.engine import march, method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.work import State, Work, new_work
+from flexmb.results import OutputBlock
+
+__all__ = ["Clock", "Run"]
+
+# Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
+_CHUNK_WORK = 200_000
+_AT_REST = 1e-6
+
+
+class Clock:
+    """Wall time by phase."""
+
+    def __init__(self) -> None:
+        self.last = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def lap(self, phase: str) -> None:
+        now = time.perf_counter()
+        self.seconds[f"seconds_{phase}"] = now - self.last
+        self.last = now
+
+
+class Run:
+    """One integration: tables, state, scratch and room for the rows of one chunk."""
+
+    def __init__(
+        self,
+        compiled: Compiled,
+        chosen: method.Method,
+        settings: method.Settings,
+        state: State,
+    ) -> None:
+        self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
+        self.work: Work = new_work(compiled.system, method.n_stages(chosen))
+        self.chunk = max(1, _CHUNK_WORK // compiled.layout.nv)  # steps
+        rows = self.chunk // settings.output_every + 1
+        self.output = march.new_output(compiled.system, rows, len(compiled.layout.channels))
+        self.unread = False
+        self.largest_drift = np.zeros(2)
+        self.balance = _Balance()
+
+    def march(self, steps: int) -> int:
+        """Run some steps, or with 0 report the present state; returns the status."""
+        self.unread = True
+        return int(
+            march.march(
+                self.compiled.system, self.method, self.settings, self.state, self.work,
+                self.output, steps,
+            )
+        )  # fmt: skip
+
+    def block(self) -> OutputBlock:
+        """The rows of the last chunk."""
+        self.unread = False
+        n = int(self.output.rows[0])
+        rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
+        if n:
+            self.largest_drift = np.maximum(self.largest_drift, rows.drift.max(axis=0))
+            self.balance.add(rows.energy)
+        return rows
+
+
+class _Balance:
+    """Largest mismatch of energy and work, and what to compare it with."""
+
+    def __init__(self) -> None:
+        self.first: float | None = None
+        self.error = 0.0
+        self.scale = 0.0
+
+    def add(self, energy: np.ndarray) -> None:
+        stored = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
+        if self.first is None:
+            self.first = float(stored[0])
+        self.error = max(self.error, float(np.abs(stored - self.first).max()))
+        moved = max(float(np.ptp(energy, axis=0).max()), float(energy[:, 0].max()))
+        # in a scene at rest nothing but round-off of the stored energy moves
+        self.scale = max(self.scale, moved, _AT_REST * float(np.abs(energy).max()))
+
+    @property
+    def relative(self) -> float:
+        """Mismatch over the largest energy that moved."""
+        return self.error / self.scale if self.scale > 0.0 else 0.0
