@@ -36,13 +36,15 @@ def bent_bar(n: int = 40) -> FlexBody:
     ends = (("big_end", 0.0, 1.0), ("small_end", L, -1.0))
     mass = 1.6
     J = np.diag([1e-4, mass * L**2 / 3, mass * L**2 / 3])
+    P = np.zeros((3, 3, 1))
+    P[0, 1] = mass * L / np.pi
     return FlexBody(
         name="rod",
         mass=mass,
         S1=np.array([mass * L / 2, 0, 0]),
         S0=0.5 * np.trace(J) * np.eye(3) - J,
         p=np.array([[0.0], [2 * mass / np.pi], [0.0]]),
-        P=np.zeros((3, 3, 1)),
+        P=P,
         Mab=np.diag([0.0, mass / 2, 0.0])[:, :, None, None],
         K=np.array([[1e8]]),
         interfaces=tuple(
