@@ -1,4 +1,4 @@
-"""The commands and their options; what they do is in `actions`, what they show in `tables`."""
+"""The commands and their options; what they do is in `actions`, what they show in `show`."""
 
 from __future__ import annotations
 

@@ -31,9 +31,10 @@ class DynamicsSpec(Spec):
     """Run in time.
 
     ``duration`` and ``step`` [s]; ``outputs`` intervals of equal length are recorded;
-    ``spectral_radius`` is that of generalized-alpha at infinite frequency (1: no numerical
-    damping); ``newton_tolerance`` is relative; ``start = "quasi-static"`` puts the flexible bodies
-    into elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
+    ``spectral_radius`` is that of generalized-alpha at infinite frequency, from 0 to 1 (1 is
+    allowed and means no numerical damping); ``newton_tolerance`` is relative; ``start =
+    "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial motion,
+    ``"undeformed"`` leaves them straight.
     """
 
     duration: Time

@@ -26,7 +26,6 @@ __all__ = [
     "Angle",
     "Axis",
     "Integer",
-    "Length",
     "Number",
     "Pair",
     "Quantity",
@@ -155,7 +154,6 @@ def _as_list(value: Any) -> Any:
 
 Number = Annotated[float, Quantity()]
 Angle = Annotated[float, Quantity("rad")]
-Length = Annotated[float, Quantity("m")]
 Size = Annotated[float, Quantity("m", "positive")]
 Time = Annotated[float, Quantity("s", "positive")]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_list)]

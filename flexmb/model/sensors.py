@@ -2,7 +2,8 @@
 
 Position [m], velocity [m/s] and acceleration [m/s^2] of a marker, absolute or relative to another
 one, in global axes: channels ``name.x``, ``name.y``, ``name.z``. Angle [rad] of a joint, or between
-two markers about an axis: channel ``name``, continuous over turns.
+two markers about an axis: channel ``name``, within ±pi at the start
+and continuous from there on, over any number of turns.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ class MarkerSensorSpec(Spec):
 
 
 class AngleSensorSpec(Spec):
-    """Angle of a joint, or from marker I to J about ``axis`` (as for joints)."""
+    """Angle of a joint, or from marker I to J about ``axis`` (as for joints).
+
+    Within ±pi at the start and continuous from there on.
+    """
 
     type: Literal["angle"]
     joint: Text | None = None
