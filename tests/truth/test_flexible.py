@@ -195,7 +195,7 @@ def test_conservative_pendulum_keeps_its_energy():
     energy = np.ptp(runs[-1].stored("gravity"))
     errors = [one.mismatch() / energy for one in runs]
     assert 1.7 < order(steps, errors) < 2.3, errors
-    assert errors[-1] < 1e-4, errors
+    assert errors[-1] < 1e-7, errors
 
 
 def test_free_flexible_body_keeps_its_momentum():
