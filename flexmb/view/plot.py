@@ -113,7 +113,7 @@ def _chosen(result: Result) -> tuple[str, ...]:
         return asked
     names = result.layout.channels
     largest = {name: float(np.abs(result[name]).max(initial=0.0)) for name in names}
-    scale = {}
+    scale: dict[str, float] = {}
     for name in names:
         unit = result.unit(name)
         scale[unit] = max(scale.get(unit, 0.0), largest[name])
