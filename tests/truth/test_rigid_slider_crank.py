@@ -99,12 +99,13 @@ def test_reactions_are_those_of_newton_and_euler(result, closed_form):
 
 
 def test_drift_and_energy_balance(result):
-    """Positions to Newton's remainder, velocities (16 m/s, 90 rad/s) to that of their projection.
+    """Positions to Newton's remainder; velocities before their projection (of 16 m/s and 90 rad/s)
+    to the h² of the method, some 1e-6 of them.
 
     The work is added up by the trapezoidal rule: its error h² ΔP'/12 is some 1e-5 of the energy.
     """
     assert result.drift[:, 0].max() < 1e-11
-    assert result.drift[:, 1].max() < 1e-8
+    assert result.drift[:, 1].max() < 1e-4
     assert result.mismatch() < 2e-5 * np.ptp(result.stored("kinetic"))
 
 
