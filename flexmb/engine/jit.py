@@ -12,7 +12,8 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,18 @@ _OPTIONS = {
     "_nrt": False,
 }
 
-_CHEAP = type(numba.config.OPT)(1)
+_LIGHT = type(numba.config.OPT)(1)
+
+
+@contextmanager
+def light_compilation() -> Iterator[None]:
+    """Compile with few optimisations meanwhile: for code outside the time loop."""
+    level, numba.config.OPT = numba.config.OPT, _LIGHT
+    try:
+        yield
+    finally:
+        numba.config.OPT = level
+
 
 entry = numba.njit(**_OPTIONS)
 """Decorator of the few functions that Python calls."""
@@ -90,11 +102,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def template(args: Any, kws: Any) -> Any:
             plain = tuple(numba.types.unliteral(arg) for arg in args)
-            level, numba.config.OPT = numba.config.OPT, _CHEAP
-            try:
+            with light_compilation():
                 return Dispatcher.get_call_template(compiled, plain, kws)
-            finally:
-                numba.config.OPT = level
 
         compiled._compile_for_args = refuse
         compiled._insert = lambda *_, **__: None

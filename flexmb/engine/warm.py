@@ -14,7 +14,7 @@ from numba.core.dispatcher import Dispatcher
 
 from flexmb.engine import march
 from flexmb.engine.consistent import RESIDUAL, solve_level
-from flexmb.engine.jit import kernel_names
+from flexmb.engine.jit import kernel_names, light_compilation
 from flexmb.engine.method import Method, Settings, n_stages
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
@@ -62,7 +62,8 @@ def compile_kernels(
     count = _Count(progress)
     progress("compile", 0.0)
     with event.install_listener("numba:compile", count):
-        _compile(solve_level, system, state, work, RESIDUAL)
+        with light_compilation():
+            _compile(solve_level, system, state, work, RESIDUAL)
         _compile(march.march, system, method, settings, state, work, output, 1)
     progress("compile", 1.0)
     return count.done
