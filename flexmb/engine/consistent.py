@@ -28,7 +28,7 @@ def solve_level(sys, st, wk, level):
     """
     tr = wk.trial
     if level == ACCELERATIONS:
-        return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0))
+        return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0, 0))
     if level == RESIDUAL:
         return -1.0 - residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
     position_stage(sys, wk, st.t[0], st.q)

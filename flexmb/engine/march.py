@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.integrators import explicit, generalized_alpha
-from flexmb.engine.jit import entry, kernel
+from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
-from flexmb.engine.kernels.projection import motion_to_report
-from flexmb.engine.kernels.vector import copy, largest
+from flexmb.engine.kernels.projection import accelerations
+from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
     FACTORISATIONS,
@@ -51,7 +51,7 @@ def new_output(system: System, rows: int, channels: int) -> Output:
     return Output(np.empty(rows), *tables, np.zeros(1, dtype=np.int64))
 
 
-@kernel
+@inlined
 def _accept(sys, settings, st, wk, h):
     """Add up the works of the step and make the trial state the state."""
     tr, now = wk.trial, wk.now
@@ -64,13 +64,13 @@ def _accept(sys, settings, st, wk, h):
             st.power[k] = tr.power[k]
     sensor.follow_angles(sys.sensors, now.marker, st.angles)
     st.t[0] = tr.t[0]
-    copy(tr.q, st.q)
-    copy(tr.v, st.v)
+    store(tr.q, st.q)
+    store(tr.v, st.v)
     copy(st.vd, st.vd_before)
-    copy(tr.vd, st.vd)
-    copy(tr.aa, st.aa)
+    store(tr.vd, st.vd)
+    store(tr.aa, st.aa)
     copy(st.lam, st.lam_before)
-    copy(tr.lam, st.lam)
+    store(tr.lam, st.lam)
     st.count[STEPS] += 1
 
 
@@ -85,7 +85,7 @@ def report(sys, method, settings, st, wk, out):
     copy(st.lam, tr.lam)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    if motion_to_report(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp) < 0:
+    if accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, 1) < 0:
         return ZERO_LENGTH
     constraint.evaluate(sys.rows, now.marker, wk.con)
     sensor.read(sys.sensors, sys.parts, now, tr.vd, st.angles, wk.dense.J[0], out.sensors[row])

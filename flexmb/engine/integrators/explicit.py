@@ -48,7 +48,7 @@ def step(sys, tableau, settings, st, wk, h):
         st.count[RESIDUALS] += 1
         st.count[FACTORISATIONS] += 1
         t = st.t[0] + tableau.c[s] * h
-        if accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0) < 0:
+        if accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0) < 0:
             return ZERO_LENGTH
         position_rate(sys.parts.bodies, tr.q, tr.v, tr.stages[s])
         for i in range(st.v.shape[0]):

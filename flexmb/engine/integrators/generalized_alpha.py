@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import inlined, kernel
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve
 from flexmb.engine.kernels.motion import move
@@ -48,7 +48,7 @@ _LAST_PLACES = 1e-15
 _NOISE = 50.0
 
 
-@kernel
+@inlined
 def step(sys, alpha, settings, st, wk, h):
     """One step from `st`; see the contract in `engine.method`."""
     if alpha is None:
@@ -123,7 +123,7 @@ def _predict(alpha, st, tr, h):
         tr.lam[i] = 2.0 * st.lam[i] - st.lam_before[i]
 
 
-@kernel
+@inlined
 def _correct(sys, wk, b, cv):
     """Newton correction of the trial state; returns what was still wrong, and the size of δq.
 

@@ -47,37 +47,21 @@ def project_velocity(sys, wk, v):
 
 
 @kernel
-def motion_to_report(sys, wk, t, q, v, vd, lam, cp):
-    """Put v on the velocity constraints at (t, q), then solve for (v̇; λ) as `accelerations`."""
-    _factorise_at(sys, wk, t, q, v, vd, lam, cp)
-    project_velocity(sys, wk, v)
-    kinematics.velocity(sys.parts, wk.now, v)
-    return _solve(sys, wk, q, v, vd, lam, 0)
-
-
-@kernel
-def accelerations(sys, wk, t, q, v, vd, lam, cp):
+def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
-    The mass matrix is M + cp ∂F/∂q.
+    The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first.
 
     Returns the number of replaced pivots, or −1 − k for spring k of no length.
     """
-    return _solve(sys, wk, q, v, vd, lam, _factorise_at(sys, wk, t, q, v, vd, lam, cp))
-
-
-@kernel
-def _factorise_at(sys, wk, t, q, v, vd, lam, cp):
+    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
     position_stage(sys, wk, t, q)
     kinematics.velocity(sys.parts, wk.now, v)
-    wk.factor.symmetric[0] = 1
-    return factorise(sys, wk, v, vd, lam, 0.0, cp)
-
-
-@kernel
-def _solve(sys, wk, q, v, vd, lam, fixes):
-    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
-    nv = v.shape[0]
+    fac.symmetric[0] = 1
+    fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
+    if project == 1:
+        project_velocity(sys, wk, v)
+        kinematics.velocity(sys.parts, wk.now, v)
     for i in range(lam.shape[0]):
         lam[i] = 0.0
     bad = forces(sys, wk, q, v, tr.zero, lam)
@@ -85,12 +69,12 @@ def _solve(sys, wk, q, v, vd, lam, fixes):
         return -1 - bad
     kinematics.bias(sys.parts, wk.now, v)
     constraint.right_side(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
-    for i in range(nv):
+    for i in range(v.shape[0]):
         tr.res[i] = -tr.res[i]
     permute(sys.kkt, tr.res, wk.con.gamma, fac.rhs)
     solve_refined(sys.kkt, fac, _REFINEMENTS)
-    for i in range(nv):
+    for i in range(v.shape[0]):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
-        lam[i] = fac.sol[place[nv + i]]
+        lam[i] = fac.sol[place[v.shape[0] + i]]
     return fixes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import inlined, kernel
 from flexmb.engine.kernels import constraint, force, inertia, kinematics
 from flexmb.engine.kernels.time_function import evaluate_all
 
@@ -21,7 +21,7 @@ def _velocities_for_forces(springs, parts, now, v):
         kinematics.velocity(parts, now, v)
 
 
-@kernel
+@inlined
 def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
