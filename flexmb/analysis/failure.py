@@ -25,7 +25,8 @@ from flexmb.results import OutputBlock
 
 __all__ = ["first_rows", "gaps_at", "n_kept", "open_joint", "reason"]
 
-# Gap of a constraint over the size of the model from which on a mechanism has come apart.
+# Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
+# mechanism has come apart.
 _OPEN = 1e-3
 
 _WORDS = ("value", "first derivative", "second derivative")

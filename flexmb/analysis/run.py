@@ -15,6 +15,7 @@ __all__ = ["Clock", "Run"]
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
+# Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _AT_REST = 1e-6
 
 

@@ -4,7 +4,8 @@ Arnold & Brüls, Multibody Syst. Dyn. 18 (2007) 185; Brüls, Cardona & Arnold, M
 (2012) 121. Unknown of Newton's method: the increment δq of the step's motion, with
 δv = γ/(βh) δq, δv̇ = δq/b, b = β'h² = βh²(1−α_f)/(1−α_m); multipliers scaled by b. One factor of
 S = M + (γb/(βh)) ∂F/∂v + b ∂F/∂q bordered by Cq serves as long as its measured contraction is good:
-symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed above 0.3; given up above 0.9.
+symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step that expects more than
+0.1 and within one that measures more than 0.3; given up above 0.9.
 """
 
 from __future__ import annotations
