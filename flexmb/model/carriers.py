@@ -34,6 +34,16 @@ def body_problems(scope: Scope) -> Iterator[Problem]:
         if name not in scope.flexbodies:
             yield from _files(scope, where, spec)
         yield from _markers(scope, where, name, spec.markers)
+        yield from _initial(scope, where, name, spec)
+
+
+def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
+    """Initial velocities are asked at markers that exist."""
+    for name in spec.initial:
+        missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
+        if missing is not None:
+            at = f"{where}.initial.{name}"
+            yield Problem(at, missing.what, missing.allowed, missing.nearest)
 
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
