@@ -11,14 +11,21 @@ import re
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
 from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
 from flexmb.model.orientation import Orientation
-from flexmb.model.quantities import Integer, Quantity, Text, Vector
+from flexmb.model.quantities import (
+    AngularVelocity,
+    Integer,
+    Position,
+    Quantity,
+    Text,
+    Velocity,
+)
 from flexmb.model.reading import Entry, Reader, Spec, fail, given
 from flexmb.model.sections import Sections
 from flexmb.model.shapes import Shape
@@ -71,8 +78,8 @@ class InitialVelocity(Spec):
     Components along global axes, or with ``axes = "body"`` along the marker's own.
     """
 
-    velocity: Vector | None = None
-    angular_velocity: Vector | None = None
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
     axes: Literal["global", "body"] = "global"
 
     @model_validator(mode="after")
@@ -85,10 +92,10 @@ class InitialVelocity(Spec):
 class BodySpec(Spec):
     """What all bodies have: place, initial velocity, markers, color."""
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
     orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
-    velocity: Vector | None = None
-    angular_velocity: Vector | None = None
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
     initial: dict[str, Annotated[InitialVelocity, Entry()]] = {}
     markers: dict[str, Marker] = {}
     color: Annotated[str, Reader(_color)] | None = None
@@ -119,7 +126,7 @@ class RigidBodySpec(BodySpec):
     """A rigid body: mass and inertia, or a shape with a density, a material or the mass."""
 
     mass: Annotated[float, Quantity("kg", "positive")] | None = None
-    center: Vector = (0.0, 0.0, 0.0)
+    center: Position = (0.0, 0.0, 0.0)
     inertia: Inertia | None = None
     shape: Shape | None = None
     density: Annotated[float, Quantity("kg/m^3", "positive")] | None = None
@@ -158,10 +165,14 @@ class RigidBodySpec(BodySpec):
 
 
 class MeshBodySpec(BodySpec):
-    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame."""
+    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
+
+    ``units`` are those of the mesh's coordinates, by default the scene's; sections and material are
+    told in the scene's.
+    """
 
     mesh: Text
-    units: UnitsName = "SI"
+    units: UnitsName = Field("scene", validate_default=True)
     material: MaterialField
     interfaces: Groups
     modes: Annotated[int, Integer(0)] = 20

@@ -111,7 +111,8 @@ def far_markers(model: Model, flexbodies: lookup.Bodies) -> Iterator[str]:
                 continue
             away = np.linalg.norm(nodes.position - np.array(marker.position), axis=1).min()
             if away > _FAR * length:
+                away, long = (model.units.say(value, "m", 3) for value in (away, length))
                 yield (
-                    f"bodies.{body}.markers.{name}: lies {away:.3g} m from the nearest node of a "
-                    f"body about {length:.3g} m long, as on a rigid arm; positions are in metres"
+                    f"bodies.{body}.markers.{name}: lies {away} from the nearest node of a body "
+                    f"about {long} long, as on a rigid arm; positions are in the scene's units"
                 )

@@ -106,12 +106,13 @@ def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
     if model.dynamics is None:
         return
-    duration = model.dynamics.duration
+    duration, units = model.dynamics.duration, model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:
         if time > duration * (1 + 1e-12):
-            yield Problem(where, f"{time:g} s lies after the end of the run, {duration:g} s")
+            after, end = units.say(time, "s"), units.say(duration, "s")
+            yield Problem(where, f"{after} lies after the end of the run, {end}")
 
 
 def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:

@@ -165,8 +165,8 @@ ONE_LINE = [
     ),
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
-        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, gravity, parameters, '
-        "ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
+        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, gravity, '
+        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
         id="unknown section",
     ),
     pytest.param(
