@@ -64,7 +64,7 @@ class AskedVelocities:
     """
 
     def __init__(self, compiled: Compiled, model: Model, metric: System) -> None:
-        self._length = compiled.length
+        self._length, self._units = compiled.length, model.units
         self._bodies = compiled.layout.bodies
         names = list(model.bodies)
         markers = Markers(names, Pool([metric.parts.pool], metric.parts.pool.size))
@@ -111,14 +111,14 @@ class AskedVelocities:
         scale = max(self._size(wanted), self._size(found), 1e-12)
         told = []
         for asked, change in zip(self._asked, np.abs(found - wanted).max(axis=2), strict=True):
-            for word, off, reach in (
-                ("velocity", change[0], 1.0),
-                ("angular_velocity", change[1], self._length),
+            for word, off, reach, unit in (
+                ("velocity", change[0], 1.0, "m/s"),
+                ("angular_velocity", change[1], self._length, "rad/s"),
             ):
                 if off * reach > _KEPT * scale:
                     told.append(
                         f"{asked.where}{word} does not fit the joints, the drivers or what else "
-                        f"is asked; changed by up to {off:.3g}"
+                        f"is asked; changed by up to {self._units.say(off, unit, 3)}"
                     )
         return told
 

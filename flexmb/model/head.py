@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from flexmb.errors import FlexmbError, Problem
@@ -49,9 +50,13 @@ def read_gravity(
     return (spec.gravity if spec else None), problems
 
 
-def gravity_in_words(gravity: tuple[float, float, float] | None, units: UnitSystem) -> str:
-    """What a run says of its gravity: components in the scene's units, or that there is none."""
-    if gravity is None:
+def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -> str:
+    """What is said of gravity, given in the units of a scene: its components, or that it is none.
+
+    >>> gravity_in_words([0, 0, -9810], unit_system("mm-t-s"))
+    'gravity: (0, 0, -9810) mm/s²'
+    """
+    if gravity is None or isinstance(gravity, str):
         return "gravity: none"
-    parts = ", ".join(f"{units.outward(g, 'm/s^2'):g}" for g in gravity)
+    parts = ", ".join(f"{g:g}" for g in gravity)
     return f"gravity: ({parts}) {units.label('m/s^2', raised=True)}"

@@ -21,6 +21,8 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
     """
     from flexmb.model import load_scene
     from flexmb.model.counts import count
+    from flexmb.model.head import gravity_in_words
+    from flexmb.units import SI
     from flexmb.workflow.bodies import body_problems
 
     model = load_scene(Path(path), dict(overrides or {}))
@@ -39,7 +41,12 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "equations of the joints": counts.equations,
         "freedoms left by joints and drivers": counts.mobility,
     }
-    notes = ["gravity: none" if model.gravity is None else f"gravity: {model.gravity} m/s^2"]
+    gravity = None
+    if model.gravity is not None:
+        gravity = [model.units.outward(g, "m/s^2") for g in model.gravity]
+    notes = [gravity_in_words(gravity, model.units)]
+    if model.units is not SI:
+        notes.append(f"units: {model.units.name}, for all numbers in and out")
     if counts.flexible_bodies:
         notes.append("modes of flexible bodies add coordinates that are not counted here")
     if counts.mobility < 0:
