@@ -15,6 +15,7 @@ from flexmb.units import UnitSystem, unit_system
 __all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_TIME = "_s"  # statistics of this ending are times of the scene
 _NARROW = 100  # columns of tables where the output is a file or a pipe
 
 Number = float | int | str
@@ -78,7 +79,7 @@ def result(run: Any) -> None:
     line(gravity_in_words(run.model.get("gravity"), run.units))
     if run.status == "running":
         line("note: the run is still going on, or it was killed; what is here is whole")
-    numbers, seconds = _sorted_statistics(run.statistics)
+    numbers, seconds = _sorted_statistics(run.statistics, run.units)
     if numbers:
         table(("statistics", ""), numbers, right=(1,))
     if seconds:
@@ -143,7 +144,7 @@ def _checks(outcomes: Sequence[Any], unit: str) -> None:
 
 
 def _sorted_statistics(
-    statistics: Mapping[str, Number],
+    statistics: Mapping[str, Number], units: UnitSystem
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Counts and figures, and wall times by phase, both as rows of text."""
     numbers, seconds = [], []
@@ -151,6 +152,9 @@ def _sorted_statistics(
         words = name.removeprefix(_SECONDS).replace("_", " ")
         if name.startswith(_SECONDS):
             seconds.append((words, f"{value:.3g}"))
+        elif name.endswith(_TIME):
+            words = f"{words.removesuffix(' s')} [{units.label('s')}]"
+            numbers.append((words, _number(units.outward(value, "s"))))
         else:
             numbers.append((words, _number(value)))
     return numbers, seconds
