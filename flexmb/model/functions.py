@@ -195,7 +195,7 @@ def read_function(value: Any, names: Names | None = None, unit: str = "") -> Fun
     SceneError
         All that is wrong with it.
     """
-    names = names or {}
+    names = {} if names is None else names
     units = units_of(names)
     if isinstance(value, Function):
         return value

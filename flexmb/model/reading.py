@@ -90,7 +90,7 @@ def fail(*problems: Problem) -> PydanticCustomError:
 def names_of(info: ValidationInfo | SerializationInfo) -> Names:
     """Values of the parameters that expressions may use, as :class:`Terms` where units are told."""
     names: Names | None = info.context
-    return names or {}
+    return {} if names is None else names
 
 
 def given(value: Any) -> str:
