@@ -15,7 +15,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import Terms, given
-from flexmb.model.unit_texts import bare_expression
+from flexmb.model.unit_texts import expression_and_factor
 from flexmb.units import SI, UnitSystem
 
 __all__ = ["resolve"]
@@ -73,7 +73,9 @@ class _Resolver:
             self.wrong[name] = [Problem(where, f"a number is expected, given {given(value)}")]
             return
         try:
-            used = names_in(bare_expression(value)) if isinstance(value, str) else ()
+            used: tuple[str, ...] = ()
+            if isinstance(value, str):
+                used = names_in(expression_and_factor(value, self.known(name), None)[0])
             for other in used:
                 if other in self.raw:
                     self.visit(other, (*trail, name))

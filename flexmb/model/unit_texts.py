@@ -14,7 +14,7 @@ from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.reading import Names, given, units_of
 from flexmb.units import UNITS, Unit, parse_unit
 
-__all__ = ["bare_expression", "expression_and_factor"]
+__all__ = ["expression_and_factor"]
 
 _ENDS_A_VALUE = re.compile(r"[\w.)]$")
 _NUMBER_AND_WORD = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s+(?P<unit>[A-Za-zµ].*)$")
@@ -73,11 +73,6 @@ def expression_and_factor(
         label = f" [{units.label(unit)}]" if unit else ""
         raise SceneError(f"{_noun(unit)}{label} is expected, given {given(text)}")
     return front, _ratio(found, units.factor(*found.dimension[:3]))
-
-
-def bare_expression(text: str) -> str:
-    """The text without its unit, if it has one."""
-    return _split(text, time=False)[0]
 
 
 def _split(text: str, time: bool) -> tuple[str, str]:
