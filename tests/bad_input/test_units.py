@@ -20,7 +20,7 @@ ONE_LINE = [
     ),
     pytest.param(
         ("r = 0.2", 'r = "200 mmm"'),
-        'parameters.r: unknown unit "mmm"; nearest: mm, m, km; allowed: m, km, ',
+        'parameters.r: unknown unit "mmm"; nearest: mm; allowed: m, km, ',
         id="misspelt unit of a parameter",
     ),
     pytest.param(
