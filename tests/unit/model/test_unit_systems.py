@@ -12,6 +12,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions import read_function
+from flexmb.model.head import gravity_in_words
 from flexmb.model.reading import Terms
 from flexmb.units import SI, UNIT_SYSTEMS, unit_system
 
@@ -245,3 +246,18 @@ def test_time_runs_in_the_units_of_the_scene():
     terms = Terms({}, unit_system("mm-kg-ms"))
     value, rate, second = read_function("t**2", terms, "m").value(0.004)  # 4 ms: 16 mm
     assert (value, rate, second) == pytest.approx((0.016, 8.0, 2000.0))
+
+
+@pytest.mark.parametrize("down", ["x", "-y", "+z"])
+def test_standard_gravity(down):
+    """In any units: 9.80665 m/s^2 (3rd CGPM, 1901)."""
+    sign = -1.0 if down.startswith("-") else 1.0
+    wanted = [sign * 9.80665 * (letter == down[-1]) for letter in "xyz"]
+    for name in UNIT_SYSTEMS:
+        assert Model("m", units=name, gravity=f"earth {down}").gravity == pytest.approx(wanted)
+
+
+def test_gravity_is_said():
+    assert gravity_in_words(None, SI) == gravity_in_words("none", SI) == "gravity: none"
+    words = gravity_in_words([0, 0, -9810.0], unit_system("mm-t-s"))
+    assert words == "gravity: (0, 0, -9810) mm/s²"
