@@ -164,7 +164,9 @@ def render(
     result: Annotated[Path, typer.Argument(help="Result file.", show_default=False)],
     time: Annotated[
         float | None,
-        typer.Option(help="Time of the picture [s]; the scene's own, else the end.", min=0.0),
+        typer.Option(
+            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
+        ),
     ] = None,
     exaggeration: Annotated[
         str | None,
