@@ -22,6 +22,8 @@ meshes it names, simulates it and leaves a result file, a picture and a plot.
 _EXAMPLES = """
 Examples:
 
+flexmb new my_pendulum
+
 flexmb run cases/slider_crank/scene.toml
 
 flexmb run scene.toml --set speed="2*pi*50" --output out/fast
@@ -29,6 +31,8 @@ flexmb run scene.toml --set speed="2*pi*50" --output out/fast
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
 flexmb info out/slider_crank/rod.flexbody.h5
+
+flexmb list joints
 
 Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check failed, 130 Ctrl-C.
 """
