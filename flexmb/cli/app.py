@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -243,6 +244,9 @@ def doctor() -> None:
 
 def main() -> None:
     """The entry point of the command ``flexmb``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a pipe on Windows may lack the letters we use
+            stream.reconfigure(errors="replace")
     try:
         app(prog_name="flexmb")
     except KeyboardInterrupt:

@@ -93,8 +93,8 @@ def _chosen(methods: Sequence[str]) -> tuple[str, ...]:
 
 def _models(methods: Sequence[str]) -> Iterator[tuple[str, Model]]:
     for method, flexible, features in product(methods, (False, True), FEATURES):
-        bodies = "flexible" if flexible else "rigid"
-        yield f"{bodies}, {', '.join(features)}", _model(method, flexible, features)
+        bodies = ("flexible bodies",) if flexible else ()
+        yield ", ".join((*bodies, *features)), _model(method, flexible, features)
 
 
 def _model(method: str, flexible: bool, features: Sequence[str]) -> Model:

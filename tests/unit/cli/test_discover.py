@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any, get_args
@@ -142,3 +145,16 @@ def test_templates_are_plain_toml_with_titles() -> None:
         text = (folder / "scene.toml").read_text(encoding="utf-8")
         assert tomllib.loads(text)["title"] == title
         assert "flexmb run scene.toml" in text
+
+
+def test_letters_that_a_pipe_cannot_take_do_no_harm() -> None:
+    """What Windows gives a pipe is an encoding of 256 letters, and a C locale one of 128."""
+    for encoding in ("cp1252", "ascii"):
+        done = subprocess.run(
+            [sys.executable, "-m", "flexmb", "list", "sensors"],
+            env={**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
+            capture_output=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert b"position" in done.stdout
