@@ -145,6 +145,13 @@ def reduce(
             "scene; may be repeated.",
         ),
     ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
+            "for planar scenes.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File to write; <mesh>.flexbody.h5 here by default."),
@@ -159,7 +166,7 @@ def reduce(
     """
     from flexmb.cli.actions import reduce_mesh
 
-    options = {"units": units, "modes": modes, "damping": damping}
+    options = {"units": units, "modes": modes, "damping": damping, "plane": plane}
     reduce_mesh(mesh, material, interface or [], section or [], options, output)
 
 
