@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.reflection import antisymmetric, antisymmetric_shares, reflection
+from flexmb.fe.reflection import antisymmetric, reflection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.planar import PLANES
 
@@ -61,7 +61,8 @@ class Mirror:
 
     def shares(self, fe: FEMatrices, V: FloatArray) -> FloatArray:
         """(m,) share of each field's kinetic energy that is antisymmetric."""
-        return antisymmetric_shares(fe, self.S, V)
+        odd, whole = antisymmetric(fe.M, self.S, V)
+        return np.diag(odd) / np.diag(whole)
 
 
 def make_mirror(fe: FEMatrices, plane: str) -> Mirror:
@@ -102,18 +103,17 @@ def symmetric_modes(
     """
     if modes == 0:
         return lowest(0)
-    count = min(2 * modes + 2 * _SPARE, limit)
+    count = min(int(2.5 * modes) + 2 * _SPARE, limit)
     while True:
         omega2, V = lowest(count)
-        odd = antisymmetric(S, V)
-        share, Q = eigh(odd.T @ (M @ odd))
+        share, Q = eigh(*antisymmetric(M, S, V))
         even = Q[:, share < _HALF]
         if even.shape[1] >= modes + _SPARE or count == limit:
             break
         missing = (modes + _SPARE) / max(even.shape[1], 1)
-        count = min(max(count + 2 * _SPARE, int(1.2 * missing * count)), limit)
+        count = min(count + 2 * _SPARE + int(min(1.2 * missing - 1, 1.5) * count), limit)
     if even.shape[1] < modes:
         what = f"the model has only {even.shape[1]} fixed-interface modes in the plane"
         raise ReductionError(f"modes: {modes} asked, but {what}")
-    found, W = eigh(even.T @ (omega2[:, None] * even))
+    found, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
     return found, V @ (even @ W)

@@ -17,7 +17,7 @@ from flexmb.fe.assembly import FEMatrices
 from flexmb.fe.numbering import Numbering
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["antisymmetric", "antisymmetric_shares", "reflection"]
+__all__ = ["antisymmetric", "reflection"]
 
 _SAME = 1e-6  # of the extent: nodes closer than that are each other's mirror image
 _CANDIDATES = 32  # elements by centroid among which the one around a point is looked for
@@ -45,16 +45,26 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
     )
 
 
-def antisymmetric(S: csr_array, V: FloatArray) -> FloatArray:
-    """(n, m) the part of fields ``V`` that changes its sign on reflection."""
-    return 0.5 * (V - S @ V)
+def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Kinetic energy of the part of fields that changes its sign on reflection, and of all.
 
+    Parameters
+    ----------
+    M, S : (n, n) sparse
+        Mass and reflection.
+    V : (n, m) float
+        The fields.
 
-def antisymmetric_shares(fe: FEMatrices, S: csr_array, V: FloatArray) -> FloatArray:
-    """(m,) share of the antisymmetric part in the kinetic energy of each field."""
-    odd = antisymmetric(S, V)
-    whole = np.sum(V * (fe.M @ V), axis=0)
-    return np.asarray(np.sum(odd * (fe.M @ odd), axis=0) / whole)
+    Returns
+    -------
+    odd, whole : (m, m) float
+        Quadratic forms over the fields; whole is the sum for both parts, V^T M V where the mesh is
+        symmetric.
+    """
+    image = S @ V
+    odd, even = 0.5 * (V - image), 0.5 * (V + image)
+    lost = odd.T @ (M @ odd)
+    return lost, lost + even.T @ (M @ even)
 
 
 def _over_dofs(

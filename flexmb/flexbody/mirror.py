@@ -16,6 +16,7 @@ __all__ = ["mirrored"]
 
 _MOST = 2000  # points that are compared; more would tell the same
 _NEIGHBOURS = 24  # of a fit with ten coefficients
+_WILD = 3.0  # sum of weights from which on a fit extrapolates: then the nearest point is taken
 _SAME = 1e-6  # of the extent: closer points are the same
 
 
@@ -55,7 +56,9 @@ def _interpolated(points: FloatArray, motion: FloatArray, at: FloatArray) -> Flo
     weights[:, 0] = 1.0
     apart = np.flatnonzero(distance[:, 0] > _SAME * np.ptp(points, axis=0).max())
     if len(apart):
-        weights[apart] = _fit_weights(points[near[apart]], at[apart])
+        fitted = _fit_weights(points[near[apart]], at[apart])
+        inside = np.abs(fitted).sum(axis=1) < _WILD
+        weights[apart[inside]] = fitted[inside]
     return np.asarray(np.einsum("rk,rkam->ram", weights, motion[near]))
 
 

@@ -74,25 +74,24 @@ def planar_body(body: FlexBody, normal: ArrayLike) -> FlexBody:
 
 
 def check_shares(name: str, shares: FloatArray, frequencies: FloatArray, normal: ArrayLike) -> None:
-    """Refuse modes of which more than 1 % is out of the plane, all in one message.
+    """Refuse modes of which more than 1 % is out of the plane.
 
     Raises
     ------
     ReductionError
-        With the share of each such mode.
+        With the share of the worst mode and the number of others.
     """
-    advice = "keep the scene spatial, or make body and mesh symmetric about the plane"
-    plane = plane_name(normal)
-    problems = [
-        Problem(
-            f"body {name}",
-            f"mode {k} ({frequencies[k]:.4g} Hz) has {_percent(shares[k])} of its energy out of "
-            f"the plane {plane}: {advice}",
-        )
-        for k in np.flatnonzero(shares > LARGEST_SHARE)
-    ]
-    if problems:
-        raise ReductionError.from_problems(problems)
+    wrong = np.flatnonzero(shares > LARGEST_SHARE)
+    if not len(wrong):
+        return
+    k = int(np.argmax(shares))
+    others = f" ({len(wrong) - 1} more modes have over 1 %)" if len(wrong) > 1 else ""
+    what = (
+        f"mode {k} ({frequencies[k]:.4g} Hz) has {_percent(shares[k])} of its energy out of the "
+        f"plane {plane_name(normal)}{others}: keep the scene spatial, or make body and mesh "
+        "symmetric about the plane"
+    )
+    raise ReductionError.from_problems([Problem(f"body {name}", what)])
 
 
 def flattened(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
@@ -170,10 +169,11 @@ def _energies(body: FlexBody, n: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _products(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of the part that is lost on reflection, and of the whole."""
+    """Of the part that changes its sign on reflection, and of that and the part that does not."""
     m = here.shape[2]
-    lost, whole = 0.5 * (here - there).reshape(-1, m), here.reshape(-1, m)
-    return lost.T @ lost / len(here), whole.T @ whole / len(here)
+    odd, even = (0.5 * (here + sign * there).reshape(-1, m) for sign in (-1, 1))
+    lost = odd.T @ odd / len(here)
+    return lost, lost + even.T @ even / len(here)
 
 
 def _interface_forms(body: FlexBody, n: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
