@@ -97,6 +97,8 @@ def test_it_refuses_what_is_misspelt(path: tuple[str, ...], value: Any) -> None:
 
 def test_it_names_every_key_joint_and_field() -> None:
     assert set(SCHEMA["properties"]) == set(TOP_KEYS)
+    untold = [key for key, form in SCHEMA["properties"].items() if not form]
+    assert untold == [], "flexmb/model/schema.py must say what these hold"
     definitions = SCHEMA["definitions"]
     assert set(definitions["Joint"]["properties"]["type"]["enum"]) == set(JOINT_TYPES)
     for spec in _subclasses(Spec):
