@@ -23,12 +23,12 @@ from flexmb.fe.assembly import FEMatrices, assemble
 from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.free_modes import free_modes
 from flexmb.fe.integrals import integrals
-from flexmb.fe.interface import make_interfaces
+from flexmb.fe.interface import RigidInterface, make_interfaces
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.mesh import Mesh
 from flexmb.fe.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.planar import make_mirror
+from flexmb.fe.planar import Mirror, make_mirror
 from flexmb.fe.quality import mode_infos, orphans, require_one_part, suspicions
 from flexmb.fe.reader import read_mesh
 from flexmb.fe.recovery import node_modes, surface
@@ -105,23 +105,36 @@ def reduce(
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
-    if ties:
-        reduced = craig_bampton(fe, ties, modes, progress, mirror)
-    else:
-        reduced = free_modes(fe, modes, progress, mirror)
+    reduced = _basis(fe, ties, modes, mirror, progress)
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
+    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
     if mirror is not None:
-        shares = mirror.shares(fe, elastic.Phi)
-        check_shares(body.name, shares, elastic.frequencies, PLANES[mirror.plane])
-        body = flattened(body, PLANES[mirror.plane], float(shares.max(initial=0.0)))
-    options = {"units": units, "modes": modes, "damping": damping}
-    if plane is not None:
+        body = _in_plane(body, fe, mirror, elastic)
         options["plane"] = plane
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
     return replace(body, provenance=told)
+
+
+def _basis(
+    fe: FEMatrices,
+    ties: tuple[RigidInterface, ...],
+    modes: int,
+    mirror: Mirror | None,
+    progress: Progress,
+) -> CraigBampton:
+    if ties:
+        return craig_bampton(fe, ties, modes, progress, mirror)
+    return free_modes(fe, modes, progress, mirror)
+
+
+def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedModes) -> FlexBody:
+    """The body without what rounding and mesh leave of motion out of the plane, if it is little."""
+    shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
+    check_shares(body.name, shares, elastic.frequencies, normal)
+    return flattened(body, normal, float(shares.max(initial=0.0)))
 
 
 def make_body(
