@@ -1,6 +1,6 @@
 """What a field of a specification may hold, as JSON schema and in words.
 
-In: a class derived from :class:`Spec`. Out: its fields by name, each with the JSON schema (draft 7)
+In: a class derived from :class:`Spec`. Out: its fields by name, each with the JSON schema (draft 4)
 of what a scene may write there, whether it must be given, and its default. All of it is read off
 the annotations that also validate scenes, so that it cannot say anything else than they do.
 """
@@ -34,7 +34,10 @@ Form = dict[str, Any]
 NUMBER: Form = {"type": ["number", "string"]}  # a string is an expression
 VECTOR: Form = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3}
 _MATRIX: Form = {"type": "array", "items": VECTOR, "minItems": 3, "maxItems": 3}
-_SIGNS: dict[str, Form] = {"positive": {"exclusiveMinimum": 0}, "not negative": {"minimum": 0}}
+_SIGNS: dict[str, Form] = {
+    "positive": {"minimum": 0, "exclusiveMinimum": True},
+    "not negative": {"minimum": 0},
+}
 
 
 class Field(NamedTuple):
@@ -100,7 +103,7 @@ def _marked(annotation: Any, marks: Iterable[Any]) -> Form:
         if isinstance(mark, Entry):
             return reference(annotation)
         if isinstance(mark, Variant):
-            return _either([reference(spec) for spec in mark.kinds().values()])
+            return {**_either([reference(s) for s in mark.kinds().values()]), "required": ["type"]}
         if isinstance(mark, Reader):
             known = _readers().get(mark)
             return known() if known else form_of(annotation)

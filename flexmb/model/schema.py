@@ -1,12 +1,13 @@
 """The JSON schema of a scene, for editors that complete and check TOML as it is typed.
 
-In: the specifications. Out: a schema (draft 7, which TOML editors understand) that accepts every
-valid scene and refuses misspelt keys, wrong kinds and unknown choices. What needs the whole scene
-(names that must exist, expressions, bodies told twice) is left to ``flexmb check``.
+In: the specifications. Out: a schema (draft 4, the one all TOML editors understand) that accepts
+every valid scene and refuses misspelt keys, wrong kinds and unknown choices. What needs the whole
+scene (names that must exist, expressions, bodies told twice) is left to ``flexmb check``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from flexmb.model.bodies import FlexbodySpec, MeshBodySpec, RigidBodySpec
@@ -32,7 +33,7 @@ def scene_schema() -> dict[str, Any]:
     known = _top()
     keys = {key: known.get(key, {}) for key in TOP_KEYS}
     return {
-        "$schema": "http://json-schema.org/draft-07/schema#",
+        "$schema": "http://json-schema.org/draft-04/schema#",
         "title": "flexmb scene",
         "description": "A flexible multibody model; what it means is checked by `flexmb check`.",
         "type": "object",
@@ -49,11 +50,11 @@ def _top() -> dict[str, Form]:
         "gravity": {"anyOf": [{"enum": ["none"]}, VECTOR], "description": "m/s^2, global axes"},
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),
-        "bodies": _named(_body()),
+        "bodies": _named(_one_of(_BODIES)),
         "joints": _named(reference(JointSpec)),
         "drivers": _named(reference(DriverSpec)),
-        "forces": _named(_chosen_by_type(FORCE_TYPES)),
-        "sensors": _named(_chosen_by_type(SENSOR_TYPES)),
+        "forces": _named(_one_of(FORCE_TYPES.values())),
+        "sensors": _named(_one_of(SENSOR_TYPES.values())),
         "check": {"type": "array", "items": reference(CheckSpec)},
         "dynamics": reference(DynamicsSpec),
         "view": reference(ViewSpec),
@@ -64,20 +65,9 @@ def _named(entry: Form) -> Form:
     return {"type": "object", "additionalProperties": entry}
 
 
-def _body() -> Form:
-    """A body: ``mesh`` or ``flexbody`` tell which kind it is, as they do when it is read."""
-    rigid, mesh, flexbody = (reference(spec) for spec in _BODIES)
-    reduced = {"if": {"required": ["flexbody"]}, "then": flexbody, "else": rigid}
-    return {"if": {"required": ["mesh"]}, "then": mesh, "else": reduced}
-
-
-def _chosen_by_type(kinds: dict[str, type[Spec]]) -> Form:
-    chain: Form = {"properties": {"type": {"enum": list(kinds)}}, "required": ["type"]}
-    branches = [
-        {"if": {"properties": {"type": {"const": kind}}}, "then": reference(spec)}
-        for kind, spec in kinds.items()
-    ]
-    return {"type": "object", **chain, "allOf": branches}
+def _one_of(specs: Iterable[type[Spec]]) -> Form:
+    """A table of one of these kinds, which differ by the keys they need or by ``type``."""
+    return {"anyOf": [reference(spec) for spec in dict.fromkeys(specs)]}
 
 
 def _definitions(top: Form) -> dict[str, Form]:
