@@ -28,6 +28,9 @@ _HOMES = {
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "new_scene": "flexmb.workflow",
+    "scene_schema": "flexmb.model",
+    "warmup": "flexmb.workflow",
 }
 
 __all__ = [
@@ -40,13 +43,16 @@ __all__ = [
     "history_figure",
     "load_result",
     "load_scene",
+    "new_scene",
     "plot_history",
     "reduce",
     "render",
     "rigid_body",
     "run_scene",
     "save_figure",
+    "scene_schema",
     "simulate",
+    "warmup",
 ]
 
 
