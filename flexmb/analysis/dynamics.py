@@ -28,8 +28,8 @@ from flexmb.results import OutputBlock
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
 # Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
-_LOCAL_SHARE = 0.1
-_EXPLICIT_SHARE = 0.1
+_LOCAL_SHARE = 0.2
+_EXPLICIT_SHARE = 0.2
 
 
 class Sink(Protocol):
