@@ -28,6 +28,7 @@ _HOMES = {
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "resume": "flexmb.workflow",
 }
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "plot_history",
     "reduce",
     "render",
+    "resume",
     "rigid_body",
     "run_scene",
     "save_figure",

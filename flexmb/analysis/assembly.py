@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,16 @@ class Assembled:
     notes: tuple[str, ...]
 
 
-def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> Assembled:
+class Begin(NamedTuple):
+    """Where to begin instead of the placed pose."""
+
+    q: NDArray[np.float64]  # (nq,)
+    v: NDArray[np.float64]  # (nv,), NaN where the scene's own velocities hold
+
+
+def assemble(
+    compiled: Compiled, model: Model, *, start: str = "undeformed", begin: Begin | None = None
+) -> Assembled:
     """Consistent first state of a compiled model.
 
     Parameters
@@ -61,6 +71,9 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     start : {"undeformed", "quasi-static"}
         Whether flexible bodies start without deformation as far as the joints allow, or in elastic
         equilibrium with weight, loads and the inertia forces of the first motion.
+    begin : Begin, optional
+        Positions and velocities to begin from, changed no more than joints and drivers need; then
+        `start` has no say.
 
     Raises
     ------
@@ -71,21 +84,23 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.placed if begin is None else begin.q
     period = slowest_period(system)
     stiff = stiff_system(system, _RIGID * period)
-    anchored = anchored_system(stiff, model)
+    anchored = anchored_system(stiff, model) if begin is None else stiff
     wanted = np.zeros(compiled.layout.nv)
 
     def close() -> None:
         _close_positions(stiff, state, work, compiled, model)
         wanted[:] = _asked_velocities(compiled, model, state)
+        if begin is not None:
+            wanted[:] = np.where(np.isnan(begin.v), wanted, begin.v)
         state.v[:] = wanted
         solve_level(anchored, state, work, VELOCITIES)
 
     close()
-    notes = _velocity_notes(compiled, model, state, wanted)
-    if start == "quasi-static" and period > 0.0:
+    notes = [] if begin is not None else _velocity_notes(compiled, model, state, wanted)
+    if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)

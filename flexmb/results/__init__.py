@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
+from flexmb.results.reactions import Reaction
 from flexmb.results.read import file_format
 from flexmb.results.result import Pose, Result, load_result
 
@@ -12,6 +13,7 @@ __all__ = [
     "Columns",
     "OutputBlock",
     "Pose",
+    "Reaction",
     "Result",
     "ResultWriter",
     "file_format",

@@ -43,6 +43,7 @@ def create_content(
     for name, width in counts.items():
         _reserve(file, name, (rows,) if name == "time" else (rows, width))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
+    file.create_dataset("span", data=_span(scene))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
     _write_layout(file.create_group("layout"), columns)
     _write_text(file, "scene", json.dumps(scene))
@@ -71,6 +72,11 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
         report["message"] = message[: max(len(message) - (len(text) - REPORT_BYTES) - 3, 0)] + "..."
         text = json.dumps(report).encode()
     return np.bytes_(text)
+
+
+def _span(scene: Mapping[str, Any]) -> NDArray[np.float64]:
+    dynamics = scene.get("dynamics", {})
+    return np.array([dynamics.get(key, np.nan) for key in ("duration", "outputs")], dtype=float)
 
 
 def _plain(value: float | int | str) -> float | int | str:

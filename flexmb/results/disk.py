@@ -19,7 +19,14 @@ __all__ = ["DiskFile"]
 
 
 class DiskFile(io.RawIOBase):
-    """An unbuffered binary file for reading and writing, made anew at `path`.
+    """An unbuffered binary file for reading and writing.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    anew : bool
+        Whether an empty file is made there, or the one that is there is kept.
 
     Raises
     ------
@@ -29,11 +36,13 @@ class DiskFile(io.RawIOBase):
         The file cannot be opened.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, anew: bool = True) -> None:
         super().__init__()
         self._lock = WriteLock(path)
         try:
-            self._file = open(path, "w+b", buffering=0)  # noqa: SIM115  closed by close()
+            self._file = (  # closed by close()
+                open(path, "w+b", buffering=0) if anew else open(path, "r+b", buffering=0)  # noqa: SIM115
+            )
         except OSError:
             self._lock.release()
             raise

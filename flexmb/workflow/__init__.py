@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
 from flexmb.workflow.check import check_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
+from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import run_model, run_scene, simulate
 
 __all__ = [
@@ -15,6 +16,8 @@ __all__ = [
     "check_scene",
     "flexible_bodies",
     "reduce_mesh",
+    "resume",
+    "resume_run",
     "run_model",
     "run_scene",
     "simulate",

@@ -1,0 +1,124 @@
+"""Beginning a run where another one ended: bodies matched by their names.
+
+In: the compiled model, its flexible bodies, another result. Out: positions and velocities to begin
+with, and notes on what was matched. Time starts anew at 0; what joints and drivers of the new scene
+ask for at that time holds, and what had to give way for it is told afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexmb.errors import Problem, ResultFileError
+from flexmb.workflow.origin import body_hash, origin
+
+if TYPE_CHECKING:
+    from flexmb.analysis.assembly import Begin
+    from flexmb.engine.compile import Compiled
+    from flexmb.engine.layout import BodyColumns
+    from flexmb.engine.work import State
+    from flexmb.flexbody import FlexBody
+    from flexmb.results import Result
+
+__all__ = ["Beginning", "beginning"]
+
+_MOVED = (
+    1e-6  # change of the start that is told: over the size of the model, rad, or over the speed
+)
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The end of another run as the start of this one."""
+
+    source: Path
+    begin: Begin
+    matched: tuple[BodyColumns, ...]
+    notes: tuple[str, ...]
+
+    def changes(self, compiled: Compiled, state: State) -> list[str]:
+        """What the first state had to change of what was taken over, a sentence for each body."""
+        speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
+        told = []
+        for body in self.matched:
+            q, p = self.begin.q[body.iq :], state.q[body.iq :]
+            moved = float(np.linalg.norm(p[:3] - q[:3]))
+            turned = 2.0 * float(np.arccos(min(abs(float(p[3:7] @ q[3:7])), 1.0)))
+            at = slice(body.iv, body.iv + 6)
+            faster = float(np.abs(state.v[at] - self.begin.v[at]).max())
+            if moved > _MOVED * compiled.length or turned > 1e2 * _MOVED or faster > _MOVED * speed:
+                told.append(
+                    f"bodies.{body.name}: joints and drivers at t = 0 changed the start taken from "
+                    f"{self.source}: moved by {moved:.3g} m, turned by {turned:.3g} rad, velocity "
+                    f"by up to {faster:.3g} m/s or rad/s"
+                )
+        return told
+
+
+def beginning(
+    compiled: Compiled, bodies: Mapping[str, FlexBody], given: Result | str | Path
+) -> Beginning:
+    """Match the bodies of a model with those of a result by name.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    bodies : mapping of str to FlexBody
+        Its flexible bodies.
+    given : Result or path
+        The other run; its last whole row counts.
+
+    Raises
+    ------
+    ResultFileError
+        The result cannot be read, holds no rows, or has no body of a name of this model.
+    """
+    from flexmb.analysis.assembly import Begin
+    from flexmb.results import Result
+
+    other = given if isinstance(given, Result) else Result(given)
+    if not len(other.time):
+        raise ResultFileError(f"{other.path}: holds no output rows to begin from")
+    theirs = {body.name: body for body in other.layout.bodies}
+    matched = tuple(body for body in compiled.layout.bodies if body.name in theirs)
+    if not matched:
+        names = tuple(body.name for body in compiled.layout.bodies)
+        what = f"has no body of this scene; it has {', '.join(theirs)}"
+        raise ResultFileError.from_problems([Problem(str(other.path), what, names)])
+    q, v = compiled.placed.copy(), np.full(compiled.layout.nv, np.nan)
+    known = origin(other).get("bodies", {})
+    undeformed = []
+    for body in matched:
+        old = theirs[body.name]
+        same = body.m > 0 and known.get(body.name) == body_hash(bodies[body.name])
+        m = body.m if same else 0
+        q[body.iq : body.iq + 7 + m] = other.q[-1, old.iq : old.iq + 7 + m]
+        v[body.iv : body.iv + 6 + body.m] = 0.0
+        v[body.iv : body.iv + 6 + m] = other.v[-1, old.iv : old.iv + 6 + m]
+        if body.m > 0 and not same:
+            undeformed.append(body.name)
+    notes = [_told(other, matched, compiled)]
+    if undeformed:
+        notes.append(
+            f"begins without deformation, being reduced otherwise: {', '.join(undeformed)}"
+        )
+    return Beginning(other.path, Begin(q, v), matched, tuple(notes))
+
+
+def _told(other: Result, matched: tuple[BodyColumns, ...], compiled: Compiled) -> str:
+    names = {body.name for body in matched}
+    left = [body.name for body in compiled.layout.bodies if body.name not in names]
+    gone = [body.name for body in other.layout.bodies if body.name not in names]
+    text = f"begins at t = 0 as {other.path} ended at t = {other.time[-1]:g} s: "
+    text += ", ".join(body.name for body in matched)
+    if left:
+        text += f"; as placed in the scene: {', '.join(left)}"
+    if gone:
+        text += f"; not in this scene: {', '.join(gone)}"
+    return text
