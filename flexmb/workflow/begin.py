@@ -27,9 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Beginning", "beginning"]
 
-_MOVED = (
-    1e-6  # change of the start that is told: over the size of the model, rad, or over the speed
-)
+_MOVED = 1e-6  # change of the start that is told: over the size of the model, or the speed
+_TURNED = 1e-4  # rad; arccos near 1 leaves 1e-8
 
 
 @dataclass(frozen=True)
@@ -44,20 +43,23 @@ class Beginning:
     def changes(self, compiled: Compiled, state: State) -> list[str]:
         """What the first state had to change of what was taken over, a sentence for each body."""
         speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
-        told = []
+        sentences = []
         for body in self.matched:
             q, p = self.begin.q[body.iq :], state.q[body.iq :]
             moved = float(np.linalg.norm(p[:3] - q[:3]))
             turned = 2.0 * float(np.arccos(min(abs(float(p[3:7] @ q[3:7])), 1.0)))
             at = slice(body.iv, body.iv + 6)
             faster = float(np.abs(state.v[at] - self.begin.v[at]).max())
-            if moved > _MOVED * compiled.length or turned > 1e2 * _MOVED or faster > _MOVED * speed:
-                told.append(
-                    f"bodies.{body.name}: joints and drivers at t = 0 changed the start taken from "
-                    f"{self.source}: moved by {moved:.3g} m, turned by {turned:.3g} rad, velocity "
-                    f"by up to {faster:.3g} m/s or rad/s"
-                )
-        return told
+            parts = (
+                (moved > _MOVED * compiled.length, f"moved by {moved:.3g} m"),
+                (turned > _TURNED, f"turned by {turned:.3g} rad"),
+                (faster > _MOVED * speed, f"velocities by up to {faster:.3g} m/s or rad/s"),
+            )
+            found = ", ".join(text for told, text in parts if told)
+            if found:
+                where = f"bodies.{body.name}: joints and drivers at t = 0 change its start"
+                sentences.append(f"{where}: {found}")
+        return sentences
 
 
 def beginning(

@@ -76,11 +76,14 @@ def _draw(
 def _checks(model: Model, run: Result) -> list[CheckOutcome]:
     """The scene's known answers at their times, by interpolation between outputs.
 
-    A check after the end of a stopped run has the value NaN, and fails.
+    A check that a run did not reach has the value NaN, and fails; of a run that the user stopped
+    it is left out.
     """
     outcomes = []
     for check in model.checks:
         reached = len(run.time) and check.time <= run.time[-1] * (1 + 1e-9) + 1e-12
+        if not reached and run.status == "stopped":
+            continue
         value = np.interp(check.time, run.time, run[check.sensor]) if reached else math.nan
         outcomes.append(
             CheckOutcome(

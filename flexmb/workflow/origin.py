@@ -76,7 +76,7 @@ def scene_changes(result: Result) -> tuple[Path, list[str]] | None:
     from flexmb.model import load_scene
 
     known = origin(result)
-    path = result.path.parent / known.get("scene_file", "")
+    path = Path(os.path.normpath(result.path.parent / known.get("scene_file", "")))
     if "scene_file" not in known or not path.is_file():
         return None
     names = {name: file.name for name, file in result.flexbodies.items()}

@@ -122,6 +122,8 @@ def _refuse_a_changed_scene(run: Result) -> None:
         "a resumed run goes on with the scene it began with: undo the change, go on as begun "
         "(--as-begun), or run the changed scene anew or from this result's end (--from)"
     )
+    if any(change.startswith("dynamics.duration ") for change in changes):
+        cure += "; for a longer run give the new duration of the whole (--duration)"
     listed = "".join(f"\n  {change}" for change in changes)
     raise SceneError(f"{path}: has changed since {run.path} was begun; {cure}{listed}")
 
