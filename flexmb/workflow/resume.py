@@ -93,9 +93,9 @@ def resume_run(
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:
         _refuse_a_changed_scene(run)
+    bodies = _bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
-    bodies = _bodies(run)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
     prepared = prepare_rest(compiled, model, run, progress=progress)

@@ -1,0 +1,201 @@
+"""Going on with a run: nothing lost, nothing changed, and clear words where it cannot go on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import slidercrank
+from samebytes import assert_same_bytes
+
+import flexmb
+from flexmb.analysis import run as module
+from flexmb.errors import BodyFileError, FlexmbError, ResultFileError, SceneError
+from flexmb.flexbody import load, save
+from flexmb.model import Model
+from flexmb.results import Result, ResultWriter
+from flexmb.workflow.origin import origin_text
+
+SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
+pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
+
+
+class Interrupt:
+    """Progress that presses Ctrl-C at a chosen chunk."""
+
+    def __init__(self, chunk: int) -> None:
+        self.left = chunk
+
+    def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
+        if phase == "integrate":
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+
+@pytest.fixture(autouse=True)
+def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_CHUNK_WORK", 18 * 170)  # steps of which outputs are no multiple
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    return Path(shutil.copy(SCENE, tmp_path / "scene.toml"))
+
+
+def stopped(scene: Path, folder: Path, chunk: int = 4, **overrides: str) -> Result:
+    model = flexmb.load_scene(scene, overrides)
+    result = flexmb.simulate(model, output=folder, progress=Interrupt(chunk))
+    assert result.status == "stopped"
+    return result
+
+
+def test_a_stopped_run_goes_on_to_the_same_bytes(scene: Path, tmp_path: Path) -> None:
+    whole = flexmb.simulate(flexmb.load_scene(scene), output=tmp_path / "whole")
+    part = stopped(scene, tmp_path / "part")
+    assert len(part.time) < len(whole.time)
+    again = flexmb.resume(tmp_path / "part", progress=Interrupt(3))
+    assert again.status == "stopped"
+    assert len(part.time) < len(again.time) < len(whole.time)
+    done = flexmb.resume(again)
+    assert done.status == "finished"
+    assert_same_bytes(done.path, whole.path)
+    for name in ("steps", "newton_iterations", "largest_velocity_drift", "energy_balance_error"):
+        assert done.statistics[name] == whole.statistics[name], name
+
+
+def test_a_finished_run_is_extended(scene: Path, tmp_path: Path) -> None:
+    long = flexmb.simulate(flexmb.load_scene(scene, {"dynamics.duration": "0.05",
+                           "dynamics.outputs": "250"}), output=tmp_path / "long")  # fmt: skip
+    result = flexmb.simulate(flexmb.load_scene(scene), output=tmp_path / "short")
+    with pytest.raises(ResultFileError, match="is finished at t = 0.04 s.*--duration"):
+        flexmb.resume(result)
+    done = flexmb.resume(result, duration=0.05)
+    assert (done.status, len(done.time)) == ("finished", 251)
+    np.testing.assert_allclose(done.time, long.time, rtol=1e-12)
+    np.testing.assert_allclose(done.q, long.q, atol=1e-9)
+    assert done.model["dynamics"]["outputs"] == 250
+    assert len(result.time) == 251  # the same result, gone on
+    for wrong, words in (
+        (0.0501, "whole number of output intervals of 0.0002 s, is 0.0501 s"),
+        (0.03, "must not be shorter than it was, 0.05 s"),
+        (0.05, "is 0.05 s already, and the run is finished"),
+        (float("nan"), "whole number of output intervals"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            flexmb.resume(done, duration=wrong)
+
+
+def test_a_changed_scene_is_refused_and_told(scene: Path, tmp_path: Path) -> None:
+    overrides = {"dynamics.duration": "0.02", "dynamics.outputs": "100"}
+    stopped(scene, tmp_path / "out", chunk=2, **overrides)
+    text = scene.read_text()
+    scene.write_text("# a comment changes nothing\n" + text)
+    flexmb.resume(tmp_path / "out", progress=Interrupt(1))
+    scene.write_text(
+        text.replace('of = "slider"', 'of = "crank.pin"', 1).replace("r = 0.15", "r = 0.16")
+    )
+    with pytest.raises(SceneError) as caught:
+        flexmb.resume(tmp_path / "out")
+    message = str(caught.value)
+    assert "scene.toml: has changed since" in message
+    assert 'sensors.slider.of was "slider", is "crank.pin"' in message
+    assert "parameters.r was 0.15, is 0.16" in message
+    assert "dynamics.duration" not in message  # it was, and is, overridden
+    scene.write_text("[bodies")
+    with pytest.raises(SceneError, match="it has mistakes now"):
+        flexmb.resume(tmp_path / "out")
+    assert flexmb.resume(tmp_path / "out", as_begun=True).status == "finished"
+
+
+def test_another_system_or_state_is_refused(scene: Path, tmp_path: Path) -> None:
+    result = stopped(scene, tmp_path / "out", chunk=1)
+    with h5py.File(result.path, "r+") as file:
+        file["layout"].attrs["fingerprint"] = "f00d"
+    with pytest.raises(ResultFileError, match="was begun by flexmb .* builds another system"):
+        flexmb.resume(result.path)
+    shutil.rmtree(tmp_path / "out")
+    result = stopped(scene, tmp_path / "out", chunk=1)
+    with h5py.File(result.path, "r+") as file:
+        for slot in "01":
+            file[f"state/{slot}"].move("aa", "bb")
+    with pytest.raises(ResultFileError, match="saved state is of another version"):
+        flexmb.resume(result.path)
+
+
+def test_other_compiled_code_is_said(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped(scene, tmp_path / "out", chunk=1)
+    from flexmb.workflow import origin
+
+    monkeypatch.setattr(origin, "made_by", lambda: {"flexmb": "0", "engine": "another"})
+    with pytest.warns(flexmb.FlexmbWarning, match="the rest may differ in the last bits"):
+        assert flexmb.resume(tmp_path / "out").status == "finished"
+
+
+def test_a_changed_or_missing_flexible_body_is_named(tmp_path: Path) -> None:
+    path = slidercrank.make(tmp_path)
+    result = Result(path)
+    body = load(tmp_path / "rod.flexbody.h5")
+    model = Model.from_scene_dict(result.model, tmp_path)
+    model.set_dynamics(duration=1.0, step=0.1)
+    with ResultWriter(
+        path, result.layout, 3, scene=model.to_scene_dict(),
+        flexbodies={"rod": "rod.flexbody.h5"},
+        texts={"origin": origin_text(model, tmp_path, {"rod": body})},
+    ) as out:  # fmt: skip
+        out.save_state({"v": np.zeros(3)})
+    softer = load(tmp_path / "rod.flexbody.h5")
+    object.__setattr__(softer, "K", 0.5 * body.K)
+    save(softer, tmp_path / "rod.flexbody.h5")
+    with pytest.raises(BodyFileError, match="bodies.rod: .* has changed since the run began"):
+        flexmb.resume(path)
+    (tmp_path / "rod.flexbody.h5").unlink()
+    with pytest.raises(BodyFileError, match="bodies.rod: .*there is no such file"):
+        flexmb.resume(path)
+
+
+def free_box(**fields: object) -> Model:
+    model = flexmb.Model("box")
+    model.add_body("box", mass=2.0, inertia=[1.0, 2.0, 2.5], **fields)
+    model.add_sensor("box", "position", of="box")
+    model.set_dynamics(duration=0.2, step=1e-3, outputs=10)
+    return model
+
+
+def test_a_run_begins_where_another_ended() -> None:
+    first = flexmb.simulate(free_box(velocity=[1, 2, 3], angular_velocity=[0.3, 4, 0.1]))
+    whole = flexmb.simulate(free_box(velocity=[1, 2, 3], angular_velocity=[0.3, 4, 0.1]),
+                            duration=0.4, outputs=20)  # fmt: skip
+    with pytest.warns(flexmb.FlexmbWarning, match="begins at t = 0 as .* ended at t = 0.2 s: box"):
+        second = flexmb.simulate(free_box(), start_from=first)
+    np.testing.assert_array_equal(second.q[0], first.q[-1])
+    assert second.time[0] == 0.0
+    np.testing.assert_allclose(second.q, whole.q[10:], atol=1e-8)
+    origin = json.loads(second.texts["origin"])
+    assert origin["from"] == str(first.path)
+
+
+def test_what_gives_way_to_the_joints_is_told() -> None:
+    first = flexmb.simulate(free_box(velocity=[1, 0, 0]))
+    model = free_box()
+    model.add_body("lid", mass=1.0, inertia=[1, 1, 1])
+    model.add_joint("hinge", "revolute", between=["ground", "box"], axis="z")
+    with pytest.warns(flexmb.FlexmbWarning) as told:
+        second = flexmb.simulate(model, start_from=first)
+    texts = " | ".join(str(entry.message) for entry in told)
+    assert "as placed in the scene: lid" in texts
+    assert "bodies.box: joints and drivers at t = 0 change its start: moved by 0.2 m" in texts
+    assert "velocities by up to 1 m/s" in texts
+    assert np.abs(second.q[0, :3]).max() < 1e-12
+
+
+def test_nothing_in_common_is_a_mistake(scene: Path, tmp_path: Path) -> None:
+    first = flexmb.simulate(free_box())
+    with pytest.raises(FlexmbError, match="has no body of this scene; it has box"):
+        flexmb.run_scene(scene, output=tmp_path / "out", start_from=first, pictures=False)
