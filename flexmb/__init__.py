@@ -7,7 +7,16 @@ costs next to nothing.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
+    from flexmb.errors import FlexmbError, FlexmbWarning
+    from flexmb.fe import reduce
+    from flexmb.flexbody import FlexBody, rigid_body
+    from flexmb.model import Model, load_scene
+    from flexmb.results import Result, load_result
+    from flexmb.view import history_figure, plot_history, render, save_figure
+    from flexmb.workflow import check_scene, resume, run_scene, simulate
 
 __version__ = "0.1.0"
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -14,10 +16,17 @@ from samebytes import assert_same_bytes
 
 import flexmb
 from flexmb.analysis import run as module
-from flexmb.errors import BodyFileError, FlexmbError, ResultFileError, SceneError
+from flexmb.errors import (
+    AssemblyError,
+    BodyFileError,
+    FlexmbError,
+    ResultFileError,
+    SceneError,
+    SolverError,
+)
 from flexmb.flexbody import load, save
 from flexmb.model import Model
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result, ResultWriter, scratch
 from flexmb.workflow.origin import origin_text
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
@@ -160,9 +169,13 @@ def test_a_changed_or_missing_flexible_body_is_named(tmp_path: Path) -> None:
         flexmb.resume(path)
 
 
-def free_box(**fields: object) -> Model:
+def free_box(angle: str = "2*t", **fields: object) -> Model:
+    """A free box, beside it a driven arm: the tables of the slider-crank, so the same kernels."""
     model = flexmb.Model("box")
     model.add_body("box", mass=2.0, inertia=[1.0, 2.0, 2.5], **fields)
+    model.add_body("arm", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    model.add_joint("bearing", "revolute", between=["ground", "arm"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=angle)
     model.add_sensor("box", "position", of="box")
     model.set_dynamics(duration=0.2, step=1e-3, outputs=10)
     return model
@@ -172,11 +185,13 @@ def test_a_run_begins_where_another_ended() -> None:
     first = flexmb.simulate(free_box(velocity=[1, 2, 3], angular_velocity=[0.3, 4, 0.1]))
     whole = flexmb.simulate(free_box(velocity=[1, 2, 3], angular_velocity=[0.3, 4, 0.1]),
                             duration=0.4, outputs=20)  # fmt: skip
-    with pytest.warns(flexmb.FlexmbWarning, match="begins at t = 0 as .* ended at t = 0.2 s: box"):
+    with pytest.warns(
+        flexmb.FlexmbWarning, match="begins at t = 0 as .* ended at t = 0.2 s: box, arm"
+    ):
         second = flexmb.simulate(free_box(), start_from=first)
-    np.testing.assert_array_equal(second.q[0], first.q[-1])
+    np.testing.assert_array_equal(second.q[0, :7], first.q[-1, :7])
     assert second.time[0] == 0.0
-    np.testing.assert_allclose(second.q, whole.q[10:], atol=1e-8)
+    np.testing.assert_allclose(second.q[:, :7], whole.q[10:, :7], atol=1e-8)
     origin = json.loads(second.texts["origin"])
     assert origin["from"] == str(first.path)
 
@@ -199,3 +214,39 @@ def test_nothing_in_common_is_a_mistake(scene: Path, tmp_path: Path) -> None:
     first = flexmb.simulate(free_box())
     with pytest.raises(FlexmbError, match="has no body of this scene; it has box"):
         flexmb.run_scene(scene, output=tmp_path / "out", start_from=first, pictures=False)
+
+
+def test_a_temporary_folder_goes_with_its_result_unless_saved(tmp_path: Path) -> None:
+    result = flexmb.simulate(free_box())
+    folder = result.path.parent
+    kept = result.save(tmp_path / "kept")
+    q = result.q.copy()
+    again = flexmb.resume(result.path, duration=0.4)  # another result of the same folder
+    del result
+    gc.collect()
+    assert len(again.q) == 21
+    del again
+    gc.collect()
+    assert not folder.exists()
+    np.testing.assert_array_equal(kept.q, q)
+
+
+def test_a_failed_run_without_a_folder_stays_readable() -> None:
+    with pytest.raises(SolverError) as caught:
+        flexmb.simulate(free_box(angle="sqrt(0.1 - t)"))
+    found = re.search(r"(\S+result\.h5) keeps the (\d+) outputs", str(caught.value))
+    assert found and len(flexmb.load_result(found[1]).time) == int(found[2]) > 1
+
+
+def test_a_mistake_leaves_no_folder_behind() -> None:
+    before, made = set(scratch._living), set()
+    model = free_box()
+    model.add_joint("pin", "revolute", between=["ground", "box"], axis="z")
+    model.add_joint("far", "fixed", between=["ground", "box.center"])
+    model.add_marker("ground.away", position=[1, 0, 0])
+    model.add_joint("torn", "spherical", between=["ground.away", "box"])
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.simulate(model, progress=lambda *told: made.update(set(scratch._living) - before))
+    del caught
+    gc.collect()
+    assert made and not any(folder.exists() for folder in made)
