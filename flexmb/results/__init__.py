@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flexmb.results.extend import extend_file
 from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
 from flexmb.results.reactions import Reaction
@@ -16,6 +17,7 @@ __all__ = [
     "Reaction",
     "Result",
     "ResultWriter",
+    "extend_file",
     "file_format",
     "load_result",
 ]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from flexmb.results.layout import Columns
 from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION, widths
 
-__all__ = ["create_content", "create_state", "report_text"]
+__all__ = ["create_content", "create_state", "report_text", "reserve"]
 
 _CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes anew at most
 
@@ -41,7 +41,7 @@ def create_content(
         columns.nq, columns.nv, columns.nc, len(columns.channels), len(columns.energies)
     )
     for name, width in counts.items():
-        _reserve(file, name, (rows,) if name == "time" else (rows, width))
+        reserve(file, name, (rows,) if name == "time" else (rows, width))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
     file.create_dataset("span", data=_span(scene))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
@@ -83,7 +83,7 @@ def _plain(value: float | int | str) -> float | int | str:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
+def reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
     """A table of doubles that can grow in time, its space taken now and not filled."""
     width = max(shape[1], 1) if len(shape) > 1 else 1
     rows = max(1, min(_CHUNK_BYTES // (8 * width), shape[0]))

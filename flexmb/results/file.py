@@ -33,6 +33,8 @@ __all__ = ["OutputBlock", "ResultWriter"]
 
 Array = NDArray[np.float64]
 
+_GROWTH = 2  # room taken for a table that grows, over its size: chunks are whole, indices need some
+
 
 @dataclass(frozen=True)
 class OutputBlock:
@@ -136,12 +138,6 @@ class ResultWriter:
             raise
         return writer
 
-    def extend(self, duration: float, outputs: int) -> None:
-        """Note a new duration [s] and number of output intervals of the run as a whole."""
-        with uninterrupted():
-            self._file["span"][:] = duration, outputs
-            self._flush()
-
     def __enter__(self) -> Self:
         return self
 
@@ -212,6 +208,8 @@ class ResultWriter:
             The disk failed.
         """
         code = STATUS.index(status)
+        if not self._file:  # the disk has failed, which was said then
+            return
         with uninterrupted():
             self._file["report"][()] = report_text(statistics, message)
             self._flush()
@@ -278,6 +276,9 @@ class ResultWriter:
 
     def _grow(self, rows: int) -> None:
         self._capacity = max(rows, 2 * self._capacity)
+        numbers = sum(self._file[name].size for name in TABLES)
+        self._disk.reserve(_GROWTH * 8 * numbers * self._capacity // len(self._file["time"]))
+        self._flush()
         for name in TABLES:
             self._file[name].resize(self._capacity, axis=0)
         self._flush()

@@ -41,7 +41,8 @@ def _facts(result: Result) -> Iterator[tuple[str, str]]:
     if len(t):
         yield "time", f"{t[0]:g} to {t[-1]:g} s, {len(t)} rows"
     if "steps" in known:
-        spent = f" in {result.seconds['integrate']:.3g} s" if "integrate" in result.seconds else ""
+        whole = "integrate" in result.seconds and "resumed_at_s" not in known
+        spent = f" in {result.seconds['integrate']:.3g} s" if whole else ""
         yield "steps", f"{known['steps']}{spent}"
     for key, name, unit in (
         ("estimated_error", "estimated error", " of the motion"),

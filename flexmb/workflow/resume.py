@@ -88,7 +88,7 @@ def resume_run(
     from flexmb.analysis.resume import prepare_rest
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
-    from flexmb.results import Result, ResultWriter
+    from flexmb.results import Result, ResultWriter, extend_file
 
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:
@@ -99,11 +99,11 @@ def resume_run(
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
     prepared = prepare_rest(compiled, model, run, progress=progress)
+    if duration is not None and model.dynamics is not None:
+        extend_file(run.path, model.dynamics.duration, model.dynamics.outputs)
     with ResultWriter.reopen(run.path) as writer:
         if writer.rows_written != prepared.rows_before:
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
-        if duration is not None and model.dynamics is not None:
-            writer.extend(model.dynamics.duration, model.dynamics.outputs)
         began = float(prepared.run.state.t[0])
         outcome = integrate(prepared, writer, progress=progress)
         writer.finish(

@@ -11,7 +11,7 @@ import pytest
 from resultfiles import block, writer
 
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result, ResultWriter, extend_file
 from flexmb.results.uninterrupted import uninterrupted
 
 
@@ -62,13 +62,27 @@ def test_it_stays_the_same_run_for_those_who_opened_it_before(tmp_path: Path) ->
 
 def test_a_longer_duration_is_kept_beside_the_scene(tmp_path: Path) -> None:
     scene = {"title": "x", "dynamics": {"duration": 0.1, "outputs": 10, "step": 1e-3}}
-    with writer(tmp_path / "r.h5", scene=scene) as out:
+    texts, bodies = {"scene": "of old"}, {"rod": "rod.flexbody.h5"}
+    with writer(
+        tmp_path / "r.h5", n_outputs=11, scene=scene, texts=texts, flexbodies=bodies
+    ) as out:
         out.save_state(state(0))
-    assert not Result(out.path).extended
-    with ResultWriter.reopen(out.path) as again:
-        again.extend(0.2, 20)
+        out.append(block(0, 11))
+        out.save_state(state(1))
+        out.finish({"steps": 1}, "finished")
+    before = Result(out.path)
+    assert not before.extended
+    extend_file(out.path, 0.2, 20)
     result = Result(out.path)
     assert result.extended
+    for name in ("q", "sensors", "time"):
+        np.testing.assert_array_equal(result._table(name), before._table(name))  # the same run
+    assert (result.texts, result.statistics) == (texts, {"steps": 1})
+    assert result.flexbodies == before.flexbodies
+    assert result.last_state()[1]["step"] == 1
+    with h5py.File(out.path) as file:
+        assert len(file["q"]) == 21  # room for all rows, taken in advance
+    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
     assert result.model["dynamics"] == {"duration": 0.2, "outputs": 20, "step": 1e-3}
 
 
