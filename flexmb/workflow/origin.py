@@ -39,7 +39,7 @@ def made_by() -> dict[str, str]:
 
 
 def origin_text(
-    model: Model, folder: Path, bodies: Mapping[str, FlexBody], begun_from: str = ""
+    model: Model, folder: Path, bodies: Mapping[str, FlexBody], begun_from: Path | None = None
 ) -> str:
     """The text to keep with a result in `folder`."""
     known: dict[str, Any] = made_by()
@@ -47,8 +47,8 @@ def origin_text(
     if model.source is not None:
         known["scene_file"] = _relative(model.source.path, folder)
         known["overrides"] = dict(model.source.overrides)
-    if begun_from:
-        known["from"] = begun_from
+    if begun_from is not None:
+        known["from"] = str(begun_from)
     return json.dumps(known, default=str)
 
 

@@ -99,14 +99,14 @@ def run_model(
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     other = beginning(compiled, bodies, start_from) if start_from is not None else None
-    begin = other.begin if other is not None else None
-    prepared = prepare(compiled, model, begin=begin, progress=progress)
+    prepared = prepare(
+        compiled, model, begin=other.begin if other is not None else None, progress=progress
+    )
     if other is not None:
         notes += [*other.notes, *other.changes(compiled, prepared.run.state)]
     names = {name: file.name for name, file in files.items()}
-    texts = {ORIGIN: origin_text(model, folder, bodies, str(other.source) if other else "")}
-    if model.source is not None:
-        texts["scene"] = model.source.text
+    texts = {"scene": model.source.text} if model.source is not None else {}
+    texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
     with ResultWriter(
         folder / "result.h5",
         compiled.layout,
