@@ -29,6 +29,9 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
                 n = 6 + int(body["m"])
                 values = work.dense.jac[row[place] : row[place] + n]
                 Cq[k, body["iv"] : body["iv"] + n] = values
+        if row["coordinate"] >= 0:
+            assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
+            Cq[k, system.parts.coordinates[row["coordinate"]]["iv"]] = -1.0
     return Cq
 
 

@@ -1,4 +1,4 @@
-"""Forces: applied force and torque at a marker, spring-damper between two markers.
+"""Forces: applied force and torque at a marker, springs and dampers along a line or on a joint.
 
 SI: N, N m, N/m, N s/m. The components of a force are in global axes, or in the marker's own axes,
 which turn with the body. A spring-damper acts along the line between its markers and pulls with
@@ -16,7 +16,7 @@ from flexmb.model.functions import Function
 from flexmb.model.quantities import Pair, Quantity, Text
 from flexmb.model.reading import Reader, Spec, fail, given
 
-__all__ = ["FORCE_TYPES", "LoadSpec", "SpringDamperSpec"]
+__all__ = ["FORCE_TYPES", "JointSpringSpec", "LoadSpec", "SpringDamperSpec"]
 
 Triple = tuple[Function, Function, Function]
 
@@ -39,6 +39,22 @@ def _free_length(value: Any, info: ValidationInfo) -> float | str:
     return Quantity("m", "not negative").read(value, info)
 
 
+class JointSpringSpec(Spec):
+    """A linear spring, damper and actuator on the angle or the stroke s of a joint.
+
+    It pulls the joint with k (s - free) + c s' - value; an angle counts turns. Units for an angle:
+    N m/rad, N m s/rad, rad, N m; for a stroke: N/m, N s/m, m, N.
+    """
+
+    type: Literal["joint-spring"]
+    joint: Text
+    coordinate: Literal["angle", "stroke"] | None = None
+    stiffness: Annotated[float, Quantity("", "not negative")] = 0.0
+    damping: Annotated[float, Quantity("", "not negative")] = 0.0
+    free: Annotated[float, Quantity()] = 0.0
+    value: Function | None = None
+
+
 class SpringDamperSpec(Spec):
     """A linear spring and damper; ``free_length = "placed"``: no force in the placed pose."""
 
@@ -53,4 +69,5 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "force": LoadSpec,
     "torque": LoadSpec,
     "spring-damper": SpringDamperSpec,
+    "joint-spring": JointSpringSpec,
 }

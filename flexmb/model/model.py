@@ -21,7 +21,7 @@ from flexmb.model.checks import CheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
@@ -80,7 +80,7 @@ class Model:
         self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec] = {}
+        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.dynamics: DynamicsSpec | None = None
@@ -141,7 +141,7 @@ class Model:
         return spec
 
     def add_force(self, name: str, type: str, **fields: Any) -> Spec:
-        """Add a force, torque or spring-damper."""
+        """Add a force, torque, spring-damper or joint-spring."""
         return self._add("forces", name, {"type": type, **fields})
 
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:

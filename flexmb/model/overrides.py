@@ -17,6 +17,7 @@ from flexmb.model.reading import given
 
 __all__ = ["override"]
 
+_INSTEAD = {"accuracy": "step", "step": "accuracy"}
 _MAKEABLE = ("dynamics", "view")  # tables whose fields all have defaults or will be missed
 
 
@@ -84,4 +85,6 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
     if parts[0] == "parameters" and key not in table:
         return Problem(where, f'unknown parameter "{key}"', tuple(table), nearest(key, table))
     table[key] = value
+    if parts[0] == "dynamics" and key in _INSTEAD:  # the new one replaces the scene's other choice
+        table.pop(_INSTEAD[key], None)
     return None

@@ -15,8 +15,9 @@ import numpy as np
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.carriers import body_problems
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
+from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.sensors import AngleSensorSpec
@@ -62,12 +63,31 @@ def _forces(scope: Scope) -> Iterator[Problem]:
         if isinstance(spec, SpringDamperSpec):
             yield from scope.pair(where, spec.between, "a spring-damper")
             yield from _length(scope, where, spec)
+        elif isinstance(spec, JointSpringSpec):
+            yield from _joint_spring(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
                 yield from _finite(f"{where}.value[{i}]", function)
             if split_reference(spec.at)[0] == GROUND:
                 yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
             yield from scope.material(f"{where}.at", spec.at)
+
+
+def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
+    joint = scope.model.joints.get(spec.joint)
+    if spec.coordinate is not None:
+        yield from scope.coordinate(where, spec.joint, spec.coordinate)
+    elif joint is None:
+        yield from scope.coordinate(where, spec.joint, "angle")  # says that there is no such joint
+    else:
+        free = JOINT_TYPES[joint.type].coordinates
+        if len(free) != 1:
+            what = f"a {joint.type} joint has {len(free) or 'no'} coordinates to act on"
+            yield Problem(f"{where}.coordinate", what, free)
+    if spec.value is not None:
+        yield from _finite(f"{where}.value", spec.value)
+    if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
+        yield Problem(where, "does nothing: give stiffness, damping or value")
 
 
 def _length(scope: Scope, where: str, spec: SpringDamperSpec) -> Iterator[Problem]:

@@ -94,3 +94,7 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
         names += [(f"eta_dot.{i}", "1/s") for i in range(body.m)]
         for i, (name, unit) in enumerate(names):
             yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
+    n = len(columns.coordinates)  # scalar ones stand behind the bodies
+    for i, name in enumerate(columns.coordinates):
+        yield Channel(name, "q", columns.nq - n + i, "")
+        yield Channel(f"{name}.rate", "v", columns.nv - n + i, "")

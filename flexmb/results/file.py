@@ -45,6 +45,7 @@ class OutputBlock:
     v: Array  # (k, nv)
     vd: Array  # (k, nv)
     lam: Array  # (k, nc)
+    reactions: Array  # (k, 12 reactions)
     sensors: Array  # (k, channels)
     energy: Array  # (k, energies)
     drift: Array  # (k, 2)

@@ -47,6 +47,7 @@ def _bad_columns(columns: Columns, tables: Tables, row: int) -> list[str]:
             names.append(f"body {owner.name}")
     labels = {
         "lam": [f"constraint {name}" for name in columns.rows],
+        "reactions": [f"reaction {name}" for name in columns.reactions for _ in range(12)],
         "sensors": [f"sensor {name}" for name in columns.channels],
         "energy": [f"energy {name}" for name in columns.energies],
         "drift": [f"{name} drift" for name in DRIFT],

@@ -56,7 +56,7 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     joints = scene.get("joints", {})
     drivers = scene.get("drivers", {})
     found = []
-    for path in getattr(columns, "reactions", ()):
+    for path in columns.reactions:
         section, _, name = path.partition(".")
         joint = name if section == "joints" else str(drivers.get(name, {}).get("joint", ""))
         between = joints.get(joint, {}).get("between", ("", ""))

@@ -43,7 +43,10 @@ def origin_text(
 ) -> str:
     """The text to keep with a result in `folder`."""
     known: dict[str, Any] = made_by()
-    known["bodies"] = {name: body_hash(body) for name, body in bodies.items()}
+    known["bodies"] = {
+        name: {"hash": body_hash(body), "key": body.provenance.get("key", "")}
+        for name, body in bodies.items()
+    }
     if model.source is not None:
         known["scene_file"] = _relative(model.source.path, folder)
         known["overrides"] = dict(model.source.overrides)

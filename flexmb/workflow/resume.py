@@ -170,7 +170,7 @@ def _bodies(run: Result) -> dict[str, FlexBody]:
         except FlexmbError as error:
             problems.append(Problem(where, str(error)))
             continue
-        if name in known and known[name] != origin.body_hash(bodies[name]):
+        if name in known and known[name]["hash"] != origin.body_hash(bodies[name]):
             what = f"{file} has changed since the run began; put the old one back, or run again"
             problems.append(Problem(where, what))
     if problems:

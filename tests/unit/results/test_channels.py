@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import gc
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -48,6 +49,17 @@ def test_every_number_over_time_has_a_name(result: Result) -> None:
     assert "slider" not in result
 
 
+def test_scalar_coordinates_stand_behind_the_bodies(tmp_path: Path) -> None:
+    layout = dataclasses.replace(FakeLayout(), coordinates=("slot.s", "slot.u"), nq=18, nv=16)
+    rows = block(0, 3, layout)
+    rows.q[:, 17], rows.v[:, 14] = 7.0, 8.0
+    with ResultWriter(tmp_path / "r.h5", layout, 3, scene={"title": ""}) as out:
+        out.append(rows)
+    result = Result(out.path)
+    assert list(result["slot.u"]) == [7.0] * 3
+    assert list(result["slot.s.rate"]) == [8.0] * 3
+
+
 def test_an_unknown_name_shows_the_nearest_of_all_kinds(result: Result) -> None:
     with pytest.raises(ResultFileError, match='no channel "energy.strian"; nearest: energy.strain'):
         result["energy.strian"]
@@ -56,10 +68,7 @@ def test_an_unknown_name_shows_the_nearest_of_all_kinds(result: Result) -> None:
 
 
 def test_the_balance_is_stored_energy_less_work_since_the_start(tmp_path: Path) -> None:
-    class Layout(FakeLayout):
-        energies = ("kinetic", "spring", "driver_work")
-
-    layout = Layout(energies=Layout.energies)
+    layout = dataclasses.replace(FakeLayout(), energies=("kinetic", "spring", "driver_work"))
     rows = block(0, 4, layout)
     rows.energy[:] = [[5, 1, 0], [6, 2, 2], [4, 4.5, 2], [1, 5, 0.5]]
     with ResultWriter(tmp_path / "r.h5", layout, 4, scene={"title": ""}) as out:

@@ -63,9 +63,16 @@ def stopped(scene: Path, folder: Path, chunk: int = 4, **overrides: str) -> Resu
     return result
 
 
-def test_a_stopped_run_goes_on_to_the_same_bytes(scene: Path, tmp_path: Path) -> None:
-    whole = flexmb.simulate(flexmb.load_scene(scene), output=tmp_path / "whole")
-    part = stopped(scene, tmp_path / "part")
+@pytest.mark.parametrize(
+    ("knob", "value", "steps"), [("step", "turn/2000", 170), ("accuracy", "1e-7", 7)]
+)
+def test_a_stopped_run_goes_on_to_the_same_bytes(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knob: str, value: str, steps: int
+) -> None:
+    monkeypatch.setattr(module, "_CHUNK_WORK", 18 * steps)
+    overrides = {f"dynamics.{knob}": value}
+    whole = flexmb.simulate(flexmb.load_scene(scene, overrides), output=tmp_path / "whole")
+    part = stopped(scene, tmp_path / "part", **overrides)
     assert len(part.time) < len(whole.time)
     again = flexmb.resume(tmp_path / "part", progress=Interrupt(3))
     assert again.status == "stopped"
