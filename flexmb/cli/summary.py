@@ -102,9 +102,9 @@ def _about_steps(known: Mapping[str, Number]) -> Iterator[str]:
         least, most = float(known["smallest_step_s"]), float(known["largest_step_s"])
         yield f"of {least:.3g} to {most:.3g} s"
     if "rejected_steps" in known:
-        yield f"{number(known['rejected_steps'])} more rejected, their error too large"
+        yield f"{number(known['rejected_steps'])} rejected"
     if known.get("failed_steps"):
-        yield f"{number(known['failed_steps'])} more tried shorter, Newton's method failed"
+        yield f"{number(known['failed_steps'])} failed and tried shorter"
 
 
 def _per_step(known: Mapping[str, Number], phase: str) -> str:

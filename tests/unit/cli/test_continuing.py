@@ -123,7 +123,7 @@ EVERYTHING = {
 def test_the_summary_says_what_a_run_cost_and_what_more_would() -> None:
     rows = {name: (value, about) for name, value, about in summary.work(EVERYTHING)}
     assert rows["steps"][0] == "1 234"
-    assert rows["steps"][1].startswith("of 1e-06 to 0.002 s; 5 more rejected")
+    assert rows["steps"][1] == "of 1e-06 to 0.002 s; 5 rejected; 1 failed and tried shorter"
     assert rows["Newton iterations"] == ("2 468", "2 per step")
     assert rows["factorisations"][1] == "0.5 per step"
     assert rows["estimated error"][0] == "3.2e-05"
