@@ -13,10 +13,10 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.errors import FlexmbError, FlexmbWarning
     from flexmb.fe import reduce
     from flexmb.flexbody import FlexBody, rigid_body
-    from flexmb.model import Model, load_scene
+    from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
     from flexmb.view import history_figure, plot_history, render, save_figure
-    from flexmb.workflow import check_scene, resume, run_scene, simulate
+    from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
 
 __version__ = "0.1.0"
 
@@ -38,6 +38,9 @@ _HOMES = {
     "check_scene": "flexmb.workflow",
     "simulate": "flexmb.workflow",
     "resume": "flexmb.workflow",
+    "new_scene": "flexmb.workflow",
+    "scene_schema": "flexmb.model",
+    "warmup": "flexmb.workflow",
 }
 
 __all__ = [
@@ -50,6 +53,7 @@ __all__ = [
     "history_figure",
     "load_result",
     "load_scene",
+    "new_scene",
     "plot_history",
     "reduce",
     "render",
@@ -57,7 +61,9 @@ __all__ = [
     "rigid_body",
     "run_scene",
     "save_figure",
+    "scene_schema",
     "simulate",
+    "warmup",
 ]
 
 

@@ -56,7 +56,7 @@ def prepare_rest(
     clock.lap("compile")
     settings = loop_settings(compiled, spec, grid, _determined(compiled, state, result, rows))
     run = Run(compiled, chosen, settings, state)
-    run.recall(result.drift[:rows], np.stack(list(result.energy.values()), axis=1)[:rows])
+    run.recall(result.drift[:rows], result.table("energy")[:rows])
     clock.lap("assemble")
     return Prepared(run, grid, model, clock, (), rows)
 

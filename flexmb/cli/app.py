@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,8 @@ meshes it names, simulates it and leaves a result file, a picture and a plot.
 _EXAMPLES = """
 Examples:
 
+flexmb new my_pendulum
+
 flexmb run cases/slider_crank/scene.toml
 
 flexmb run scene.toml --set speed="2*pi*50" --output out/fast
@@ -34,6 +37,8 @@ flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
 flexmb info out/slider_crank/rod.flexbody.h5
+
+flexmb list joints
 
 Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check failed, 130 Ctrl-C.
 """
@@ -154,6 +159,13 @@ def reduce(
             "scene; may be repeated.",
         ),
     ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
+            "for planar scenes.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File to write; <mesh>.flexbody.h5 here by default."),
@@ -168,7 +180,7 @@ def reduce(
     """
     from flexmb.cli.actions import reduce_mesh
 
-    options = {"units": units, "modes": modes, "damping": damping}
+    options = {"units": units, "modes": modes, "damping": damping, "plane": plane}
     reduce_mesh(mesh, material, interface or [], section or [], options, output)
 
 
@@ -178,7 +190,9 @@ def render(
     result: Annotated[Path, typer.Argument(help="Result file.", show_default=False)],
     time: Annotated[
         float | None,
-        typer.Option(help="Time of the picture [s]; the scene's own, else the end.", min=0.0),
+        typer.Option(
+            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
+        ),
     ] = None,
     exaggeration: Annotated[
         str | None,
@@ -256,6 +270,9 @@ continuing.register(app)
 
 def main() -> None:
     """The entry point of the command ``flexmb``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a pipe on Windows may lack the letters we use
+            stream.reconfigure(errors="replace")
     try:
         app(prog_name="flexmb")
     except KeyboardInterrupt:

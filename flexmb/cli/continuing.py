@@ -28,8 +28,8 @@ def resume(
     duration: Annotated[
         float | None,
         typer.Option(
-            help="A new duration of the run as a whole [s], a whole number of its output "
-            "intervals; also a finished run goes on then.",
+            help="A new duration of the run as a whole, in the scene's units, a whole number of "
+            "its output intervals; also a finished run goes on then.",
             show_default=False,
         ),
     ] = None,

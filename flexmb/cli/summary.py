@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from flexmb.units import SI, UnitSystem
+
 __all__ = ["costs", "number", "sentence", "work"]
 
 Number = float | int | str
@@ -27,11 +29,11 @@ _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
 
 
-def work(known: Mapping[str, Number]) -> list[Row]:
+def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
     """Rows on steps, iterations and errors: what, how many, and what that means."""
     rows: list[Row] = []
     if "steps" in known:
-        rows.append(("steps", number(known["steps"]), "; ".join(_about_steps(known))))
+        rows.append(("steps", number(known["steps"]), "; ".join(_about_steps(known, units))))
     for key, name in _PER_STEP.items():
         if key in known:
             share = float(known[key]) / max(float(known.get("steps", 0)), 1.0)
@@ -95,12 +97,12 @@ def number(value: Number) -> str:
     return f"{value:_}".replace("_", " ") if isinstance(value, int) else str(value)
 
 
-def _about_steps(known: Mapping[str, Number]) -> Iterator[str]:
+def _about_steps(known: Mapping[str, Number], units: UnitSystem) -> Iterator[str]:
     if "step_s" in known:
-        yield f"of {float(known['step_s']):.6g} s"
+        yield f"of {units.say(float(known['step_s']), 's')}"
     if "smallest_step_s" in known and "largest_step_s" in known:
-        least, most = float(known["smallest_step_s"]), float(known["largest_step_s"])
-        yield f"of {least:.3g} to {most:.3g} s"
+        least = units.outward(float(known["smallest_step_s"]), "s")
+        yield f"of {least:.3g} to {units.say(float(known['largest_step_s']), 's', 3)}"
     if "rejected_steps" in known:
         yield f"{number(known['rejected_steps'])} rejected"
     if known.get("failed_steps"):

@@ -63,7 +63,7 @@ FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = ra
 
 # Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
-# fixed step that is done; the largest motion and speed so far and the sum of the local errors, weighted;
+# fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
 # least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
 # the share of the tolerance that leaves the accuracy in the end.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5

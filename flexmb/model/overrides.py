@@ -52,7 +52,7 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         parameters = scene.get("parameters", {})
         if not isinstance(parameters, Mapping):
             parameters = {}
-        top = tuple(key for key in scene if not isinstance(scene[key], Mapping | list))
+        top = tuple(key for key in ("title", "gravity") if key in scene)
         if name in parameters:
             parameters[name] = value
         elif name in ("title", "gravity"):

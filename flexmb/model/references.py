@@ -17,7 +17,6 @@ from flexmb.model import lookup
 from flexmb.model.carriers import body_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
-from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.sensors import AngleSensorSpec
@@ -74,16 +73,7 @@ def _forces(scope: Scope) -> Iterator[Problem]:
 
 
 def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
-    joint = scope.model.joints.get(spec.joint)
-    if spec.coordinate is not None:
-        yield from scope.coordinate(where, spec.joint, spec.coordinate)
-    elif joint is None:
-        yield from scope.coordinate(where, spec.joint, "angle")  # says that there is no such joint
-    else:
-        free = JOINT_TYPES[joint.type].coordinates
-        if len(free) != 1:
-            what = f"a {joint.type} joint has {len(free) or 'no'} coordinates to act on"
-            yield Problem(f"{where}.coordinate", what, free)
+    yield from scope.coordinate(where, spec.joint, spec.coordinate)
     if spec.value is not None:
         yield from _finite(f"{where}.value", spec.value)
     if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
@@ -126,12 +116,13 @@ def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
     if model.dynamics is None:
         return
-    duration = model.dynamics.duration
+    duration, units = model.dynamics.duration, model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:
         if time > duration * (1 + 1e-12):
-            yield Problem(where, f"{time:g} s lies after the end of the run, {duration:g} s")
+            after, end = units.say(time, "s"), units.say(duration, "s")
+            yield Problem(where, f"{after} lies after the end of the run, {end}")
 
 
 def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.model.sensors import channel_unit
 from flexmb.results.layout import Columns
 from flexmb.results.reactions import Sides, sides
 from flexmb.results.schema import DRIFT
@@ -20,8 +21,6 @@ __all__ = ["BALANCE", "GROUPS", "Channel", "all_channels", "channels"]
 GROUPS = ("sensors", "reactions", "energy", "drift", "coordinates")
 BALANCE = "energy.balance"
 
-_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²", "angle": "rad"}
-
 
 class Channel(NamedTuple):
     """One column of a result."""
@@ -29,7 +28,7 @@ class Channel(NamedTuple):
     name: str
     table: str
     column: int
-    unit: str
+    unit: str  # that of SI
 
 
 def all_channels(columns: Columns, scene: Mapping[str, Any]) -> dict[str, Channel]:
@@ -67,10 +66,9 @@ def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Ch
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
-    sensors = scene.get("sensors", {})
+    types = {name: str(spec.get("type", "")) for name, spec in scene.get("sensors", {}).items()}
     for i, name in enumerate(columns.channels):
-        sensor = sensors.get(name) or sensors.get(name.rpartition(".")[0]) or {}
-        yield Channel(name, "sensors", i, _UNITS.get(str(sensor.get("type", "")), ""))
+        yield Channel(name, "sensors", i, channel_unit(types, name) or "")
 
 
 def _reactions(found: tuple[Sides, ...]) -> Iterator[Channel]:

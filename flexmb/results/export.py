@@ -1,7 +1,7 @@
 """Channels as a table of text (CSV): one row per output time, units in the header.
 
 In: a result and names of channels. Out: a file as spreadsheets and other programs read it: commas,
-decimal points, every number with all its digits, ASCII only.
+decimal points, every number with all its digits, in the scene's units.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ def write_csv(result: Result, path: str | Path, names: Sequence[str], what: str)
         raise ResultFileError(f"{result.path}: has no channels of the kind {what}")
     if not len(result.time):
         raise ResultFileError(f"{result.path}: holds no output rows")
-    header = ["time [s]", *(_titled(name, result.unit(name)) for name in chosen)]
+    header = [_titled("time", result.units.label("s"))]
+    header += [_titled(name, result.unit(name)) for name in chosen]
     table = np.column_stack([result.time, *(result[name] for name in chosen)])
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

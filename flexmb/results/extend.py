@@ -29,7 +29,7 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
     path : Path
         The result.
     duration : float
-        s.
+        In the scene's units.
     outputs : int
         Output intervals from the start.
 

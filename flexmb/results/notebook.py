@@ -39,7 +39,7 @@ def _facts(result: Result) -> Iterator[tuple[str, str]]:
     known, t = result.statistics, result.time
     yield "status", result.status + (f": {result.message}" if result.message else "")
     if len(t):
-        yield "time", f"{t[0]:g} to {t[-1]:g} s, {len(t)} rows"
+        yield "time", f"{t[0]:g} to {t[-1]:g} {result.units.label('s')}, {len(t)} rows"
     if "steps" in known:
         whole = "integrate" in result.seconds and "resumed_at_s" not in known
         spent = f" in {result.seconds['integrate']:.3g} s" if whole else ""

@@ -34,7 +34,7 @@ def slerp(first: Array, second: Array, s: float) -> Array:
     return np.asarray(mixed / np.linalg.norm(mixed))
 
 
-def locate(times: Array, time: float, path: Path) -> tuple[int, float]:
+def locate(times: Array, time: float, path: Path, unit: str) -> tuple[int, float]:
     """Row before `time` and the share of the way to the next one.
 
     Raises
@@ -46,9 +46,8 @@ def locate(times: Array, time: float, path: Path) -> tuple[int, float]:
         raise ResultFileError(f"{path}: holds no output rows")
     slack = 1e-9 * max(abs(times[0]), abs(times[-1]))  # a time the user typed in decimals
     if not times[0] - slack <= time <= times[-1] + slack:
-        raise ResultFileError(
-            f"t = {time:g} s lies outside the run, which covers {times[0]:g} to {times[-1]:g} s"
-        )
+        span = f"{times[0]:g} to {times[-1]:g} {unit}"
+        raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
     i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
     if i == len(times) - 1:
         return i, 0.0

@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 
 
 class Reaction(NamedTuple):
-    """What a joint or driver does to a body, over time, in the joint's axes on that body."""
+    """What a joint or driver does to a body, over time, in the joint's axes there."""
 
-    force: Array  # (n, 3) on the marker [N]
-    moment: Array  # (n, 3) about the marker [N m]
+    force: Array  # (n, 3) on the marker
+    moment: Array  # (n, 3) about the marker
     on: str  # the marker, such as "rod.big_end"
     by: str  # the marker on the other side
 

@@ -1,7 +1,9 @@
 """A result, as its file holds it: times, channels, reactions, energies, poses, statistics.
 
 In: the path of a ``result.h5``, also of one that is still being written or was cut off by a kill.
-Out: arrays over time by name, SI units, read when asked for. The file is not held open.
+Out: arrays over time by name, read when asked for. Times, channels, reactions and energies are in
+the unit system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in the
+file. The file is not held open.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 class Pose(NamedTuple):
-    """Where a body is: p = r + A (s + Phi eta) for a point s of its undeformed frame."""
+    """Where a body is, in SI: p = r + A (s + Phi eta) for a point s of its undeformed frame."""
 
     r: Array  # (3,) origin of the body frame, global axes [m]
     A: Array  # (3, 3) direction cosines, body to global
@@ -59,6 +61,8 @@ class Result(Stored):
         The scene that was run.
     texts : dict
         Further texts, such as the scene file's own.
+    units : UnitSystem
+        The unit system of times, channels, reactions and energies: that of the scene.
     layout : Columns
         Names and offsets of bodies, rows, channels and energies.
     flexbodies : dict of str to Path
@@ -95,7 +99,7 @@ class Result(Stored):
         Returns
         -------
         Reaction
-            ``force`` (n, 3) [N] and ``moment`` (n, 3) [N m] on marker ``on``, exerted by ``by``.
+            ``force`` and ``moment``, (n, 3) in the scene's units, on marker ``on``, by ``by``.
 
         Raises
         ------
@@ -104,9 +108,10 @@ class Result(Stored):
         """
         number, side, pair = find_side(sides(self.layout, self.model), name, on)
         at = 12 * number + (0 if side == "J" else 6)
-        table = self._table("reactions")[:, at : at + 6]
+        table = self.table("reactions")[:, at : at + 6]
         there = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
-        return Reaction(table[:, :3], table[:, 3:], *there)
+        force, moment = self.told(table[:, :3], "N"), self.told(table[:, 3:], "N m")
+        return Reaction(force, moment, *there)
 
     def channels(self, what: str = "sensors") -> tuple[str, ...]:
         """Names that ``result[name]`` knows.
@@ -126,7 +131,7 @@ class Result(Stored):
         return tuple(channel.name for channel in channels(self.layout, self.model, what))
 
     def __getitem__(self, channel: str) -> Array:
-        """A channel over time (n,), SI, such as ``result["slider.x"]``; see `channels`.
+        """A channel over time (n,) in the scene's units: ``result["slider.x"]``; see `channels`.
 
         Raises
         ------
@@ -136,21 +141,21 @@ class Result(Stored):
         found = self._channel(channel)
         if found.table == "balance":
             return self.balance
-        return self._table(found.table)[:, found.column]
+        return self.told(self.table(found.table)[:, found.column], found.unit)
 
     def __contains__(self, channel: object) -> bool:
         """Whether there is a channel of that name."""
         return channel in self._known()
 
     def unit(self, channel: str) -> str:
-        """The unit of a channel, such as m, m/s, m/s², rad, N or J; empty for none.
+        """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
 
         Raises
         ------
         ResultFileError
             No such channel.
         """
-        return self._channel(channel).unit
+        return self.units.label(self._channel(channel).unit, raised=True)
 
     def pose(self, body: str, time: float) -> Pose:
         """Where a body is at a time, interpolated between the rows.
@@ -160,7 +165,7 @@ class Result(Stored):
         body : str
             Name of the body.
         time : float
-            Between the first and the last output time [s].
+            Between the first and the last output time, in the scene's units.
 
         Returns
         -------
@@ -173,7 +178,7 @@ class Result(Stored):
             No such body, or a time outside the run.
         """
         columns = self.layout.body(body)
-        i, s = locate(self.time, time, self.path)
+        i, s = locate(self.time, time, self.path, self.units.label("s"))
         rows = self.q[[i, min(i + 1, len(self.time) - 1)], columns.iq :]
         mixed = (1.0 - s) * rows[0] + s * rows[1]
         A = rotation_matrix(slerp(rows[0, 3:7], rows[1, 3:7], s))
@@ -250,7 +255,7 @@ class Result(Stored):
 
     def __repr__(self) -> str:
         t = self.time
-        span = f"{t[0]:g}..{t[-1]:g} s" if len(t) else "no rows"
+        span = f"{t[0]:g}..{t[-1]:g} {self.units.label('s')}" if len(t) else "no rows"
         return f'<Result "{self.title}" {self.status}: {self._contents.rows} rows, {span}>'
 
     def _repr_html_(self) -> str:

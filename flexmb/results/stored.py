@@ -1,6 +1,6 @@
 """What a result file holds, as it holds it: facts of the run, and tables over time.
 
-In: the path of a file. Out: properties, read when asked for; arrays that cannot be changed, SI.
+In: the path of a file. Out: properties, read when asked for; arrays that cannot be changed.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flexmb.results.layout import Columns
 from flexmb.results.read import read_contents, read_state, read_table
 from flexmb.results.scratch import scratch_of
+from flexmb.units import UnitSystem, unit_system
 
 __all__ = ["Stored"]
 
@@ -74,6 +75,11 @@ class Stored:
         return self._contents.scene
 
     @property
+    def units(self) -> UnitSystem:
+        """The unit system of the scene, in which times, channels and energies are."""
+        return unit_system(str(self.model.get("units", "SI")))
+
+    @property
     def title(self) -> str:
         """The title of the scene."""
         return str(self.model.get("title", ""))
@@ -96,42 +102,42 @@ class Stored:
 
     @property
     def time(self) -> Array:
-        """Output times (n,) [s]."""
-        return self._table("time")
+        """Output times (n,) in the scene's units."""
+        return self.told(self.table("time"), "s")
 
     @property
     def q(self) -> Array:
-        """Positions (n, nq): per body r, p, eta."""
-        return self._table("q")
+        """Positions (n, nq), SI: per body r, p, eta."""
+        return self.table("q")
 
     @property
     def v(self) -> Array:
-        """Velocities (n, nv): per body r_dot (global axes), w (body axes), eta_dot."""
-        return self._table("v")
+        """Velocities (n, nv), SI: per body r_dot (global axes), w (body axes), eta_dot."""
+        return self.table("v")
 
     @property
     def vd(self) -> Array:
-        """Accelerations (n, nv): the time derivative of `v`."""
-        return self._table("vd")
+        """Accelerations (n, nv), SI: the time derivative of `v`."""
+        return self.table("vd")
 
     @property
     def lam(self) -> Array:
         """Constraint multipliers (n, nc) [N or N m], columns named by ``layout.rows``."""
-        return self._table("lam")
+        return self.table("lam")
 
     @property
     def energy(self) -> dict[str, Array]:
-        """Energies and works by name, each (n,) [J].
+        """Energies and works by name, each (n,) in the scene's units.
 
         Stored: kinetic, strain, gravity, spring. Done since the start: driver_work, damper_work,
         applied_work.
         """
-        table = self._table("energy")
+        table = self.told(self.table("energy"), "J")
         return {name: table[:, i] for i, name in enumerate(self.layout.energies)}
 
     @property
     def balance(self) -> Array:
-        """Energy stored less work done, less its first value (n,) [J]: 0 but for errors."""
+        """Energy stored less work done, less its first value (n,): 0 but for errors."""
         if "balance" not in self._tables:
             total = np.zeros(len(self.time))
             for name, values in self.energy.items():
@@ -143,7 +149,7 @@ class Stored:
     @property
     def drift(self) -> Array:
         """Largest violation of the constraints (n, 2): at position level, at velocity level."""
-        return self._table("drift")
+        return self.table("drift")
 
     def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
         """The newest whole state of the integrator, and how many rows were written before it.
@@ -161,7 +167,14 @@ class Stored:
         """Let go of the arrays read so far; the file itself is never held open."""
         self._tables.clear()
 
-    def _table(self, name: str) -> Array:
+    def told(self, values: Array, unit: str) -> Array:
+        """SI values in the scene's units, read-only like the table they are from."""
+        told: Array = self.units.outward(values, unit) if unit else values
+        told.flags.writeable = False
+        return told
+
+    def table(self, name: str) -> Array:
+        """A table as the file holds it, SI; names as in `schema`."""
         if name not in self._tables:
             contents = self._contents
             table = read_table(self.path, contents.run, name, contents.rows)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from flexmb.engine.work import State
     from flexmb.flexbody import FlexBody
     from flexmb.results import Result
+    from flexmb.units import UnitSystem
 
 __all__ = ["Beginning", "beginning"]
 
@@ -40,7 +41,7 @@ class Beginning:
     matched: tuple[BodyColumns, ...]
     notes: tuple[str, ...]
 
-    def changes(self, compiled: Compiled, state: State) -> list[str]:
+    def changes(self, compiled: Compiled, state: State, units: UnitSystem) -> list[str]:
         """What the first state had to change of what was taken over, a sentence for each body."""
         speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
         sentences = []
@@ -48,12 +49,13 @@ class Beginning:
             q, p = self.begin.q[body.iq :], state.q[body.iq :]
             moved = float(np.linalg.norm(p[:3] - q[:3]))
             turned = 2.0 * float(np.arccos(min(abs(float(p[3:7] @ q[3:7])), 1.0)))
-            at = slice(body.iv, body.iv + 6)
-            faster = float(np.abs(state.v[at] - self.begin.v[at]).max())
+            change = np.abs(state.v - self.begin.v)[body.iv :]
+            faster, spun = float(change[:3].max()), float(change[3:6].max())
             parts = (
-                (moved > _MOVED * compiled.length, f"moved by {moved:.3g} m"),
+                (moved > _MOVED * compiled.length, f"moved by {units.say(moved, 'm', 3)}"),
                 (turned > _TURNED, f"turned by {turned:.3g} rad"),
-                (faster > _MOVED * speed, f"velocities by up to {faster:.3g} m/s or rad/s"),
+                (faster > _MOVED * speed, f"velocity by up to {units.say(faster, 'm/s', 3)}"),
+                (spun > _MOVED * speed, f"angular velocity by up to {units.say(spun, 'rad/s', 3)}"),
             )
             found = ", ".join(text for told, text in parts if told)
             if found:
@@ -126,7 +128,8 @@ def _told(other: Result, matched: tuple[BodyColumns, ...], compiled: Compiled) -
     names = {body.name for body in matched}
     left = [body.name for body in compiled.layout.bodies if body.name not in names]
     gone = [body.name for body in other.layout.bodies if body.name not in names]
-    text = f"begins at t = 0 as {other.path} ended at t = {other.time[-1]:g} s: "
+    unit = other.units.label("s")
+    text = f"begins at t = 0 as {other.path} ended at t = {other.time[-1]:g} {unit}: "
     text += ", ".join(body.name for body in matched)
     if left:
         text += f"; as placed in the scene: {', '.join(left)}"

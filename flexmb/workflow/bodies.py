@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
 
+_PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
+_DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -74,8 +76,9 @@ def flexible_bodies(
     notes: list[str] = []
     errors: list[tuple[str, FlexmbError]] = []
 
+    names = _file_names(model.bodies)
     for name, spec in model.bodies.items():
-        file = folder / f"{name}.flexbody.h5"
+        file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
                 bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
@@ -91,6 +94,23 @@ def flexible_bodies(
         told = [problem for name, error in errors for problem in _under(name, error.problems)]
         raise type(errors[0][1]).from_problems(told)
     return bodies, files, notes
+
+
+def _file_names(bodies: Iterable[str]) -> dict[str, str]:
+    """A file name for each body, apart from the others and allowed on every system.
+
+    Windows and macOS take "Rod" and "rod" for the same file, and Windows keeps some names to
+    itself, whatever their ending.
+    """
+    names: dict[str, str] = {}
+    taken = set(_DEVICES)
+    for body in bodies:
+        stem = body
+        while stem.casefold() in taken:
+            stem += "_"
+        taken.add(stem.casefold())
+        names[body] = f"{stem}.flexbody.h5"
+    return names
 
 
 def body_problems(model: Model) -> list[Problem]:

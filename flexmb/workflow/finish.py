@@ -81,13 +81,13 @@ def _checks(model: Model, run: Result) -> list[CheckOutcome]:
     """
     outcomes = []
     for check in model.checks:
-        reached = len(run.time) and check.time <= run.time[-1] * (1 + 1e-9) + 1e-12
+        unit = model.channel_unit(check.sensor) or ""
+        expected = model.units.written(check.value, unit)
+        tolerance = model.units.written(check.tolerance, unit)
+        time = model.units.written(check.time, "s")
+        reached = len(run.time) and time <= run.time[-1] * (1 + 1e-9) + 1e-12
         if not reached and run.status == "stopped":
             continue
-        value = np.interp(check.time, run.time, run[check.sensor]) if reached else math.nan
-        outcomes.append(
-            CheckOutcome(
-                check.sensor, check.time, float(value), check.value, check.tolerance, check.source
-            )
-        )
+        value = float(np.interp(time, run.time, run[check.sensor])) if reached else math.nan
+        outcomes.append(CheckOutcome(check.sensor, time, value, expected, tolerance, check.source))
     return outcomes

@@ -53,8 +53,8 @@ def resume(
     result : Result or path
         The result, its file or the folder it is in.
     duration : float, optional
-        A new duration of the run as a whole [s], a whole number of its output intervals; also a
-        finished run goes on then.
+        A new duration of the run as a whole in the scene's units, a whole number of its output
+        intervals; also a finished run goes on then.
     as_begun : bool
         Go on even if the scene file has changed since; the change has no effect.
     progress : Progress
@@ -100,7 +100,8 @@ def resume_run(
     notes = _check_system(run, compiled)
     prepared = prepare_rest(compiled, model, run, progress=progress)
     if duration is not None and model.dynamics is not None:
-        extend_file(run.path, model.dynamics.duration, model.dynamics.outputs)
+        spec = model.dynamics
+        extend_file(run.path, model.units.written(spec.duration, "s"), spec.outputs)
     with ResultWriter.reopen(run.path) as writer:
         if writer.rows_written != prepared.rows_before:
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
@@ -135,22 +136,25 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
         raise ResultFileError(
             f"{run.path}: its scene has no [dynamics]; there is nothing to resume"
         )
+    units = model.units
+    whole = units.say(spec.duration, "s")
     if duration is None:
         if run.status == "finished":
             raise ResultFileError(
-                f"{run.path}: is finished at t = {spec.duration:g} s, nothing is left to do; for a "
-                "longer run give a new duration of the whole (--duration)"
+                f"{run.path}: is finished at t = {whole}, nothing is left to do; for a longer run "
+                "give a new duration of the whole (--duration)"
             )
         return
-    interval = spec.duration / spec.outputs
-    outputs = round(duration / interval) if math.isfinite(duration) else 0
+    interval, asked = spec.duration / spec.outputs, duration * units.scale("s")
+    outputs = round(asked / interval) if math.isfinite(asked) else 0
     what = ""
-    if outputs < 1 or abs(duration / interval - outputs) > _WHOLE * outputs:
-        what = f"must be a whole number of output intervals of {interval:.9g} s, is {duration:g} s"
-    elif duration < spec.duration * (1.0 - _WHOLE):
-        what = f"must not be shorter than it was, {spec.duration:g} s, is {duration:g} s"
+    if outputs < 1 or abs(asked / interval - outputs) > _WHOLE * outputs:
+        given, step = units.say(asked, "s"), units.say(interval, "s", 9)
+        what = f"must be a whole number of output intervals of {step}, is {given}"
+    elif outputs < spec.outputs:
+        what = f"must not be shorter than it was, {whole}, is {units.say(asked, 's')}"
     elif run.status == "finished" and outputs == spec.outputs:
-        what = f"is {spec.duration:g} s already, and the run is finished"
+        what = f"is {whole} already, and the run is finished"
     if what:
         raise SceneError.from_problems([Problem("duration", what)])
     model.dynamics = spec.model_copy(update={"duration": outputs * interval, "outputs": outputs})

@@ -103,7 +103,7 @@ def run_model(
         compiled, model, begin=other.begin if other is not None else None, progress=progress
     )
     if other is not None:
-        notes += [*other.notes, *other.changes(compiled, prepared.run.state)]
+        notes += [*other.notes, *other.changes(compiled, prepared.run.state, model.units)]
     names = {name: file.name for name, file in files.items()}
     texts = {"scene": model.source.text} if model.source is not None else {}
     texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
@@ -143,7 +143,7 @@ def simulate(
     progress : Progress
         Told every phase.
     **dynamics
-        Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`.
+        Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`, in the model's units.
 
     Raises
     ------
@@ -154,7 +154,8 @@ def simulate(
     from flexmb.results.scratch import Scratch
 
     if dynamics:
-        given = {} if model.dynamics is None else model.dynamics.model_dump()
+        spec = model.dynamics
+        given = {} if spec is None else spec.model_dump(context=model.terms)
         model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
     scratch = None if output is not None else Scratch()
@@ -165,8 +166,9 @@ def simulate(
         if scratch is not None:
             scratch.keep_until_the_end()
         raise
+    unit = model.units.label("s")
     failed = [
-        f"check of {c.sensor} at {c.time:g} s failed: {c.value:.12g}, not {c.expected:.12g} "
+        f"check of {c.sensor} at {c.time:g} {unit} failed: {c.value:.12g}, not {c.expected:.12g} "
         f"within {c.tolerance:g} ({c.source})"
         for c in report.checks
         if not c.passed

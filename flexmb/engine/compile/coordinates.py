@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.forces import JointSpringSpec
-from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.model import Model
 
-__all__ = ["Scalar", "coordinate_of", "coordinate_table", "joint_springs", "scalars"]
+__all__ = ["Scalar", "coordinate_table", "joint_springs", "scalars"]
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,6 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
     return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
-def coordinate_of(model: Model, spec: JointSpringSpec) -> str:
-    """``"angle"`` or ``"stroke"``: which coordinate of its joint a spring acts on."""
-    return spec.coordinate or JOINT_TYPES[model.joints[spec.joint].type].coordinates[0]
-
-
 def scalars(model: Model, functions: Functions) -> list[Scalar]:
     """The scalar coordinates of a model."""
     return [
@@ -52,7 +46,7 @@ def scalars(model: Model, functions: Functions) -> list[Scalar]:
             stiffness=spec.stiffness,
             free=spec.free,
             function=-1 if spec.value is None else functions.add(spec.value.expression),
-            angular=coordinate_of(model, spec) == "angle",
+            angular=spec.coordinate == "angle",
         )
         for name, spec in joint_springs(model).items()
     ]

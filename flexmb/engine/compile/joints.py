@@ -73,7 +73,7 @@ def joint_groups(
         fun = functions.add(driver.function.expression)
         groups.add(f"drivers.{name}", markers, *ends[driver.joint], [(kind, a, b, fun, -1)])
     for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
-        kind, a, b = DRIVER_ROWS[coordinates.coordinate_of(model, force)]
+        kind, a, b = DRIVER_ROWS[force.coordinate]
         groups.add(f"forces.{name}", markers, *ends[force.joint], [(kind, a, b, -1, k)])
     return groups
 

@@ -25,12 +25,13 @@ from flexmb.model.model import Model
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, the placed pose and the size of the model [m]."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
+    flexbodies: Mapping[str, FlexBody]
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -104,7 +105,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         fingerprint=fingerprint(system),
     )
     placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length)
+    return Compiled(system, layout, placed, length, known)
 
 
 def fingerprint(system: System) -> str:

@@ -76,7 +76,7 @@ def test_a_longer_duration_is_kept_beside_the_scene(tmp_path: Path) -> None:
     result = Result(out.path)
     assert result.extended
     for name in ("q", "sensors", "time"):
-        np.testing.assert_array_equal(result._table(name), before._table(name))  # the same run
+        np.testing.assert_array_equal(result.table(name), before.table(name))  # the same run
     assert (result.texts, result.statistics) == (texts, {"steps": 1})
     assert result.flexbodies == before.flexbodies
     assert result.last_state()[1]["step"] == 1

@@ -213,7 +213,7 @@ def test_what_gives_way_to_the_joints_is_told() -> None:
     texts = " | ".join(str(entry.message) for entry in told)
     assert "as placed in the scene: lid" in texts
     assert "bodies.box: joints and drivers at t = 0 change its start: moved by 0.2 m" in texts
-    assert "velocities by up to 1 m/s" in texts
+    assert "velocity by up to 1 m/s" in texts
     assert np.abs(second.q[0, :3]).max() < 1e-12
 
 
