@@ -112,3 +112,26 @@ def test_a_turning_bar_by_hand_in_the_axes_of_each_side() -> None:
     power = np.trapezoid(4 * 30 * np.cos(np.linspace(0, 2, 10001)), dx=0.5 / 10000)
     np.testing.assert_allclose(result.energy["driver_work"][-1], power, rtol=1e-5)
     assert np.abs(result.balance).max() < 1e-4
+
+
+def test_reactions_tables_and_durations_are_in_the_scenes_units(tmp_path: Path) -> None:
+    """The held bar in mm, kg and ms: 20 N are 0.02 kN, 30 N m are 30 kN mm, 0.5 s are 500."""
+    model = flexmb.Model("bar", units="mm-kg-ms", gravity=[0, -0.01, 0])
+    model.add_body("bar", mass=2, center=[1500, 0, 0], inertia=[1e5, 1.5e6, 1.5e6])
+    model.add_joint("bearing", "revolute", between=["ground", "bar"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=0.0)
+    model.add_sensor("bar", "position", of="bar.center")
+    model.set_dynamics(duration=500, step=1, outputs=5)
+    result = flexmb.simulate(model, output=tmp_path)
+    force, moment = result.reaction("bearing", on="bar")[:2]
+    np.testing.assert_allclose(force, [[0, 0.02, 0]] * 6, atol=1e-12)
+    np.testing.assert_allclose(result["motor.bar.moment.z"], 30, atol=1e-9)
+    assert result.unit("motor.bar.moment.z") == "kN mm"
+    assert result.unit("bar.r.x") == "mm"
+    header = result.to_csv(tmp_path / "x.csv", ["bearing.bar.force.y"]).read_text().splitlines()[0]
+    assert header == "time [ms],bearing.bar.force.y [kN]"
+    done = flexmb.resume(result, duration=600)
+    np.testing.assert_allclose(done.time, np.arange(0, 601, 100))
+    assert "0 to 600 ms" in done._repr_html_()
+    with pytest.raises(flexmb.FlexmbError, match="output intervals of 100 ms, is 650 ms"):
+        flexmb.resume(result, duration=650)
