@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.rank import constraint_rank
+from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -135,7 +135,7 @@ def prepare(
     first = assemble(compiled, model, start=spec.start, begin=begin)
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
-    settings = loop_settings(compiled, spec, grid, rank == compiled.layout.nv)
+    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
     notes = list(first.notes)

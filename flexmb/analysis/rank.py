@@ -35,12 +35,18 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
     return Cq
 
 
+def n_free(compiled: Compiled) -> int:
+    """Velocity coordinates that may move: all, or those in the plane."""
+    return int(np.sum(compiled.system.kkt.column >= 0))
+
+
 def constraint_rank(compiled: Compiled, work: Work) -> int | None:
     """Rank of Cq at the first state; None for a model too large for a dense decomposition."""
-    nc, nv = compiled.layout.nc, compiled.layout.nv
+    nc, nv = compiled.layout.nc, n_free(compiled)
     if nv > _LARGEST:
         return None
     if nc == 0:
         return 0
-    values = np.linalg.svd(dense_jacobian(compiled, work), compute_uv=False)
+    Cq = dense_jacobian(compiled, work)[:, compiled.system.kkt.column >= 0]
+    values = np.linalg.svd(Cq, compute_uv=False)
     return int(np.sum(values > _RANK * values[0]))

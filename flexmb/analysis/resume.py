@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.dynamics import Prepared, chosen_method, loop_settings, time_grid
-from flexmb.analysis.rank import constraint_rank
+from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import ACCELERATIONS, solve_level
@@ -81,4 +81,4 @@ def _determined(compiled: Compiled, state: State, result: Result, rows: int) -> 
     first.v[:] = result.v[0] if rows else state.v
     work = new_work(compiled.system)
     solve_level(compiled.system, first, work, ACCELERATIONS)
-    return constraint_rank(compiled, work) == compiled.layout.nv
+    return constraint_rank(compiled, work) == n_free(compiled)

@@ -19,7 +19,7 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly import FEMatrices
 from flexmb.fe.reflection import antisymmetric, reflection
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.flexbody.planar import PLANES
+from flexmb.flexbody.planes import PLANES
 
 __all__ = ["Mirror", "make_mirror", "symmetric_modes"]
 

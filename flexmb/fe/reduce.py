@@ -35,7 +35,8 @@ from flexmb.fe.recovery import node_modes, surface
 from flexmb.fe.section import Section, section_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
-from flexmb.flexbody.planar import PLANES, check_shares, flattened
+from flexmb.flexbody.planar import check_shares, flattened
+from flexmb.flexbody.planes import PLANES
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 

@@ -21,15 +21,9 @@ from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mirror import mirrored
 from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.planes import PLANES
 
-__all__ = ["LARGEST_SHARE", "PLANES", "flattened", "out_of_plane", "plane_name", "planar_body"]
-
-PLANES: dict[str, tuple[float, float, float]] = {
-    "xy": (0.0, 0.0, 1.0),
-    "yz": (1.0, 0.0, 0.0),
-    "zx": (0.0, 1.0, 0.0),
-}
-"""Coordinate planes of a frame and their normals."""
+__all__ = ["LARGEST_SHARE", "flattened", "out_of_plane", "plane_name", "planar_body"]
 
 LARGEST_SHARE = 0.01  # of the energy of a mode, or of the motion of an interface
 _HALF = 0.5  # a mode with less than half out of the plane is meant to be one in it

@@ -19,6 +19,7 @@ from flexmb.model.head import read_gravity, read_units
 from flexmb.model.markers import GroundSpec
 from flexmb.model.names import bad_name
 from flexmb.model.parameters import resolve
+from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, given, read_entry, under, unknown_key
 from flexmb.model.view import ViewSpec
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["TOP_KEYS", "build"]
 
 TOP_KEYS = (
-    "title", "units", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics", "view"
+    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics",
+    "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -83,6 +85,8 @@ class _Builder:
         # A wrong parameter is reported once, not again wherever it is used.
         known = {**dict.fromkeys(map(str, parameters), 1.0), **values}
         self.names = Terms(known, self.model.units)
+        self.model.plane, problems = read_plane(self.scene.get("plane"))
+        self.problems += problems
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
         self.problems += problems
 

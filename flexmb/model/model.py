@@ -27,6 +27,7 @@ from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
+from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, read_entry, under
 from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
@@ -61,6 +62,8 @@ class Model:
         Numbers or expressions that all other numbers may use by name.
     gravity : three numbers or str, optional
         Acceleration of gravity, global axes, or ``"earth -z"``; none by default.
+    plane : {"xy", "yz", "zx"}, optional
+        Everything moves in this global plane; in space by default.
     folder : path, optional
         What relative paths of meshes are relative to; the current folder by default.
     """
@@ -72,6 +75,7 @@ class Model:
         units: str | UnitSystem = "SI",
         parameters: Mapping[str, Any] | None = None,
         gravity: Any = None,
+        plane: str | None = None,
         folder: str | Path = ".",
     ) -> None:
         self.title = title
@@ -82,6 +86,8 @@ class Model:
         _raise(problems)
         self.gravity: tuple[float, float, float] | None = None
         self.set_gravity(gravity)
+        self.plane, problems = read_plane(plane)
+        _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[str, JointSpec] = {}

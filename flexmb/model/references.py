@@ -18,6 +18,7 @@ from flexmb.model.carriers import body_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.names import GROUND, split_reference
+from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.sensors import AngleSensorSpec
 
@@ -33,7 +34,10 @@ def problems(
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
     parts = (body_problems, _joints, _drivers, _forces, _sensors, _channels, _times)
-    return [problem for part in parts for problem in part(scope)]
+    found = [problem for part in parts for problem in part(scope)]
+    if not found:  # what is in the plane is known of entries that hold together
+        found += planar_problems(model, flexbodies)
+    return found
 
 
 def _joints(scope: Scope) -> Iterator[Problem]:

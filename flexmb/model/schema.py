@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from flexmb.flexbody.planes import PLANES
 from flexmb.model.bodies import FlexbodySpec, MeshBodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.flexible import UnitsName
 from flexmb.model.forces import FORCE_TYPES
-from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, reference
+from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, form_of, reference
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec
 from flexmb.model.reading import Spec
@@ -47,6 +49,8 @@ def _top() -> dict[str, Form]:
     """The keys at the top level."""
     return {
         "title": {"type": "string"},
+        "units": form_of(UnitsName),
+        "plane": {"enum": list(PLANES)},
         "gravity": {"anyOf": [{"enum": ["none"]}, VECTOR], "description": "m/s^2, global axes"},
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),

@@ -29,6 +29,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
     scene: dict[str, Any] = {
         "title": model.title,
         "units": model.units.name,
+        "plane": model.plane,
         "gravity": _gravity(model),
         "parameters": dict(model.given_parameters),
         "ground": _plain(model.ground, model.terms),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from flexmb.engine.layout import BodyColumns
     from flexmb.engine.work import State
     from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
     from flexmb.results import Result
     from flexmb.units import UnitSystem
 
@@ -65,14 +66,14 @@ class Beginning:
 
 
 def beginning(
-    compiled: Compiled, bodies: Mapping[str, FlexBody], given: Result | str | Path
+    model: Model, compiled: Compiled, bodies: Mapping[str, FlexBody], given: Result | str | Path
 ) -> Beginning:
     """Match the bodies of a model with those of a result by name.
 
     Parameters
     ----------
-    compiled : Compiled
-        The compiled model.
+    model, compiled : Model, Compiled
+        The model, and what was compiled of it.
     bodies : mapping of str to FlexBody
         Its flexible bodies.
     given : Result or path
@@ -81,7 +82,8 @@ def beginning(
     Raises
     ------
     ResultFileError
-        The result cannot be read, holds no rows, or has no body of a name of this model.
+        The result cannot be read, holds no rows, has no body of a name of this model, or is not
+        in the plane of a planar model.
     """
     from flexmb.analysis.assembly import Begin
     from flexmb.results import Result
@@ -89,6 +91,9 @@ def beginning(
     other = given if isinstance(given, Result) else Result(given)
     if not len(other.time):
         raise ResultFileError(f"{other.path}: holds no output rows to begin from")
+    if model.plane not in (None, other.model.get("plane")):
+        what = f"is no run in the plane {model.plane}, in which this scene moves"
+        raise ResultFileError(f"{other.path}: {what}")
     theirs = {body.name: body for body in other.layout.bodies}
     matched = tuple(body for body in compiled.layout.bodies if body.name in theirs)
     if not matched:

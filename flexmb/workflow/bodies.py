@@ -24,6 +24,7 @@ from flexmb.progress import Progress, silent
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
+    from flexmb.model.bodies import FlexbodySpec
 
 __all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
 
@@ -83,7 +84,7 @@ def flexible_bodies(
             if isinstance(spec, MeshBodySpec):
                 bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
             elif isinstance(spec, FlexbodySpec):
-                bodies[name] = _held(model, spec.flexbody)
+                bodies[name] = _held(model, spec)
                 save(bodies[name], file)
             else:
                 continue
@@ -125,17 +126,22 @@ def body_problems(model: Model) -> list[Problem]:
             found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
         elif isinstance(spec, FlexbodySpec):
             try:
-                _held(model, spec.flexbody)
-            except BodyFileError as error:
+                _held(model, spec)
+            except (BodyFileError, ReductionError) as error:
                 found = list(error.problems)
         problems += _under(name, found)
     return problems
 
 
-def _held(model: Model, held: str | FlexBody) -> FlexBody:
+def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
+    """A body given by its file or as an object; with its modes in the plane of a planar scene."""
     from flexmb.flexbody import load
+    from flexmb.flexbody.planar import planar_body
+    from flexmb.model.plane import normal_in_body
 
-    return load(model.path(held)) if isinstance(held, str) else held
+    held = spec.flexbody
+    body = load(model.path(held)) if isinstance(held, str) else held
+    return body if model.plane is None else planar_body(body, normal_in_body(spec, model.plane))
 
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
@@ -160,8 +166,10 @@ def _reduced(
     """The body of a mesh, reused if its file was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load, save
+    from flexmb.model.plane import plane_in_body
 
     options = {
+        "plane": None if model.plane is None else plane_in_body(spec, model.plane),
         "units": spec.units,
         "material": spec.material,
         "interfaces": dict(spec.interfaces),

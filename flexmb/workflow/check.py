@@ -56,6 +56,10 @@ def _notes(model: Model, counts: Counts) -> list[str]:
     if model.gravity is not None:
         gravity = [model.units.outward(g, "m/s^2") for g in model.gravity]
     notes = [gravity_in_words(gravity, model.units)]
+    if model.plane is not None:
+        notes.append(
+            f"everything moves in the plane {model.plane}: three coordinates for each body"
+        )
     if model.units is not SI:
         notes.append(f"units: {model.units.name}, for all numbers in and out")
     if counts.flexible_bodies:

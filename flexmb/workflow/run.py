@@ -98,7 +98,7 @@ def run_model(
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
-    other = beginning(compiled, bodies, start_from) if start_from is not None else None
+    other = beginning(model, compiled, bodies, start_from) if start_from is not None else None
     prepared = prepare(
         compiled, model, begin=other.begin if other is not None else None, progress=progress
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from flexmb.engine.compile import coordinates
 from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import ANGLE, DOT1, DOT2, POINT
 from flexmb.flexbody import FlexBody
@@ -65,15 +66,19 @@ def joint_groups(
     ends: dict[str, tuple[int, int]] = {}
     for name, joint in model.joints.items():
         I, J = lookup.frames(model, joint.between, joint.axis, flexbodies)  # noqa: E741
+        kept = JOINT_ROWS[joint.type]
+        if model.plane is not None:
+            I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         ends[name] = markers.add(I), markers.add(J)
-        rows = [(kind, a, b, -1, -1) for kind, a, b in JOINT_ROWS[joint.type]]
+        rows = [(kind, a, b, -1, -1) for kind, a, b in kept]
         groups.add(f"joints.{name}", markers, *ends[name], rows)
+    driven = DRIVER_ROWS if model.plane is None else {**DRIVER_ROWS, "stroke": STROKE}
     for name, driver in model.drivers.items():
-        kind, a, b = DRIVER_ROWS[driver.coordinate]
+        kind, a, b = driven[driver.coordinate]
         fun = functions.add(driver.function.expression)
         groups.add(f"drivers.{name}", markers, *ends[driver.joint], [(kind, a, b, fun, -1)])
     for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
-        kind, a, b = DRIVER_ROWS[force.coordinate]
+        kind, a, b = driven[force.coordinate]
         groups.add(f"forces.{name}", markers, *ends[force.joint], [(kind, a, b, -1, k)])
     return groups
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints
 from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
@@ -19,8 +20,10 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, Parts, System
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
 from flexmb.model.model import Model
+from flexmb.model.plane import normal_in_body
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         held = lookup.flexbody_of(model, name, known)
         if held is not None:
             known[name] = held
+    if model.plane is not None:
+        known = {
+            name: planar_body(body, normal_in_body(model.bodies[name], model.plane))
+            for name, body in known.items()
+        }
     model.validate(known)
     if not model.bodies:
         raise SceneError("the model has no bodies")
@@ -71,7 +79,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     scalar_table = coordinates.coordinate_table(scalars, nq, nv, n_functions)
     rows = joints.row_table(groups, sizes, n_functions)
-    symbolic = analyse(_blocks(table, groups, scalars, springs, markers))
+    columns = _columns(model, table)
+    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers))
     group_table = _place(table, groups, springs, markers, symbolic)
     _place_coordinates(rows, group_table, scalar_table, len(table), symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
@@ -130,17 +139,25 @@ def _refuse_loops(groups: joints.Groups) -> None:
         )
 
 
-def _blocks(table, groups, scalars, springs, markers) -> Blocks:
+def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
+    """Columns of the bodies in their panels, modes first; −1 out of the plane of a planar model."""
+    numbers = [int(m) for m in table["m"]]
+    if model.plane is None:
+        return [[*range(m, m + 6), *range(m)] for m in numbers]
+    plane, specs = model.plane, model.bodies.values()
+    return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
+
+
+def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
     pairs = joints.couples(groups)
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [
-        tuple(len(table) + r[-1] for r in groups.rows[row : row + n] if r[-1] >= 0)
+        tuple(len(bodies) + r[-1] for r in groups.rows[row : row + n] if r[-1] >= 0)
         for row, n, _, _ in groups.groups
     ]
-    modes_first = [[*range(m, m + 6), *range(m)] for m in map(int, table["m"])]
     return Blocks(
-        columns=modes_first + [[0] for _ in scalars],
+        columns=bodies + [[0]] * n_scalars,
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=follows,

@@ -11,7 +11,7 @@ from femeshes import block, line, mirrored_block
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
 from flexmb.fe.reflection import antisymmetric, reflection
-from flexmb.flexbody.planar import PLANES
+from flexmb.flexbody.planes import PLANES
 
 STEEL = resolve("steel")
 ENDS = {"left": "x0", "right": "x1"}

@@ -257,3 +257,28 @@ def test_a_mistake_leaves_no_folder_behind() -> None:
     del caught
     gc.collect()
     assert made and not any(folder.exists() for folder in made)
+
+
+def planar_arm() -> Model:
+    model = flexmb.Model("arm", plane="xy")
+    model.add_body("arm", mass=1.0, center=[0.3, 0, 0], inertia=[1.0, 1.0, 1.0])
+    model.add_joint("bearing", "revolute", between=["ground", "arm"], axis="z")
+    model.add_driver("motor", joint="bearing", angle="3*t**2")
+    model.add_sensor("arm", "position", of="arm.center")
+    model.set_dynamics(duration=1.0, step=1e-3, outputs=20)
+    return model
+
+
+def test_planar_runs_go_on_and_begin_from_planar_ones_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = flexmb.simulate(planar_arm(), output=tmp_path / "whole")
+    monkeypatch.setattr(module, "_CHUNK_WORK", 6 * 170)
+    part = flexmb.simulate(planar_arm(), output=tmp_path / "part", progress=Interrupt(3))
+    assert part.status == "stopped"
+    monkeypatch.undo()
+    done = flexmb.resume(part)
+    np.testing.assert_allclose(done.q, whole.q, atol=1e-12)  # chunks of another length
+    assert flexmb.simulate(planar_arm(), start_from=whole).status == "finished"
+    with pytest.raises(ResultFileError, match="is no run in the plane xy"):
+        flexmb.simulate(planar_arm(), start_from=flexmb.simulate(free_box()))
