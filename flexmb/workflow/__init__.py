@@ -7,6 +7,7 @@ from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
+from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import run_model, run_scene, simulate
 from flexmb.workflow.templates import new_scene, templates
 from flexmb.workflow.warmup import Warmed, warmup
@@ -23,6 +24,8 @@ __all__ = [
     "listing",
     "new_scene",
     "reduce_mesh",
+    "resume",
+    "resume_run",
     "run_model",
     "run_scene",
     "simulate",
