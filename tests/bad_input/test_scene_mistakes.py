@@ -165,7 +165,7 @@ ONE_LINE = [
     ),
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
-        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, gravity, '
+        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
         "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
         id="unknown section",
     ),

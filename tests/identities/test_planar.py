@@ -15,7 +15,7 @@ from flexmb.model.counts import count
 
 STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7800.0}
 # turns x, y, z into the axes of each plane: in it twice, and its normal
-TURNS = {"xy": np.eye(3), "yz": np.roll(np.eye(3), 1, axis=0), "zx": np.roll(np.eye(3), 2, axis=0)}
+TURNS = {plane: np.roll(np.eye(3), k, axis=0) for k, plane in enumerate(("xy", "yz", "zx"))}
 
 
 class Scene:
@@ -30,8 +30,10 @@ class Scene:
 
     def body(self, name, at, end, center, **more):
         """A body whose own axes are the global ones."""
-        self.made.add_body(name, mass=1.5, center=self(*center), inertia=[0.04, 0.05, 0.06],
-                           position=self(*at), markers={"end": {"position": self(*end)}}, **more)  # fmt: skip
+        self.made.add_body(
+            name, mass=1.5, center=self(*center), inertia=[0.04, 0.05, 0.06],
+            position=self(*at), markers={"end": {"position": self(*end)}}, **more,
+        )  # fmt: skip
 
     def joint(self, name, kind, I, J, axis=None):  # noqa: E741
         more = {} if axis is None else {"axis": self(*axis)}
@@ -63,8 +65,8 @@ def mechanism(plane, planar):
 
 @pytest.mark.parametrize("plane", TURNS)
 def test_planar_and_spatial_move_alike(plane):
-    """One of the spatial rows of the loop is redundant: reactions out of the plane are not unique."""
-    knobs = {"duration": 0.4, "step": 1e-3, "outputs": 20, "newton_tolerance": 1e-12}
+    """A spatial row of the loop is redundant: reactions out of the plane are not unique."""
+    knobs = {"duration": 0.2, "step": 1e-3, "outputs": 20, "newton_tolerance": 1e-12}
     flat, deep = (run(mechanism(plane, planar), **knobs) for planar in (True, False))
     for name in ("q", "v", "vd", "sensors"):
         one, other = getattr(flat, name), getattr(deep, name)

@@ -47,12 +47,18 @@ def put_forces(sys, coordinates, wk, q, v, vd, lam):
 
 @kernel
 def add_tangents(coordinates, kkt, cv, cp, low, up):
-    """m + cv c + cp k on the diagonal."""
+    """m + cv c + cp k on the diagonal.
+
+    At the acceleration level, cv = 0, stiffness stands beside the mass so that stiff modes do not
+    spoil reactions; a coordinate without mass has no such mode.
+    """
     if coordinates is not None:
         for k in range(coordinates.shape[0]):
             s = coordinates[k]
             at = kkt.panels[s["panel"]]["at"]
-            diagonal = s["m"] + cv * s["c"] + cp * s["k"]
+            diagonal = s["m"] + cv * s["c"]
+            if s["m"] > 0.0 or cv != 0.0:
+                diagonal += cp * s["k"]
             low[at] += diagonal
             up[at] += diagonal
 
