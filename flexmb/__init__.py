@@ -28,6 +28,8 @@ _HOMES = {
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "Study": "flexmb.studies",
+    "study": "flexmb.studies",
 }
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "FlexmbWarning",
     "Model",
     "Result",
+    "Study",
     "check_scene",
     "history_figure",
     "load_result",
@@ -47,6 +50,7 @@ __all__ = [
     "run_scene",
     "save_figure",
     "simulate",
+    "study",
 ]
 
 

@@ -29,6 +29,7 @@ from flexmb.model.parameters import resolve
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, read_entry, under
 from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channels_of
+from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class Model:
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.dynamics: DynamicsSpec | None = None
+        self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
 
@@ -165,6 +167,14 @@ class Model:
         _raise(under("dynamics", problems))
         assert spec is not None
         self.dynamics = spec
+        return spec
+
+    def set_study(self, **fields: Any) -> StudySpec:
+        """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
+        spec, problems = read_entry(StudySpec, fields, self.parameters)
+        _raise(under("study", problems))
+        assert spec is not None
+        self.study = spec
         return spec
 
     def set_view(self, **fields: Any) -> ViewSpec:

@@ -40,6 +40,8 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
     scene["check"] = [_plain(spec) for spec in model.checks]
     if model.dynamics is not None:
         scene["dynamics"] = _plain(model.dynamics)
+    if model.study is not None:
+        scene["study"] = _plain(model.study)
     scene["view"] = _plain(model.view)
     return {key: value for key, value in scene.items() if value or key == "title"}
 

@@ -5,6 +5,7 @@ The command line and the Python API use the same functions.
 
 from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
 from flexmb.workflow.check import check_scene
+from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.run import run_model, run_scene, simulate
 
@@ -14,6 +15,7 @@ __all__ = [
     "RunReport",
     "check_scene",
     "flexible_bodies",
+    "output_folder",
     "reduce_mesh",
     "run_model",
     "run_scene",

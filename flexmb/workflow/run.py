@@ -16,6 +16,7 @@ import numpy as np
 from flexmb.errors import FlexmbWarning, OutputError, SceneError, SolverError
 from flexmb.progress import Progress, silent
 from flexmb.workflow.bodies import flexible_bodies
+from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import CheckOutcome, RunReport
 
 if TYPE_CHECKING:
@@ -61,8 +62,7 @@ def run_scene(
     path = Path(path)
     model = load_scene(path, dict(overrides or {}))
     if output is None:
-        name = path.resolve().parent.name if path.stem == "scene" else path.stem
-        output = Path("out") / name
+        output = output_folder(path)
     return run_model(model, output, fresh=fresh, pictures=pictures, progress=progress)
 
 
