@@ -1,7 +1,8 @@
 """Values of a knob that a study goes through: ``1e-2..1e-8``, ``1e-3..1e-5:5``, ``4,8,16``.
 
 In: a text or a list. Out: the values in the order given, each once. ``a..b`` goes by factors of
-ten, ``a..b:n`` takes n values at equal ratios; between whole numbers the values are whole.
+ten, ``a..b:n`` takes n values at equal ratios, those between rounded to three digits; between whole
+numbers the values are whole.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ __all__ = ["sweep_values"]
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"\s*(?P<a>{_NUMBER})\s*\.\.\s*(?P<b>{_NUMBER})\s*(?::(?P<n>.*))?\Z")
 _MOST = 1000  # values of one knob; more is a slip of the keyboard
-_DIGITS = 12  # of computed values, so that 1e-2 to 1e-4 is 0.01, 0.001, 0.0001
 
 
 def sweep_values(given: Any) -> tuple[Any, ...]:
@@ -98,7 +98,7 @@ def _decades(a: float, b: float) -> Iterator[float]:
     low, high = min(a, b) * (1 - 1e-9), max(a, b) * (1 + 1e-9)
     k = 0
     while low <= a * factor**k <= high:
-        yield _short(a * factor**k)
+        yield float(f"{a * factor**k:.12g}")  # 0.001, not 0.0010000000000000002
         k += 1
 
 
@@ -108,8 +108,5 @@ def _spaced(piece: str, found: re.Match[str]) -> Iterator[float]:
         what = f'the range "{piece.strip()}" needs after ":" a number of values'
         raise _bad(f"{what} from 2 to {_MOST}")
     a, b, n = float(found["a"]), float(found["b"]), int(count)
-    yield from (_short(a * (b / a) ** (i / (n - 1))) for i in range(n))
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+    inner = (a * (b / a) ** (i / (n - 1)) for i in range(1, n - 1))
+    yield from (a, *(float(f"{value:.3g}") for value in inner), b)

@@ -1,4 +1,4 @@
-"""What a study says in sentences: its truth, its costs, the cheapest setting that is good enough."""
+"""What a study says in sentences: its truth, its costs, the cheapest setting that will do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.studies.plan import NUMERICAL
+from flexmb.studies.plan import is_numerical
 from flexmb.studies.words import label, percent, seconds_text
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ __all__ = ["cost_of_a_digit", "group_label", "sentences", "series", "swept_knob"
 
 _BETTER = 1.5  # times less error: what a dearer setting must give to count as better
 _SPAN = 10.0  # times less error that a series must cover before its trend is told
-_HELD = 0.9  # of a core: below it others disturbed a run
+_STEADY = 1.5  # longest over shortest time of the repeats: above it others disturbed a run
 
 
 def sentences(study: Study) -> list[str]:
@@ -68,11 +68,16 @@ def _cheapest(study: Study, group: str) -> Iterator[str]:
     for row, quantities in answers.values():
         errors = ", ".join(f"{q} to {percent(row.errors[q].bound)}" for q in quantities)
         yield (
-            f"cheapest setting that meets {target}{at} in {' and '.join(quantities)}: "
+            f"cheapest setting that meets {target}{at} in {_listed(quantities)}: "
             f"{label(row.values)}, {seconds_text(row.time)} s ({errors}){_command(study, row)}"
         )
     if missed:
-        yield f"no setting{at} is known to meet {target} in {' or '.join(missed)}"
+        yield f"no setting{at} is known to meet {target} in {_listed(missed)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _command(study: Study, row: Row) -> str:
@@ -90,8 +95,7 @@ def swept_knob(study: Study) -> str:
     def weight(knob: str) -> tuple[bool, int]:
         values = {str(row.values[knob]) for row in study.rows}
         numbers = all(isinstance(row.values[knob], int | float) for row in study.rows)
-        name = knob.removeprefix("dynamics.")
-        return name in NUMERICAL and numbers and len(values) > 1, len(values)
+        return is_numerical(knob) and numbers and len(values) > 1, len(values)
 
     return max(study.knobs, key=weight)
 
@@ -140,20 +144,20 @@ def _improving(rows: Sequence[Row], quantity: str) -> list[tuple[float, float]]:
 
 def _costs(study: Study) -> Iterator[str]:
     for name, seconds in study.reductions:
-        yield f"one-off: {name} from their meshes in {seconds_text(seconds)} s"
+        of = f" of {name}" if name else ""
+        yield f"one-off: flexible bodies{of} reduced from their meshes in {seconds_text(seconds)} s"
     compiled = [float(row.statistics.get("seconds_compile", 0.0)) for row in study.rows]
     if max(compiled) >= 1.0:
         yield f"one-off: kernels compiled or loaded in up to {seconds_text(max(compiled))} s"
-    ended = [row for row in study.rows if row.seconds]
     times = "time" if study.repeats == 1 else f"median of {study.repeats} times"
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
     yield f"time: wall time of the integration, {times}, {at}"
-    disturbed = [row for row in ended if row.cpu_share < _HELD]
-    if disturbed:
-        least = percent(min(row.cpu_share for row in disturbed))
+    ended = [row for row in study.rows if row.seconds]
+    unsteady = [row for row in ended if max(row.seconds) > _STEADY * min(row.seconds)]
+    if unsteady:
         yield (
-            f"note: {len(disturbed)} of {len(ended)} runs had to share their core with other "
-            f"programs (down to {least} of it): their times are too long"
+            f"note: the times of {len(unsteady)} of {len(ended)} settings vary between repeats by "
+            "more than half: other programs, or the disk, held them up"
         )
 
 

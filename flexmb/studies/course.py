@@ -17,7 +17,7 @@ from flexmb.model.study import StudySpec
 from flexmb.progress import Progress
 from flexmb.studies.base import Base
 from flexmb.studies.measure import Reading, difference, own_errors, read_run
-from flexmb.studies.plan import Setting, changed_model
+from flexmb.studies.plan import Setting, changed_model, is_numerical
 from flexmb.studies.pool import Workers
 from flexmb.studies.reference import Search, Tight, Truth
 from flexmb.studies.report import Error, Row, Study
@@ -70,7 +70,7 @@ class Course:
             folder = self._bodies(setting.model, setting.scene)
             if folder and folder not in jobs:
                 jobs[folder] = Job(
-                    label=f"bodies of {label(setting.values)}",
+                    label=label({k: v for k, v in setting.values.items() if not is_numerical(k)}),
                     scene=setting.scene,
                     source=str(self.base.folder),
                     folder=folder,
@@ -172,7 +172,7 @@ class Course:
             for record in self.reductions.values()
             if record["status"] == "finished"
         ]
-        sentences = {}
+        sentences: dict[str, str] = {}
         for setting in settings:
             if setting.group in truths:
                 sentences.setdefault(setting.group, truths[setting.group].sentence)
@@ -207,7 +207,7 @@ class Course:
             physics=setting.physics,
             errors=errors,
             seconds=tuple(record["seconds"]),
-            cpu_share=record["cpu_share"],
+            cpu_seconds=tuple(record["cpu_seconds"]),
             duration=setting.model.dynamics.duration,
             statistics=record["statistics"],
             folder=record["folder"],

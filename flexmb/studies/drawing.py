@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from flexmb.errors import ViewError
 from flexmb.studies.conclusions import series, swept_knob
 from flexmb.studies.machine import machine
-from flexmb.studies.plan import NUMERICAL
+from flexmb.studies.plan import is_numerical
 from flexmb.studies.words import label
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def pareto(study: Study, output: str | Path | None) -> Figure:
 
     models: dict[str, list[Row]] = {}
     for row in study.rows:
-        coarse = {k: v for k, v in row.values.items() if not _is_numerical(k)}
+        coarse = {k: v for k, v in row.values.items() if not is_numerical(k)}
         models.setdefault(label(coarse), []).append(row)
     panels = {name: _curves(models, name) for name in study.compared}
     figure = pareto_figure(
@@ -69,17 +69,13 @@ def _several_models(rows: Sequence[Row]) -> bool:
     return len({row.physics for row in rows if row.physics}) > 1
 
 
-def _is_numerical(knob: str) -> bool:
-    return knob.removeprefix("dynamics.") in NUMERICAL
-
-
 def _curves(lines: dict[str, list[Row]], quantity: str) -> list[Curve]:
     from flexmb.view import Curve
 
     curves = []
     for name, rows in lines.items():
         known = [row for row in rows if quantity in row.errors and row.errors[quantity].shown]
-        short = [label({k: v for k, v in row.values.items() if _is_numerical(k)}) for row in known]
+        short = [label({k: v for k, v in row.values.items() if is_numerical(k)}) for row in known]
         curves.append(
             Curve(
                 name,

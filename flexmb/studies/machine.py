@@ -10,7 +10,7 @@ __all__ = ["machine"]
 
 
 def machine() -> str:
-    """One line: ``flexmb 0.1.0, Python 3.11.7, numba 0.61.0, numpy 2.1.0; Linux x86_64, 2 cores``."""
+    """One line such as ``flexmb 0.1.0, Python 3.11.7, numba 0.61.0; Linux x86_64, 2 cores``."""
     import flexmb
 
     programs = [f"flexmb {flexmb.__version__}", f"Python {platform.python_version()}"]

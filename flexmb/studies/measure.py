@@ -86,5 +86,5 @@ def difference(run: Reading, truth: Reading) -> dict[str, Difference]:
 
 def own_errors(statistics: Mapping[str, Any]) -> dict[str, float]:
     """What a run says about itself: mismatch of energy and work, violation of the constraints."""
-    names = {"energy": "energy_balance_error", "constraints": "largest_position_drift"}
+    names = {"energy": "energy_balance_error", "drift": "largest_position_drift"}
     return {name: float(statistics[key]) for name, key in names.items() if key in statistics}

@@ -30,7 +30,7 @@ from flexmb.studies.store import content_key
 if TYPE_CHECKING:
     from flexmb.studies.base import Base
 
-__all__ = ["NUMERICAL", "Setting", "changed_model", "settings_of"]
+__all__ = ["NUMERICAL", "Setting", "changed_model", "is_numerical", "settings_of"]
 
 NUMERICAL = ("accuracy", "step", "method", "spectral_radius", "newton_tolerance")
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
@@ -38,6 +38,11 @@ NUMERICAL = ("accuracy", "step", "method", "spectral_radius", "newton_tolerance"
 _FIDELITY = ("modes", "mesh", "flexbody")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _MOST = 10_000  # runs of one study
+
+
+def is_numerical(knob: str) -> bool:
+    """Whether a knob only changes how a model is integrated."""
+    return knob.removeprefix("dynamics.") in NUMERICAL
 
 
 @dataclass(frozen=True, eq=False)

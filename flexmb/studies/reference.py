@@ -32,7 +32,7 @@ _GROWTH = 3.0  # of the time from one stage to the next
 
 
 class Tight(NamedTuple):
-    """A tight run: what to change in the finest setting, its stage, and after which seconds to stop."""
+    """A tight run: changes to the finest setting, its stage, seconds after which to give it up."""
 
     label: str
     method: str
@@ -77,9 +77,8 @@ class Search:
 
     def __init__(self, settings: Sequence[Setting]) -> None:
         self.finest = max(settings, key=lambda setting: setting.rank)
-        self.specs = [
-            s.model.dynamics.model_dump() for s in settings if s.model and s.model.dynamics
-        ]
+        specs = [s.model.dynamics for s in settings if s.model is not None]
+        self.specs = [spec.model_dump() for spec in specs if spec is not None]
         methods = dict.fromkeys(spec["method"] for spec in self.specs)
         known = get_args(DynamicsSpec.model_fields["method"].annotation)
         first = known[0] if known[0] in methods else next(iter(methods))
@@ -140,7 +139,7 @@ class Search:
     def _best(
         self, readings: Sequence[Reading]
     ) -> tuple[float, dict[str, Difference], Candidate, Candidate]:
-        """Disagreement over what is allowed, by quantity, and the two runs: the tighter one last."""
+        """Disagreement over what is allowed, by quantity, and the two runs, tighter one last."""
         found = []
         ordered = sorted(self.candidates, key=lambda one: one.tight.stage)
         for second, best in itertools.combinations(ordered, 2):
@@ -165,11 +164,8 @@ class Search:
         if steps:
             knob, value, unit = "step", min(steps) * 0.5 ** (stage + 1), " s"
         else:
-            knob, value, unit = (
-                "accuracy",
-                min(self._given("accuracy"), default=_ACCURACY) * 0.1**stage,
-                "",
-            )
+            least = min(self._given("accuracy"), default=_ACCURACY)
+            knob, value, unit = "accuracy", least * 0.1**stage, ""
         changes[f"dynamics.{knob}"] = value = float(f"{value:.12g}")
         if newton:
             changes["dynamics.newton_tolerance"] = max(0.01 * min(newton), min(*newton, _ROUND_OFF))

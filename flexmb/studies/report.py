@@ -56,11 +56,11 @@ class Row:
     group, physics : str
         Equal for settings of the same machine, and of the same model.
     errors : dict of str to Error
-        Positions, velocities, reactions, energy, constraints.
+        Positions, velocities, reactions, energy (its balance), drift (of the constraints).
     seconds : tuple of float
         Wall times of the integration, one per repeat.
-    cpu_share : float
-        Share of the wall time that the run had a core; below 1 others took it.
+    cpu_seconds : tuple of float
+        Processor times of the same: less where the run had to wait for a core or for the disk.
     duration : float
         Simulated time [s].
     reduction : float
@@ -78,7 +78,7 @@ class Row:
     physics: str = ""
     errors: dict[str, Error] = field(default_factory=dict)
     seconds: tuple[float, ...] = ()
-    cpu_share: float = 1.0
+    cpu_seconds: tuple[float, ...] = ()
     duration: float = 0.0
     reduction: float = 0.0
     statistics: dict[str, Any] = field(default_factory=dict)
@@ -132,7 +132,7 @@ class Study:
     def quantities(self) -> tuple[str, ...]:
         """The quantities that errors are known of."""
         found = {name for row in self.rows for name in row.errors}
-        return tuple(name for name in (*COMPARED, "energy", "constraints") if name in found)
+        return tuple(name for name in (*COMPARED, "energy", "drift") if name in found)
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -158,7 +158,8 @@ class Study:
             The study knows no such quantity.
         """
         if quantity == ALL:
-            return np.max([self.errors(name) for name in self.compared], axis=0)
+            worst: Array = np.max([self.errors(name) for name in self.compared], axis=0)
+            return worst
         if quantity not in self.quantities:
             names = (*self.quantities, ALL)
             what = f'the study has no errors of "{quantity}"'

@@ -68,7 +68,7 @@ def check_sensors(model: Model, asked: Sequence[str]) -> None:
         The scene has no sensors of positions or angles, or none of them was asked for.
     """
     chosen = _chosen(model, asked)
-    if any(QUANTITIES[model.sensors[name].type] == "positions" for name in chosen):  # type: ignore[attr-defined]
+    if any(QUANTITIES[model.sensors[name].type] == "positions" for name in chosen):
         return
     if asked:
         raise SceneError(
@@ -86,11 +86,10 @@ def _chosen(model: Model, asked: Sequence[str]) -> dict[str, tuple[str, ...]]:
     chosen: dict[str, tuple[str, ...]] = {}
     for name, spec in model.sensors.items():
         channels = channels_of(name, spec)
-        wanted = (
-            channels if not asked or name in asked else tuple(c for c in channels if c in asked)
-        )
-        if wanted:
-            chosen[name] = wanted
+        if asked and name not in asked:
+            channels = tuple(channel for channel in channels if channel in asked)
+        if channels:
+            chosen[name] = channels
     for name in list(chosen):
         chosen |= _rates(model, name, chosen[name])
     return chosen
@@ -103,7 +102,7 @@ def _rates(model: Model, name: str, channels: Iterable[str]) -> dict[str, tuple[
     axes = [channel.rpartition(".")[2] for channel in channels]
     for other, candidate in model.sensors.items():
         same = (getattr(candidate, "of", None), getattr(candidate, "relative_to", None))
-        if candidate.type == "velocity" and same == (spec.of, spec.relative_to):  # type: ignore[attr-defined]
+        if candidate.type == "velocity" and same == (spec.of, spec.relative_to):
             return {other: tuple(f"{other}.{axis}" for axis in axes)}
     return {}
 

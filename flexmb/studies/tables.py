@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import html as escaping
+import statistics
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ _PHASES = ("seconds_compile", "seconds_assemble")
 
 def table(study: Study) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headings and rows, failed settings included."""
-    columns = (*study.knobs.values(), *study.quantities, "time [s]", "per simulated s")
+    columns = (*study.knobs.values(), *study.quantities, "time [s]", "per sim. s")
     return columns, [_cells(study, row) for row in study.rows]
 
 
@@ -54,7 +55,7 @@ def markdown(study: Study) -> str:
         f"|{'|'.join('---:' if i >= n else '---' for i in range(len(columns)))}|",
         *(f"| {' | '.join(cell.replace('|', ' ') for cell in row)} |" for row in rows),
         "",
-        "Errors are the largest over the outputs, over the peak-to-peak.",
+        "Errors: the largest over the outputs, over the peak-to-peak; drift: of the constraints.",
         "",
         *(f"- {sentence}" for sentence in (*study.summary(), machine())),
     ]
@@ -115,7 +116,7 @@ def _record(study: Study, row: Row) -> dict[str, Any]:
         "seconds_per_simulated_second": row.time / row.duration,
         "repeats": len(row.seconds),
         "workers": study.workers,
-        "cpu_share": row.cpu_share,
+        "cpu_seconds_integrate": statistics.median(row.cpu_seconds),
         "seconds_flexible_bodies": row.reduction,
     }
     record |= {name: row.statistics[name] for name in _PHASES if name in row.statistics}

@@ -28,7 +28,7 @@ def percent(share: float) -> str:
 def value_text(value: Any) -> str:
     """A knob's value; of a path its last part."""
     if isinstance(value, float):
-        return f"{value:g}"
+        return f"{value:g}".replace("e-0", "e-")
     return PurePath(value).name if isinstance(value, str) and "/" in value else str(value)
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.errors import FlexmbError
-from flexmb.progress import silent
 
 __all__ = ["Job", "be_a_worker", "do"]
 
@@ -103,35 +102,38 @@ def _run(job: Job, folder: Path) -> dict[str, Any]:
     for file in held:
         shutil.copy2(file, folder / file.name)
     statistics: list[dict[str, Any]] = []
-    share = 1.0
+    cpu: list[float] = []
     for _ in range(job.repeats):
-        wall, cpu = time.perf_counter(), time.process_time()
-        limit = _Limit(job.limit) if job.limit else silent
-        report = run_model(model, folder, pictures=False, progress=limit)
+        clock = _Clock(job.limit)
+        report = run_model(model, folder, pictures=False, progress=clock)
         if Result(report.result).status == "stopped":
             raise KeyboardInterrupt
         statistics.append(report.statistics)
-        share = (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9)
+        cpu.append(clock.cpu)
     for file in held:  # kept once for all runs of the model
         (folder / file.name).unlink()
     seconds = [float(one["seconds_integrate"]) for one in statistics]
-    return {"seconds": seconds, "cpu_share": min(share, 1.0), "statistics": statistics[0]}
+    return {"seconds": seconds, "cpu_seconds": cpu, "statistics": statistics[0]}
 
 
-class _Limit:
-    """A progress that gives a run up when it takes too long."""
+class _Clock:
+    """A progress that takes the processor time of the integration, and gives up a long one.
 
-    def __init__(self, seconds: float) -> None:
-        self.seconds = seconds
-        self.started: float | None = None
+    The integration begins where the assembly ends.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self.cpu = 0.0
+        self._wall_start, self._cpu_start = time.perf_counter(), time.process_time()
 
     def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
         if phase != "integrate":
+            self._wall_start, self._cpu_start = time.perf_counter(), time.process_time()
             return
-        now = time.perf_counter()
-        self.started = self.started or now
-        if now - self.started > self.seconds:
-            raise FlexmbError(f"given up after {self.seconds:.3g} s, at {detail}")
+        self.cpu = time.process_time() - self._cpu_start
+        if self.limit and time.perf_counter() - self._wall_start > self.limit:
+            raise FlexmbError(f"given up after {self.limit:.3g} s, at {detail}")
 
 
 def _reason(folder: Path, error: FlexmbError) -> str:

@@ -20,7 +20,9 @@ __all__ = ["Curve", "pareto_figure", "work_precision_figure"]
 _DPI = 150
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_LEAST = 1e-17  # where an error of exactly zero is drawn
+_LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
 class Curve(NamedTuple):
@@ -38,7 +40,7 @@ Panels = Mapping[str, Sequence[Curve]]
 def work_precision_figure(
     panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
 ) -> Figure:
-    """Error against wall time, one line per series.
+    """Error against wall time, one line per series, its points joined in their order.
 
     Parameters
     ----------
@@ -59,10 +61,9 @@ def work_precision_figure(
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
         for i, curve in enumerate(curves):
-            points = sorted(zip(curve.seconds, curve.errors, strict=True))
             axes.loglog(
-                [second for second, _ in points],
-                [max(error, _LEAST) for _, error in points],
+                curve.seconds,
+                [max(error, _LEAST) for error in curve.errors],
                 color=LINES[i % len(LINES)],
                 marker=_MARKERS[i // len(LINES) % len(_MARKERS)],
                 ms=5,
@@ -122,7 +123,7 @@ def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
 
     if not any(len(curve.seconds) for curves in panels.values() for curve in curves):
         raise ViewError("no run has an error to draw")
-    columns = min(_COLUMNS, len(panels))
+    columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     size = (1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows)
     figure = Figure(figsize=size, dpi=_DPI, facecolor=PAPER)
@@ -140,7 +141,9 @@ def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
 def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     axes.set_title(name, color=INK, fontsize=10, loc="left")
     axes.set_xlabel("wall time [s]", color=INK, fontsize=9)
-    axes.set_ylabel("error / peak-to-peak", color=INK, fontsize=9)
+    axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
+    _ticks(axes.xaxis, axes.get_xlim())
+    _ticks(axes.yaxis, axes.get_ylim())
     axes.set_facecolor("white")
     axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
     axes.tick_params(colors=INK, labelsize=8)
@@ -152,6 +155,16 @@ def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     low = min(axes.get_ylim()[0], 0.5 * floor)
     axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="not told from the reference")
     axes.set_ylim(bottom=low)
+
+
+def _ticks(axis: Any, limits: tuple[float, float]) -> None:
+    """Marks at 1, 2, 5 of each decade, or where that would be many at powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(10.0, subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("e-0", "e-")))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _legend(figure: Figure, grid: Sequence[Any]) -> None:
