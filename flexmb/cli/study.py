@@ -10,7 +10,7 @@ import typer
 from flexmb.cli import show, words
 from flexmb.cli.app import Overrides, Scene, app
 from flexmb.cli.bars import Bars
-from flexmb.cli.guard import INTERRUPTED, guarded
+from flexmb.cli.guard import INTERRUPTED, MISTAKE, guarded
 
 __all__ = ["study"]
 
@@ -82,6 +82,8 @@ def _run(
         show.line("stopped; all runs that had ended are kept: the same command goes on from there")
         raise typer.Exit(INTERRUPTED) from None
     _show(found, files)
+    if all(row.status != "finished" for row in found.rows):
+        raise typer.Exit(MISTAKE)
 
 
 def _show(found: Any, files: list[Path]) -> None:
@@ -89,7 +91,7 @@ def _show(found: Any, files: list[Path]) -> None:
     if found.reused:
         show.line(f"{found.reused} runs were there already (--fresh runs them anew)")
     columns, rows = found.table()
-    show.table(columns, rows, right=tuple(range(len(found.knobs), len(columns))))
+    show.table(columns, rows, right=tuple(range(len(found.knobs), len(columns))), whole=True)
     for sentence in found.summary():
         show.line(sentence)
     show.heading("files")

@@ -1,8 +1,8 @@
 """Values of a knob that a study goes through: ``1e-2..1e-8``, ``1e-3..1e-5:5``, ``4,8,16``.
 
 In: a text or a list. Out: the values in the order given, each once. ``a..b`` goes by factors of
-ten, ``a..b:n`` takes n values at equal ratios, those between rounded to three digits; between whole
-numbers the values are whole.
+ten, ``a..b:n`` takes n values at equal ratios, rounded to three digits where they are far apart; between
+whole numbers the values are whole.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ __all__ = ["sweep_values"]
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"\s*(?P<a>{_NUMBER})\s*\.\.\s*(?P<b>{_NUMBER})\s*(?::(?P<n>.*))?\Z")
+_COARSE = 0.1  # relative distance of neighbours from which three digits are enough
 _MOST = 1000  # values of one knob; more is a slip of the keyboard
 
 
@@ -108,5 +109,7 @@ def _spaced(piece: str, found: re.Match[str]) -> Iterator[float]:
         what = f'the range "{piece.strip()}" needs after ":" a number of values'
         raise _bad(f"{what} from 2 to {_MOST}")
     a, b, n = float(found["a"]), float(found["b"]), int(count)
-    inner = (a * (b / a) ** (i / (n - 1)) for i in range(1, n - 1))
-    yield from (a, *(float(f"{value:.3g}") for value in inner), b)
+    ratio = (b / a) ** (1 / (n - 1))
+    digits = 3 if abs(ratio - 1.0) > _COARSE else 12
+    inner = (a * ratio**i for i in range(1, n - 1))
+    yield from (a, *(float(f"{value:.{digits}g}") for value in inner), b)

@@ -113,14 +113,14 @@ def series(study: Study) -> dict[str, list[Row]]:
 def cost_of_a_digit(study: Study, quantity: str) -> float | None:
     """By which factor time grows for ten times less error: the median over the series.
 
-    Only settings count that are dearer than another one and better by half: a series that stops
-    improving, because of modes left out, says nothing about the cost of accuracy.
+    Only the finest model counts, since a coarse one stops improving at the error of what it leaves
+    out, and of its settings those that are dearer than another one and better by half.
     """
     if quantity not in study.quantities:
         return None
     factors = []
     for rows in series(study).values():
-        points = _improving(rows, quantity)
+        points = _improving([row for row in rows if row.finest], quantity)
         if len(points) < 3 or points[0][1] < _SPAN * points[-1][1]:
             continue
         times, errors = np.log10(np.array(points)).T
@@ -149,9 +149,9 @@ def _costs(study: Study) -> Iterator[str]:
     compiled = [float(row.statistics.get("seconds_compile", 0.0)) for row in study.rows]
     if max(compiled) >= 1.0:
         yield f"one-off: kernels compiled or loaded in up to {seconds_text(max(compiled))} s"
-    times = "time" if study.repeats == 1 else f"median of {study.repeats} times"
+    times = "" if study.repeats == 1 else f", median of {study.repeats} runs"
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
-    yield f"time: wall time of the integration, {times}, {at}"
+    yield f"time: wall time of the integration{times}, {at}"
     ended = [row for row in study.rows if row.seconds]
     unsteady = [row for row in ended if max(row.seconds) > _STEADY * min(row.seconds)]
     if unsteady:

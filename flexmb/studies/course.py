@@ -205,6 +205,7 @@ class Course:
             reason="",
             group=setting.group,
             physics=setting.physics,
+            finest=setting.physics == truth.physics,
             errors=errors,
             seconds=tuple(record["seconds"]),
             cpu_seconds=tuple(record["cpu_seconds"]),

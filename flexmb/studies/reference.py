@@ -25,7 +25,7 @@ _HOPELESS = 0.01  # two tight runs further apart than this are no reference
 _ROUND_OFF = 1e-12  # relative; below it there is nothing to agree on
 _ACCURACY = 1e-4  # where a scene gives neither accuracy nor step
 _STAGES = 3
-_PATIENCE = 2.0  # further runs may take this many times as long as all timed ones
+_PATIENCE = 1.0  # of the seconds of all timed runs: how long a further tight one may take
 _SHORT = 20.0  # s: a run that is always worth its time
 _OTHER_METHOD = 10.0  # times the seconds of the first tight run before another method is given up
 _GROWTH = 3.0  # of the time from one stage to the next
@@ -61,11 +61,14 @@ class Truth:
         Smallest error that can be shown, by quantity.
     sentence : str
         Which run it is and what confirms it, or why there is none.
+    physics : str
+        Key of its model.
     """
 
     reading: Reading | None
     floors: dict[str, float] = field(default_factory=dict)
     sentence: str = ""
+    physics: str = ""
 
     def shown(self, name: str) -> bool:
         """Whether errors of a quantity can be shown at all."""
@@ -123,9 +126,9 @@ class Search:
     def truth(self, readings: Sequence[Reading]) -> Truth:
         """The reference that is best confirmed."""
         if len(self.candidates) < 2:
-            why = f" ({'; '.join(self.failures)})" if self.failures else ""
+            why = f" ({self.failures[0]})" if self.failures else ""
             what = "there is no reference, so no errors are shown: no two tight runs ended well"
-            return Truth(None, {}, what + why)
+            return Truth(None, {}, what + why, self.finest.physics)
         _, apart, second, best = self._best(readings)
         floors = {name: max(one.value / _AGREEMENT, _ROUND_OFF) for name, one in apart.items()}
         found = Truth(best.reading, floors)
@@ -134,7 +137,7 @@ class Search:
         bad = [name for name in floors if not found.shown(name)]
         if bad:
             sentence += f"; it does not converge in {', '.join(bad)}, whose errors are not shown"
-        return Truth(best.reading, floors, sentence)
+        return Truth(best.reading, floors, sentence, self.finest.physics)
 
     def _best(
         self, readings: Sequence[Reading]

@@ -55,6 +55,8 @@ class Row:
         ``"finished"``, ``"failed"`` or ``"refused"`` (by the model), and why.
     group, physics : str
         Equal for settings of the same machine, and of the same model.
+    finest : bool
+        Whether its model is the finest of the group, the one that the reference has.
     errors : dict of str to Error
         Positions, velocities, reactions, energy (its balance), drift (of the constraints).
     seconds : tuple of float
@@ -76,6 +78,7 @@ class Row:
     reason: str = ""
     group: str = ""
     physics: str = ""
+    finest: bool = True
     errors: dict[str, Error] = field(default_factory=dict)
     seconds: tuple[float, ...] = ()
     cpu_seconds: tuple[float, ...] = ()
