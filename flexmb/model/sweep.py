@@ -1,8 +1,8 @@
 """Values of a knob that a study goes through: ``1e-2..1e-8``, ``1e-3..1e-5:5``, ``4,8,16``.
 
 In: a text or a list. Out: the values in the order given, each once. ``a..b`` goes by factors of
-ten, ``a..b:n`` takes n values at equal ratios, rounded to three digits where they are far apart; between
-whole numbers the values are whole.
+ten, ``a..b:n`` takes n values at equal ratios, rounded to three digits where they are far apart;
+between whole numbers the values are whole.
 """
 
 from __future__ import annotations

@@ -19,7 +19,8 @@ __all__ = ["cost_of_a_digit", "group_label", "sentences", "series", "swept_knob"
 
 _BETTER = 1.5  # times less error: what a dearer setting must give to count as better
 _SPAN = 10.0  # times less error that a series must cover before its trend is told
-_STEADY = 1.5  # longest over shortest time of the repeats: above it others disturbed a run
+_HELD = 1.25  # wall time over processor time: above it others disturbed a run
+_OVERHEAD = 0.05  # s: what opening and writing files may take
 
 
 def sentences(study: Study) -> list[str]:
@@ -153,11 +154,12 @@ def _costs(study: Study) -> Iterator[str]:
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
     yield f"time: wall time of the integration{times}, {at}"
     ended = [row for row in study.rows if row.seconds]
-    unsteady = [row for row in ended if max(row.seconds) > _STEADY * min(row.seconds)]
-    if unsteady:
+    held = [row for row in ended if row.time > _HELD * row.cpu_time + _OVERHEAD]
+    if held:
+        most = max(row.time / max(row.cpu_time, 1e-9) for row in held)
         yield (
-            f"note: the times of {len(unsteady)} of {len(ended)} settings vary between repeats by "
-            "more than half: other programs, or the disk, held them up"
+            f"note: other programs, or the disk, held up {len(held)} of {len(ended)} settings: "
+            f"wall times are up to {most:.1f} times the processor times (study.csv has both)"
         )
 
 

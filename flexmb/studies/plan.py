@@ -57,6 +57,8 @@ class Setting:
         The model; None where it refuses the values.
     scene : dict
         The scene of the model as plain data.
+    dynamics : dict
+        Its `[dynamics]` with all numbers worked out, as the scene would write them.
     refusal : str
         Why the model refuses the values.
     group : str
@@ -70,6 +72,7 @@ class Setting:
     values: dict[str, Any]
     model: Model | None = None
     scene: dict[str, Any] = field(default_factory=dict)
+    dynamics: dict[str, Any] = field(default_factory=dict)
     refusal: str = ""
     group: str = ""
     physics: str = ""
@@ -147,19 +150,19 @@ def _setting(base: Base, values: dict[str, Any], chosen: tuple[tuple[int, Any], 
         return Setting(values, refusal=str(error))
     if model.dynamics is None:
         return Setting(values, refusal="the scene has no [dynamics]: give its duration")
-    machine, fidelity = _parts(model)
+    dynamics = model.to_scene_dict(base.folder)["dynamics"]
+    machine, fidelity = _parts(model, base.folder)
     places = (i for i, value in chosen if isinstance(value, str))  # later in the list: finer
     specs = model.bodies.values()
     modes = sum(spec.modes for spec in specs if isinstance(spec, MeshBodySpec))
     group = content_key(machine)
-    return Setting(
-        values, model, scene, "", group, content_key([group, fidelity]), (*places, modes)
-    )
+    physics = content_key([group, fidelity])
+    return Setting(values, model, scene, dynamics, "", group, physics, (*places, modes))
 
 
-def _parts(model: Model) -> tuple[dict[str, Any], dict[str, Any]]:
+def _parts(model: Model, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """The scene that says which machine it is, and what says how finely it is described."""
-    scene = model.to_scene_dict(Path.cwd())
+    scene = model.to_scene_dict(folder)
     fidelity = {
         name: {key: body.pop(key) for key in _FIDELITY if key in body}
         for name, body in scene["bodies"].items()

@@ -80,8 +80,7 @@ class Search:
 
     def __init__(self, settings: Sequence[Setting]) -> None:
         self.finest = max(settings, key=lambda setting: setting.rank)
-        specs = [s.model.dynamics for s in settings if s.model is not None]
-        self.specs = [spec.model_dump() for spec in specs if spec is not None]
+        self.specs = [setting.dynamics for setting in settings]
         methods = dict.fromkeys(spec["method"] for spec in self.specs)
         known = get_args(DynamicsSpec.model_fields["method"].annotation)
         first = known[0] if known[0] in methods else next(iter(methods))
@@ -165,14 +164,14 @@ class Search:
         changes: dict[str, Any] = {"dynamics.method": method}
         steps, newton = self._given("step"), self._given("newton_tolerance")
         if steps:
-            knob, value, unit = "step", min(steps) * 0.5 ** (stage + 1), " s"
+            knob, value = "step", min(steps) * 0.5 ** (stage + 1)
         else:
             least = min(self._given("accuracy"), default=_ACCURACY)
-            knob, value, unit = "accuracy", least * 0.1**stage, ""
+            knob, value = "accuracy", least * 0.1**stage
         changes[f"dynamics.{knob}"] = value = float(f"{value:.12g}")
         if newton:
             changes["dynamics.newton_tolerance"] = max(0.01 * min(newton), min(*newton, _ROUND_OFF))
-        return Tight(f"{method} with {knob} {value:.3g}{unit}", method, changes, stage, limit)
+        return Tight(f"{method} with {knob} {value:.3g}", method, changes, stage, limit)
 
     def _given(self, name: str) -> list[float]:
         """Values of a number of the integration in all settings that say it."""

@@ -92,6 +92,11 @@ class Row:
         """Median wall time of the integration [s]; NaN for a run that failed."""
         return statistics.median(self.seconds) if self.seconds else float("nan")
 
+    @property
+    def cpu_time(self) -> float:
+        """Median processor time of the integration [s]; NaN for a run that failed."""
+        return statistics.median(self.cpu_seconds) if self.cpu_seconds else float("nan")
+
 
 @dataclass(frozen=True)
 class Study:

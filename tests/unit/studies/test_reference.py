@@ -26,7 +26,10 @@ def reading(error: float) -> Reading:
 def search(steps: tuple[float, ...] = (0.1, 0.02)) -> Search:
     models = [Model.from_scene_dict({**SCENE, "dynamics": {"duration": 1, "step": h}})
               for h in steps]  # fmt: skip
-    return Search([Setting({"step": h}, m, {}, "", "g", "p", (0,)) for h, m in zip(steps, models)])  # noqa: B905
+    return Search([
+        Setting({"step": h}, m, {}, m.to_scene_dict()["dynamics"])
+        for h, m in zip(steps, models, strict=True)
+    ])  # fmt: skip
 
 
 def play(found: Search, errors: dict[str, float | None], readings: list[Reading]) -> list[str]:
@@ -105,3 +108,14 @@ def test_impatience_ends_the_search() -> None:
     for tight in (*found.next_runs([], 0.0), *found.next_runs(readings, 0.0)):
         found.take(tight, reading(0.01 / tight.stage), {"seconds": [60.0], "reason": ""})
     assert found.next_runs(readings, 30.0) == []
+
+
+def test_with_error_control_the_tight_runs_ask_for_more_accuracy() -> None:
+    numbers = {"method": "generalized-alpha", "accuracy": 1e-5}
+    found = Search([Setting({}, dynamics={**numbers, "accuracy": a}) for a in (1e-3, 1e-5)])
+    (first,) = found.next_runs([], 0.0)
+    assert first.changes == {"dynamics.method": "generalized-alpha", "dynamics.accuracy": 1e-6}
+    found.take(first, reading(1e-6), {"seconds": [0.1]})
+    tighter, other = found.next_runs([reading(1e-5)], 1.0)
+    assert tighter.changes["dynamics.accuracy"] == 1e-7
+    assert other.changes["dynamics.method"] == "explicit-rk"
