@@ -29,7 +29,7 @@ __all__ = ["Course"]
 
 Record = dict[str, Any]
 _REDUCED = ("mesh", "units", "material", "interfaces", "modes", "damping", "sections")
-_FAILED: Record = {"status": "failed", "reason": "its result is gone", "seconds": []}
+_FAILED: Record = {"status": "failed", "reason": "its result cannot be read", "seconds": []}
 
 
 class Course:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.studies.sensing import History, histories
+from flexmb.studies.store import result_of
 
 if TYPE_CHECKING:
     from flexmb.model import Model
@@ -53,7 +54,7 @@ def read_run(model: Model, folder: Path, asked: Sequence[str]) -> Reading:
     """
     from flexmb.results import Result
 
-    found = histories(model, Result(folder / "result.h5"), asked)
+    found = histories(model, Result(result_of(folder)), asked)
     return Reading(found, _scales(found))
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.errors import FlexmbError
-from flexmb.studies.store import read_record
+from flexmb.studies.store import has_result, read_record
 from flexmb.studies.worker import Job, be_a_worker, do
 
 __all__ = ["Workers", "workers_of"]
@@ -62,6 +62,8 @@ class Workers:
             return True
         record = None if self.fresh else read_record(Path(job.folder))
         if record is None or record["repeats"] < job.repeats:
+            return False
+        if job.repeats and record["status"] == "finished" and not has_result(Path(job.folder)):
             return False
         if job.repeats > 1 and record["workers"] != job.workers:
             return False  # times taken side by side and alone are not compared

@@ -22,7 +22,15 @@ from flexmb.errors import OutputError
 if TYPE_CHECKING:
     from flexmb.model import Model
 
-__all__ = ["Store", "content_key", "read_record", "run_key", "write_record"]
+__all__ = [
+    "Store",
+    "content_key",
+    "has_result",
+    "read_record",
+    "result_of",
+    "run_key",
+    "write_record",
+]
 
 _FORMAT = 1
 _RECORD = "run.json"
@@ -105,6 +113,16 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return record if isinstance(record, dict) and record.get("format") == _FORMAT else None
+
+
+def result_of(folder: Path) -> Path:
+    """The result file of a run."""
+    return folder / "result.h5"
+
+
+def has_result(folder: Path) -> bool:
+    """Whether the result of a run is still there."""
+    return result_of(folder).is_file()
 
 
 def write_record(folder: Path, record: Mapping[str, Any]) -> None:

@@ -61,11 +61,11 @@ def be_a_worker() -> None:
 
 def do(job: Job) -> dict[str, Any]:
     """Do a job and write its record; a failure is recorded with its reason."""
-    from flexmb.studies.store import write_record
+    from flexmb.studies.store import result_of, write_record
 
     folder = Path(job.folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "result.h5").unlink(missing_ok=True)  # of a run that was interrupted
+    result_of(folder).unlink(missing_ok=True)  # of a run that was interrupted
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the run of the scene itself tells them
         try:
@@ -139,9 +139,10 @@ class _Clock:
 def _reason(folder: Path, error: FlexmbError) -> str:
     """Why a run failed: the sentence of its result, else that of the error."""
     from flexmb.results import Result
+    from flexmb.studies.store import result_of
 
     try:
-        run = Result(folder / "result.h5")
+        run = Result(result_of(folder))
     except FlexmbError:
         return str(error)
     return run.message if run.status == "failed" and run.message else str(error)

@@ -61,17 +61,18 @@ def test_the_reference_is_confirmed_by_another_method(study: flexmb.Study) -> No
 
 
 def test_what_is_there_is_used_again(study: flexmb.Study, folder: Path) -> None:
-    """Only the run whose record is gone, and a new setting, are run; nothing else is touched."""
+    """Only runs whose record or result is gone, and a new setting, are run."""
     records = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
-    lost = Path(study.rows[1].folder) / "run.json"
-    lost.unlink()
+    lost = {Path(study.rows[i].folder) / "run.json" for i in (1, 2)}
+    (Path(study.rows[1].folder) / "run.json").unlink()
+    (Path(study.rows[2].folder) / "result.h5").unlink()
     again = flexmb.study(
         PENDULUM, {"step": [*STEPS, 1.6e-2]}, output=folder, sensors=["tip"], **QUIET
     )
     now = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
-    assert [path for path, when in records.items() if now[path] != when] == [lost]
+    assert {path for path, when in records.items() if now[path] != when} == lost
     assert len(now) == len(records) + 1
-    assert again.reused == len(records) - 1
+    assert again.reused == len(records) - 2
     assert again.errors("positions")[:3] == pytest.approx(study.errors("positions"), rel=1e-12)
 
 
