@@ -6,11 +6,11 @@ settings, so that no process waits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, SceneError
 from flexmb.model import Model
 from flexmb.model.bodies import MeshBodySpec
 from flexmb.model.study import StudySpec
@@ -97,10 +97,10 @@ class Course:
     ) -> None:
         """Do tight runs, which take longest, and settings; hand on what they gave."""
         tight = [(searches[key], one) for key, runs in wanted.items() for one in runs]
-        made = [self._tight(search, one) for search, one in tight]
-        jobs = [job for _, job in made] + [self._job(setting) for setting in settings]
+        made = [run for search, one in tight for run in self._tight(search, one)]
+        jobs = [job for *_, job in made] + [self._job(setting) for setting in settings]
         records = self._do("study" if settings else "reference", jobs)
-        for (search, one), (model, job), record in zip(tight, made, records, strict=False):
+        for (search, one, model, job), record in zip(made, records, strict=False):
             search.take(one, *self._reading(model, job, record))
         timed = zip(settings, jobs[len(made) :], records[len(made) :], strict=True)
         for setting, job, record in timed:
@@ -116,10 +116,15 @@ class Course:
     def _read(self, members: Sequence[Setting]) -> list[Reading]:
         return [self.readings[one] for one in members if one in self.readings]
 
-    def _tight(self, search: Search, tight: Tight) -> tuple[Model, Job]:
-        finest = search.finest
-        model, scene = changed_model(self.base, {**finest.values, **tight.changes})
-        return model, self._new_job(model, scene, tight.label, 1, tight.limit)
+    def _tight(self, search: Search, tight: Tight) -> Iterator[tuple[Search, Tight, Model, Job]]:
+        """The job of a tight run; none if the model refuses its values, such as below round-off."""
+        try:
+            values = {**search.finest.values, **tight.changes}
+            model, scene = changed_model(self.base, values)
+        except SceneError as error:
+            search.take(tight, None, {"reason": str(error)})
+            return
+        yield search, tight, model, self._new_job(model, scene, tight.label, 1, tight.limit)
 
     def _job(self, setting: Setting) -> Job:
         assert setting.model is not None

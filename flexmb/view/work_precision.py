@@ -21,6 +21,7 @@ _DPI = 150
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
 _ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
@@ -163,8 +164,12 @@ def _ticks(axis: Any, limits: tuple[float, float]) -> None:
 
     subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(10.0, subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("e-0", "e-")))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if value >= _SMALL else f"{value:.0e}".replace("e-0", "e-")
 
 
 def _legend(figure: Figure, grid: Sequence[Any]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 import flexmb
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, SceneError
 from flexmb.results import Result
 from flexmb.studies.pool import workers_of
 from flexmb.studies.worker import Job
@@ -169,3 +169,21 @@ def test_a_process_that_dies_takes_no_other_run_with_it(
     assert "ended abruptly" in records[1]["reason"]
     with pytest.raises(FlexmbError, match="__main__"), workers_of(2, fresh=True) as pool:
         pool.run([bomb], lambda *_: None)
+
+
+def test_tight_runs_that_the_model_refuses_are_no_reference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the accuracy asked of them lies below round-off."""
+
+    def refuse(*_: object) -> None:
+        raise SceneError("dynamics.accuracy: below round-off")
+
+    monkeypatch.setattr("flexmb.studies.course.changed_model", refuse)
+    found = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=tmp_path, **QUIET)
+    assert found.rows[0].status == "finished"
+    assert found.compared == ()
+    (sentence,) = found.references.values()
+    assert "no errors are shown" in sentence
+    assert "below round-off" in sentence
+    assert found.markdown()
