@@ -17,7 +17,7 @@ from typing import Any
 
 from flexmb.errors import FlexmbError
 from flexmb.studies.store import has_result, read_record
-from flexmb.studies.worker import Job, be_a_worker, do
+from flexmb.studies.worker import GIVEN_UP, Job, be_a_worker, do
 
 __all__ = ["Workers", "workers_of"]
 
@@ -63,6 +63,8 @@ class Workers:
         record = None if self.fresh else read_record(Path(job.folder))
         if record is None or record["repeats"] < job.repeats:
             return False
+        if record["reason"].startswith(GIVEN_UP):
+            return False  # it may have been the machine that was busy
         if job.repeats and record["status"] == "finished" and not has_result(Path(job.folder)):
             return False
         if job.repeats > 1 and record["workers"] != job.workers:

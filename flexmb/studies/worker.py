@@ -17,7 +17,10 @@ from typing import Any
 
 from flexmb.errors import FlexmbError
 
-__all__ = ["Job", "be_a_worker", "do"]
+__all__ = ["GIVEN_UP", "Job", "be_a_worker", "do"]
+
+GIVEN_UP = "given up"
+"""How the reason begins of a run that took longer than its limit."""
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -133,7 +136,7 @@ class _Clock:
             return
         self.cpu = time.process_time() - self._cpu_start
         if self.limit and time.perf_counter() - self._wall_start > self.limit:
-            raise FlexmbError(f"given up after {self.limit:.3g} s, at {detail}")
+            raise FlexmbError(f"{GIVEN_UP} after {self.limit:.3g} s, at {detail}")
 
 
 def _reason(folder: Path, error: FlexmbError) -> str:

@@ -146,6 +146,19 @@ def test_two_processes_give_the_same_errors(study: flexmb.Study, tmp_path: Path)
     assert all(row.cpu_seconds[0] > 0 for row in both.rows)
 
 
+def test_a_run_that_takes_too_long_is_given_up_and_tried_again_next_time(
+    study: flexmb.Study, tmp_path: Path
+) -> None:
+    scene = Result(Path(study.rows[0].folder) / "result.h5").model
+    slow = Job("slow", scene, str(tmp_path), str(tmp_path / "slow"), limit=1e-9)
+    for _ in range(2):
+        with workers_of(1, fresh=False) as pool:
+            (record,) = pool.run([slow], lambda *_: None)
+        assert record["status"] == "failed"
+        assert record["reason"].startswith("given up after 1e-09 s, at t = ")
+        assert pool.reused == 0
+
+
 class _Bomb(Job):
     """A job that ends the process which unpacks it."""
 
