@@ -30,6 +30,9 @@ _HOMES = {
     "simulate": "flexmb.workflow",
     "Study": "flexmb.studies",
     "study": "flexmb.studies",
+    "new_scene": "flexmb.workflow",
+    "scene_schema": "flexmb.model",
+    "warmup": "flexmb.workflow",
 }
 
 __all__ = [
@@ -43,14 +46,17 @@ __all__ = [
     "history_figure",
     "load_result",
     "load_scene",
+    "new_scene",
     "plot_history",
     "reduce",
     "render",
     "rigid_body",
     "run_scene",
     "save_figure",
+    "scene_schema",
     "simulate",
     "study",
+    "warmup",
 ]
 
 

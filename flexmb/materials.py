@@ -1,8 +1,9 @@
 """Built-in linear elastic, isotropic materials with their values and sources.
 
 In: a name such as ``"steel"``. Out: a :class:`Material` with Young's modulus E [Pa], Poisson's
-ratio nu [-] and density [kg/m^3]. Handbook values for the material in general at room temperature:
-grades differ by a few per cent, so give your own numbers where that matters.
+ratio nu [-] and density [kg/m^3], with where they are from. Typical values at room temperature, of
+standards and handbooks (unit weights of a table are divided by 9.80665 m/s^2 and rounded to three
+digits): grades differ by a few per cent, plastics by half, so give your own where that matters.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from math import isfinite
 
 from flexmb.errors import MaterialError, Problem, nearest
 
-__all__ = ["LIBRARY", "Material", "material"]
+__all__ = ["COLUMNS", "LIBRARY", "Material", "material", "table"]
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,15 @@ class Material:
 _EN1993 = "EN 1993-1-1:2005, 3.2.6 (E, nu); EN 1991-1-1:2002, table A.4 (density)"
 _EN10088 = "EN 10088-1:2014, grade 1.4301 (E, density); EN 1993-1-4:2006, 2.1.3 (nu)"
 _EN1999 = "EN 1999-1-1:2007, 3.2.5"
+_EN1563 = "EN 1563, informative annex, ferritic grade EN-GJS-400-18"
+_EN1992 = (
+    "EN 1992-1-1:2004, C30/37, table 3.1 (E), 3.1.3 (nu); EN 1991-1-1:2002, table A.1 (density)"
+)
+_EN572 = "EN 572-1:2012, soda lime silicate glass"
 _SHIGLEY = "Shigley's Mechanical Engineering Design, 10th ed., table A-5"
 _ASHBY = (
-    "Ashby, Materials Selection in Mechanical Design, appendix A, mid-range (E, density); nu usual"
+    "Ashby, Materials Selection in Mechanical Design, appendix A: middle of the range (E, density);"
+    " nu: 0.4 taken for all thermoplastics"
 )
 
 LIBRARY: dict[str, Material] = {
@@ -55,17 +62,33 @@ LIBRARY: dict[str, Material] = {
         Material("steel", 210e9, 0.3, 7850.0, _EN1993),
         Material("stainless steel", 200e9, 0.3, 7900.0, _EN10088),
         Material("aluminium", 70e9, 0.3, 2700.0, _EN1999),
-        Material("titanium", 114e9, 0.34, 4420.0, _SHIGLEY + ", titanium alloys"),
+        Material("titanium", 114e9, 0.34, 4430.0, _SHIGLEY + ", titanium alloys"),
         Material("cast iron", 100e9, 0.211, 7200.0, _SHIGLEY + ", gray cast iron"),
+        Material("ductile iron", 169e9, 0.275, 7100.0, _EN1563),
         Material("brass", 106e9, 0.324, 8540.0, _SHIGLEY),
+        Material("bronze", 111e9, 0.349, 8170.0, _SHIGLEY + ", phosphor bronze"),
         Material("copper", 119e9, 0.326, 8900.0, _SHIGLEY),
         Material("magnesium", 44.8e9, 0.35, 1790.0, _SHIGLEY),
+        Material("inconel", 214e9, 0.29, 8490.0, _SHIGLEY),
+        Material("concrete", 33e9, 0.2, 2450.0, _EN1992),
+        Material("glass", 70e9, 0.2, 2500.0, _EN572),
         Material("abs", 2.0e9, 0.4, 1110.0, _ASHBY),
         Material("nylon", 2.9e9, 0.4, 1130.0, _ASHBY),
         Material("pom", 3.8e9, 0.4, 1410.0, _ASHBY),
     )
 }
 _ALIASES = {"aluminum": "aluminium", "grey cast iron": "cast iron", "gray cast iron": "cast iron"}
+
+COLUMNS = ("material", "E [GPa]", "nu", "density [kg/m³]", "source of the typical values")
+"""Headings of the rows of :func:`table`."""
+
+
+def table() -> list[tuple[str, ...]]:
+    """The library as rows of text, one for each material; columns as `COLUMNS` says."""
+    return [
+        (m.name, f"{m.E / 1e9:g}", f"{m.nu:g}", f"{m.density:g}", m.source)
+        for m in LIBRARY.values()
+    ]
 
 
 def material(name: str | Material) -> Material:

@@ -35,7 +35,8 @@ def main(path: Path) -> None:
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
     gmsh.write(str(path))
     gmsh.finalize()
-    path.write_text(compact(path.read_text()))
+    text = compact(path.read_text(encoding="utf-8"))
+    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def build() -> int:

@@ -16,13 +16,13 @@ import numpy as np
 from flexmb.engine.compile import compile_system
 from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
+from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
-from flexmb.engine.kernels.residual import position_stage, residual
+from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import LOAD, SENSOR, SPRING
+from flexmb.engine.tables import COORDINATE, LOAD, SENSOR, SPRING
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -34,7 +34,7 @@ def run(sys, st, wk, out, what, cv, cp, k):
     now, tr = wk.now, wk.trial
     if what == STAGES:
         bad = residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
-        kinematics.velocity(sys.parts, now, st.v)
+        velocity_stage(sys, wk, st.v)
         kinematics.bias(sys.parts, now, st.v)
         constraint.rates(sys.rows, now.marker, wk.con, wk.dense.g[0])
         constraint.right_side(sys.rows, now.marker, wk.con, wk.dense.g[0])
@@ -43,6 +43,7 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[1] = energy.strain(sys.parts, st.q)
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
+        out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
         sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
@@ -53,8 +54,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     if what == SOLVE:
         solve_refined(sys.kkt, wk.factor, k)
     elif what == MOVE:
-        move(sys.parts.bodies, st.q, tr.dq, tr.q)
-        position_rate(sys.parts.bodies, st.q, st.v, out)
+        move(sys.parts, st.q, tr.dq, tr.q)
+        position_rate(sys.parts, st.q, st.v, out)
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
@@ -63,7 +64,11 @@ def run(sys, st, wk, out, what, cv, cp, k):
 
 def padded(system):
     """The system with empty tables where it has none."""
+    parts = system.parts
+    if parts.coordinates is None:
+        parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
     return system._replace(
+        parts=parts,
         functions=lower([]) if system.functions is None else system.functions,
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
         loads=np.zeros(0, LOAD) if system.loads is None else system.loads,

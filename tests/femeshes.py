@@ -66,6 +66,21 @@ def _with_middles(points, tets):
     return np.array(points), np.array(full)
 
 
+def mirrored_block(divisions=(4, 1, 1), size=(1.0, 0.2, 0.1)):
+    """A block and its mirror image below the xy plane, merged: a mesh symmetric about it."""
+    half = block(divisions, size)
+    points = np.vstack([half.points, half.points * [1, 1, -1]])
+    _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    n = len(half.points)
+    blocks = {k: same.ravel()[np.vstack([c, c + n])] for k, c in half.blocks.items()}
+    faces = len(half.blocks["triangle6"])
+    sets = {
+        name: {"triangle6": np.concatenate([rows["triangle6"], rows["triangle6"] + faces])}
+        for name, rows in half.element_sets.items()
+    }
+    return Mesh(points[first], blocks, {}, sets)
+
+
 def line(n, start=(0.0, 0.0, 0.0), end=(1.0, 0.0, 0.0)):
     """Straight beam of n elements with the node groups root, middle and tip."""
     t = np.linspace(0, 1, n + 1)[:, None]

@@ -29,6 +29,8 @@ class FakeLayout:
     nq: int = 16
     nv: int = 14
     nc: int = 3
+    coordinates: tuple[str, ...] = ()
+    reactions: tuple[str, ...] = ("joints.pin",)
     rows: tuple[str, ...] = ("pin.x", "pin.y", "pin.z")
     channels: tuple[str, ...] = ("slider.x", "slider.y", "slider.z", "turn")
     energies: tuple[str, ...] = ("kinetic", "strain", "balance")
@@ -60,6 +62,7 @@ def block(start: int, k: int, layout: FakeLayout | None = None) -> OutputBlock:
         v=columns(layout.nv),
         vd=columns(layout.nv),
         lam=columns(layout.nc),
+        reactions=columns(12 * len(layout.reactions)),
         sensors=columns(len(layout.channels)),
         energy=columns(len(layout.energies)),
         drift=columns(2),

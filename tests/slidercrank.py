@@ -121,6 +121,7 @@ def rows(t: np.ndarray, layout: Any) -> OutputBlock:
         v=np.zeros((n, layout.nv)),
         vd=np.zeros((n, layout.nv)),
         lam=np.zeros((n, layout.nc)),
+        reactions=np.zeros((n, 12 * len(layout.reactions))),
         sensors=sensors,
         energy=np.full((n, len(layout.energies)), 0.5),
         drift=np.zeros((n, 2)),

@@ -59,7 +59,7 @@ class Memory:
         return [np.concatenate(parts) for parts in zip(*self._rows(), strict=True)]
 
     def _rows(self):
-        names = ("t", "q", "v", "vd", "lam", "sensors", "energy", "drift")
+        names = ("t", "q", "v", "vd", "lam", "reactions", "sensors", "energy", "drift")
         return [[getattr(block, name) for name in names] for block in self.blocks]
 
 
@@ -73,6 +73,7 @@ class Run:
     v: np.ndarray
     vd: np.ndarray
     lam: np.ndarray
+    reactions: np.ndarray
     sensors: np.ndarray
     energy: np.ndarray
     drift: np.ndarray
@@ -130,18 +131,20 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         for level in (VELOCITIES, ACCELERATIONS, BEGIN):
             solve_level(made.system, state, scratch, level)
         state.aa[:] = state.vd
-    work = new_work(made.system, method.n_stages(chosen))
+    work = new_work(made.system, len(made.layout.channels), method.n_stages(chosen))
     knobs = method.Settings(
         **{
-            "step": h, "newton_tolerance": 1e-10, "max_iterations": 15, "output_every": every,
-            "works": 1, "determined": 0, **settings,
+            "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
+            "tolerance": 0.0, "accuracy": 0.0, "order": 2,
+            "newton_tolerance": 1e-10, "max_iterations": 15, "works": 1, "determined": 0,
+            **settings,
         }
     )  # fmt: skip
-    rows = count // every if every else 1
+    rows = count // (every or count) + 4
     out = march.new_output(made.system, rows, len(made.layout.channels))
     status = march.march(made.system, chosen, knobs, state, work, out, count)
     assert status == method.FINE, status
-    tables = [np.array(table[: int(out.rows[0])]) for table in out[:-1]]
+    tables = [np.array(table[1 : int(out.rows[0])]) for table in out[:-1]]
     return Run(made.layout, *tables, {}), state, work
 
 

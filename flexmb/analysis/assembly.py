@@ -11,24 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.gaps import check_branches, gap_problems
-from flexmb.analysis.metric import anchored_system, slowest_period, stiff_system
+from flexmb.analysis.metric import slowest_period, stiff_system
+from flexmb.analysis.velocities import AskedVelocities
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
     ACCELERATIONS,
     BEGIN,
     POSITIONS,
     RESIDUAL,
-    VELOCITIES,
     solve_level,
 )
 from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 
 _ROUNDS = 60
 _OPEN = 1e-10  # gap relative to the model size, or radians
@@ -37,7 +35,6 @@ _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps clos
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _EQUILIBRIUM_ROUNDS = 40
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
-_KEPT = 1e-6  # asked-for velocities may change by this share before it is said
 
 
 @dataclass(frozen=True)
@@ -74,17 +71,14 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     state.q[:] = compiled.placed
     period = slowest_period(system)
     stiff = stiff_system(system, _RIGID * period)
-    anchored = anchored_system(stiff, model)
-    wanted = np.zeros(compiled.layout.nv)
+    asked = AskedVelocities(compiled, model, stiff)
 
     def close() -> None:
         _close_positions(stiff, state, work, compiled, model)
-        wanted[:] = _asked_velocities(compiled, model, state)
-        state.v[:] = wanted
-        solve_level(anchored, state, work, VELOCITIES)
+        asked.start(state)
 
     close()
-    notes = _velocity_notes(compiled, model, state, wanted)
+    notes = asked.notes(state)
     if start == "quasi-static" and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
     _solve_accelerations(system, state, work)
@@ -108,38 +102,6 @@ def _close_positions(
         check_branches(compiled, model, state, work)
         return
     raise AssemblyError.from_problems(gap_problems(compiled, work))
-
-
-def _asked_velocities(compiled: Compiled, model: Model, state: State) -> NDArray[np.float64]:
-    """v of the velocities given in the scene (global axes), zero where none is given."""
-    v = np.zeros(compiled.layout.nv)
-    for body, spec in zip(compiled.layout.bodies, model.bodies.values(), strict=True):
-        if spec.velocity is not None:
-            v[body.iv : body.iv + 3] = spec.velocity
-        if spec.angular_velocity is not None:
-            A = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
-            v[body.iv + 3 : body.iv + 6] = A.T @ np.array(spec.angular_velocity)
-    return v
-
-
-def _velocity_notes(
-    compiled: Compiled, model: Model, state: State, wanted: NDArray[np.float64]
-) -> list[str]:
-    """What was asked for and could not be kept."""
-    notes = []
-    scale = max(float(np.abs(wanted).max(initial=0.0)), 1e-12)
-    for body, spec in zip(compiled.layout.bodies, model.bodies.values(), strict=True):
-        for word, given, at in (
-            ("velocity", spec.velocity, body.iv),
-            ("angular_velocity", spec.angular_velocity, body.iv + 3),
-        ):
-            change = float(np.abs(state.v[at : at + 3] - wanted[at : at + 3]).max())
-            if given is not None and change > _KEPT * scale:
-                notes.append(
-                    f"bodies.{body.name}.{word} does not fit the joints and drivers; "
-                    f"changed by up to {change:.3g}"
-                )
-    return notes
 
 
 def _equilibrate(

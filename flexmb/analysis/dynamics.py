@@ -14,18 +14,22 @@ import numpy as np
 
 from flexmb.analysis.assembly import assemble
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.rank import constraint_rank
+from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
 from flexmb.errors import FlexmbError, SceneError
-from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results import OutputBlock
 
 _MAX_ITERATIONS = 15
+_NEWTON = 1e-8  # relative, with fixed steps
+# Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
+_LOCAL_SHARE = 0.1
+_EXPLICIT_SHARE = 0.1
 
 
 class Sink(Protocol):
@@ -47,23 +51,31 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Steps:
-    """The grid of a run."""
+    """The grid of a run: output interval and fixed step [s], 0 for steps by error control."""
 
+    interval: float
     step: float
-    every: int
-    outputs: int
-
-    @property
-    def count(self) -> int:
-        """Steps in all."""
-        return self.every * self.outputs
 
 
 def time_grid(spec: DynamicsSpec) -> Steps:
     """The largest step not above the one asked for with which all outputs fall on steps."""
     interval = spec.duration / spec.outputs
+    if spec.step is None:
+        return Steps(interval, 0.0)
     every = max(1, math.ceil(interval / spec.step * (1.0 - 1e-12)))
-    return Steps(interval / every, every, spec.outputs)
+    return Steps(interval, interval / every)
+
+
+def local_tolerance(spec: DynamicsSpec) -> float:
+    """Local error of a step, over the motion, that leaves the accuracy asked for in the end.
+
+    With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
+    order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
+    """
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
+    if spec.method == "explicit-rk":
+        return _EXPLICIT_SHARE * accuracy
+    return float(_LOCAL_SHARE * accuracy**1.5)
 
 
 def chosen_method(spec: DynamicsSpec) -> method.Method:
@@ -114,7 +126,7 @@ def prepare(compiled: Compiled, model: Model, *, progress: Progress = silent) ->
     first = assemble(compiled, model, start=spec.start)
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
-    settings = _settings(compiled, spec, grid, rank == compiled.layout.nv)
+    settings = _settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
     notes = list(first.notes)
@@ -124,7 +136,7 @@ def prepare(compiled: Compiled, model: Model, *, progress: Progress = silent) ->
             f"{redundant} of {compiled.layout.nc} constraint equations repeat others: the motion "
             "is unique, the reactions there are not (the least ones are reported)"
         )
-    if grid.step < spec.step * (1.0 - 1e-9):
+    if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
@@ -144,7 +156,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
-    status, message = _integrate(run, prepared.grid, prepared.model, sink, progress)
+    status, message = _integrate(run, prepared.model, sink, progress)
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -169,37 +181,38 @@ def _settings(
     works = bool(
         system.springs is not None
         or system.loads is not None
+        or system.parts.coordinates is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
     return method.Settings(
+        start=0.0,
+        end=spec.duration,
+        interval=grid.interval,
         step=grid.step,
-        newton_tolerance=spec.newton_tolerance,
+        tolerance=0.0 if grid.step else local_tolerance(spec),
+        accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
+        order=3 if spec.method == "explicit-rk" else 2,
+        newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
-        output_every=grid.every,
         works=int(works),
         determined=int(determined),
     )
 
 
-def _integrate(
-    run: Run, grid: Steps, model: Model, sink: Sink, progress: Progress
-) -> tuple[str, str]:
+def _integrate(run: Run, model: Model, sink: Sink, progress: Progress) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     state = run.state
     sink.save_state(state._asdict())
-    done = 0
     try:
         status = run.march(0)
         sink.append(run.block())
-        while status == method.FINE and done < grid.count:
-            n = min(run.chunk, grid.count - done)
-            status = run.march(n)
+        while status == method.FINE and not run.finished:
+            status = run.march(run.chunk)
             apart = _store(run, sink)
             if apart:
                 return "failed", apart
-            done += n
-            progress("integrate", done / grid.count, f"t = {state.t[0]:.4g} s")
+            progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
     except KeyboardInterrupt:
         if run.unread:
             _store(run, sink)
@@ -207,7 +220,7 @@ def _integrate(
     except FlexmbError as error:
         return "failed", str(error)
     if status != method.FINE:
-        at, step = float(state.t[0]), run.settings.step
+        at, step = float(state.t[0]), float(state.memory[method.STEP])
         return "failed", reason(status, run.compiled, model, run.work, at, step)
     return "finished", ""
 
@@ -224,11 +237,30 @@ def _store(run: Run, sink: Sink) -> str:
     return ""
 
 
+def _ten_times(run: Run) -> float:
+    """How much more time ten times the accuracy takes: that many more steps."""
+    order = 3.0 if run.method.alpha is None else 2.0
+    return float(10.0 ** (1.0 / order))
+
+
 def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
-    count = run.state.count
+    count, memory = run.state.count, run.state.memory
+    fixed = run.settings.step > 0.0
+    steps = (
+        {"step_s": run.settings.step}
+        if fixed
+        else {
+            "rejected_steps": int(count[method.REJECTED]),
+            "smallest_step_s": float(memory[method.LEAST_STEP]),
+            "largest_step_s": float(memory[method.GREATEST_STEP]),
+            "estimated_error": float(memory[method.ERROR_SUM] / memory[method.MOTION]),
+            "ten_times_more_accuracy_costs": _ten_times(run),
+        }
+    )
     return {
         "steps": int(count[method.STEPS]),
-        "step_s": run.settings.step,
+        **steps,
+        "failed_steps": int(count[method.FAILED]),
         "newton_iterations": int(count[method.RESIDUALS]),
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),

@@ -1,9 +1,7 @@
 """The metric in which the first state is changed least.
 
-Corrections of positions and velocities minimise δᵀ M δ with two changes to M: the modal mass
-becomes M + b K, so that gaps are closed by moving bodies and hardly by straining them, and bodies
-whose velocity the user gave weigh 1e8 times as much, in translation or rotation as given, so that
-the others adapt to them.
+Corrections of positions and velocities minimise δᵀ M δ with a change to M: the modal mass becomes
+M + b K, so that gaps are closed by moving bodies and hardly by straining them.
 """
 
 from __future__ import annotations
@@ -12,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.tables import System
-from flexmb.model.model import Model
 
-_HEAVY = 1e8
 _STIFF = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
 
 
@@ -48,14 +44,3 @@ def slowest_period(system: System) -> float:
             values = values[values > _STIFF * values.max(initial=0.0)]
             slowest = max(slowest, 1.0 / float(values.min())) if values.size else slowest
     return slowest
-
-
-def anchored_system(system: System, model: Model) -> System:
-    """A stiff system in which bodies with a given velocity are heavy."""
-    bodies = system.parts.bodies.copy()
-    for row, spec in zip(bodies, model.bodies.values(), strict=True):
-        if spec.velocity is not None:
-            row["mass"] *= _HEAVY
-        if spec.angular_velocity is not None:
-            row["S0"] += _HEAVY * np.trace(row["S0"]) * np.eye(3)
-    return system._replace(parts=system.parts._replace(bodies=bodies))

@@ -29,15 +29,24 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
                 n = 6 + int(body["m"])
                 values = work.dense.jac[row[place] : row[place] + n]
                 Cq[k, body["iv"] : body["iv"] + n] = values
+        if row["coordinate"] >= 0:
+            assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
+            Cq[k, system.parts.coordinates[row["coordinate"]]["iv"]] = -1.0
     return Cq
+
+
+def n_free(compiled: Compiled) -> int:
+    """Velocity coordinates that may move: all, or those in the plane."""
+    return int(np.sum(compiled.system.kkt.column >= 0))
 
 
 def constraint_rank(compiled: Compiled, work: Work) -> int | None:
     """Rank of Cq at the first state; None for a model too large for a dense decomposition."""
-    nc, nv = compiled.layout.nc, compiled.layout.nv
+    nc, nv = compiled.layout.nc, n_free(compiled)
     if nv > _LARGEST:
         return None
     if nc == 0:
         return 0
-    values = np.linalg.svd(dense_jacobian(compiled, work), compute_uv=False)
+    Cq = dense_jacobian(compiled, work)[:, compiled.system.kkt.column >= 0]
+    values = np.linalg.svd(Cq, compute_uv=False)
     return int(np.sum(values > _RANK * values[0]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -43,13 +44,36 @@ class Run:
         state: State,
     ) -> None:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
-        self.work: Work = new_work(compiled.system, method.n_stages(chosen))
+        channels = len(compiled.layout.channels)
+        self.work: Work = new_work(compiled.system, channels, method.n_stages(chosen))
         self.chunk = max(1, _CHUNK_WORK // compiled.layout.nv)  # steps
-        rows = self.chunk // settings.output_every + 1
-        self.output = march.new_output(compiled.system, rows, len(compiled.layout.channels))
+        self.output = march.new_output(compiled.system, self._rows(), channels)
         self.unread = False
         self.largest_drift = np.zeros(2)
         self.balance = _Balance()
+
+    def _rows(self) -> int:
+        """Room for the outputs of one chunk; of a few of them at least."""
+        settings = self.settings
+        every = settings.interval / settings.step if settings.step else 1.0
+        left = math.ceil((settings.end - settings.start) / settings.interval) + 1
+        most = max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
+        return min(int(self.chunk / every) + 1, left, most) + 4
+
+    @property
+    def share_done(self) -> float:
+        """How much of the time span is done."""
+        settings = self.settings
+        if self.finished:
+            return 1.0
+        return float((self.state.t[0] - settings.start) / (settings.end - settings.start))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has reached its end."""
+        settings = self.settings
+        shortest = settings.step or settings.interval
+        return bool(self.state.t[0] >= settings.end - 1e-9 * shortest)
 
     def march(self, steps: int) -> int:
         """Run some steps, or with 0 report the present state; returns the status."""

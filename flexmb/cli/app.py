@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +23,8 @@ meshes it names, simulates it and leaves a result file, a picture and a plot.
 _EXAMPLES = """
 Examples:
 
+flexmb new my_pendulum
+
 flexmb run cases/slider_crank/scene.toml
 
 flexmb run scene.toml --set speed="2*pi*50" --output out/fast
@@ -29,6 +32,8 @@ flexmb run scene.toml --set speed="2*pi*50" --output out/fast
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
 flexmb info out/slider_crank/rod.flexbody.h5
+
+flexmb list joints
 
 Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check failed, 130 Ctrl-C.
 """
@@ -140,6 +145,13 @@ def reduce(
             "scene; may be repeated.",
         ),
     ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
+            "for planar scenes.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File to write; <mesh>.flexbody.h5 here by default."),
@@ -154,7 +166,7 @@ def reduce(
     """
     from flexmb.cli.actions import reduce_mesh
 
-    options = {"units": units, "modes": modes, "damping": damping}
+    options = {"units": units, "modes": modes, "damping": damping, "plane": plane}
     reduce_mesh(mesh, material, interface or [], section or [], options, output)
 
 
@@ -164,7 +176,9 @@ def render(
     result: Annotated[Path, typer.Argument(help="Result file.", show_default=False)],
     time: Annotated[
         float | None,
-        typer.Option(help="Time of the picture [s]; the scene's own, else the end.", min=0.0),
+        typer.Option(
+            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
+        ),
     ] = None,
     exaggeration: Annotated[
         str | None,
@@ -239,6 +253,9 @@ def doctor() -> None:
 
 def main() -> None:
     """The entry point of the command ``flexmb``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a pipe on Windows may lack the letters we use
+            stream.reconfigure(errors="replace")
     try:
         app(prog_name="flexmb")
     except KeyboardInterrupt:

@@ -10,9 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from flexmb.units import UnitSystem, unit_system
+
 __all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_TIME = "_s"  # statistics of this ending are times of the scene
 _NARROW = 100  # columns of tables where the output is a file or a pipe
 _ENDLESS = 10_000  # columns that no table fills
 
@@ -68,7 +71,7 @@ def run_report(report: Any) -> str:
     for note in report.notes:
         line(f"note: {note}")
     if report.checks:
-        _checks(report.checks)
+        _checks(report.checks, run.units.label("s"))
     files = [*report.flexbodies.values(), report.result, report.picture, report.history]
     heading("files")
     for path in files:
@@ -79,13 +82,17 @@ def run_report(report: Any) -> str:
 
 def result(run: Any) -> None:
     """What a result holds: how it ended, statistics, times, energies, drift."""
+    from flexmb.model.head import gravity_in_words
+
     heading(run.title or str(run.path))
     rows = len(run.time)
-    span = f", {rows} rows to t = {run.time[-1]:g} s" if rows else ", no rows"
+    unit = run.units.label("s")
+    span = f", {rows} rows to t = {run.time[-1]:g} {unit}" if rows else ", no rows"
     line(f"{run.status}{span}" + (f": {run.message}" if run.message else ""))
+    line(gravity_in_words(run.model.get("gravity"), run.units))
     if run.status == "running":
         line("note: the run is still going on, or it was killed; what is here is whole")
-    numbers, seconds = _sorted_statistics(run.statistics)
+    numbers, seconds = _sorted_statistics(run.statistics, run.units)
     if numbers:
         table(("statistics", ""), numbers, right=(1,))
     if seconds:
@@ -98,20 +105,22 @@ def result(run: Any) -> None:
 
 
 def flexible_body(body: Any) -> None:
-    """Mass, centre, inertia, interfaces and modes of a flexible body."""
+    """Mass, centre, inertia, interfaces and modes of a flexible body, in the mesh's units."""
     from flexmb.flexbody import MODE_COLUMNS, mode_table
 
     heading(f"flexible body {body.name}")
     J = body.inertia_about_center
+    units = unit_system(body.provenance.get("units", "SI"))
     rows = [
-        ("mass", f"{body.mass:.6g} kg"),
-        ("centre of mass", _vector(body.center, "m")),
-        ("inertia about it xx, yy, zz", _vector([J[0, 0], J[1, 1], J[2, 2]], "kg m²")),
-        ("inertia about it xy, xz, yz", _vector([J[0, 1], J[0, 2], J[1, 2]], "kg m²")),
+        ("mass", units.say(body.mass, "kg")),
+        ("centre of mass", _vector(body.center, "m", units)),
+        ("inertia about it xx, yy, zz", _vector(J.diagonal(), "kg m^2", units)),
+        ("inertia about it xy, xz, yz", _vector(J[[0, 0, 1], [1, 2, 2]], "kg m^2", units)),
         ("modal coordinates", str(body.m)),
         ("damping", "none" if not body.D.any() else "modal"),
     ]
-    rows += [(f"interface {i.name}", f"at {_vector(i.position, 'm')}") for i in body.interfaces]
+    places = {i.name: _vector(i.position, "m", units) for i in body.interfaces}
+    rows += [(f"interface {name}", f"at {place}") for name, place in places.items()]
     table(("", ""), rows)
     if body.modes:
         table(MODE_COLUMNS, mode_table(body), right=(0, 2))
@@ -126,7 +135,7 @@ def check_report(report: Any) -> None:
     line("the scene is valid")
 
 
-def _checks(outcomes: Sequence[Any]) -> None:
+def _checks(outcomes: Sequence[Any], unit: str) -> None:
     rows = [
         (
             "ok" if o.passed else "FAILED",
@@ -139,15 +148,16 @@ def _checks(outcomes: Sequence[Any]) -> None:
         )
         for o in outcomes
     ]
-    columns = ("check", "sensor", "t [s]", "value", "expected", "off by", "allowed")
+    columns = ("check", "sensor", f"t [{unit}]", "value", "expected", "off by", "allowed")
     table(columns, rows, right=(2, 3, 4, 5, 6))
     for o in outcomes:
         if not o.passed:
-            line(f"failed: {o.sensor} at t = {o.time:g} s; the expected value is from: {o.source}")
+            at = f"t = {o.time:g} {unit}"
+            line(f"failed: {o.sensor} at {at}; the expected value is from: {o.source}")
 
 
 def _sorted_statistics(
-    statistics: Mapping[str, Number],
+    statistics: Mapping[str, Number], units: UnitSystem
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Counts and figures, and wall times by phase, both as rows of text."""
     numbers, seconds = [], []
@@ -155,6 +165,9 @@ def _sorted_statistics(
         words = name.removeprefix(_SECONDS).replace("_", " ")
         if name.startswith(_SECONDS):
             seconds.append((words, f"{value:.3g}"))
+        elif name.endswith(_TIME):
+            words = f"{words.removesuffix(' s')} [{units.label('s')}]"
+            numbers.append((words, _number(units.outward(value, "s"))))
         else:
             numbers.append((words, _number(value)))
     return numbers, seconds
@@ -168,7 +181,8 @@ def _energies(run: Any) -> None:
         if values.any()
     ]
     if rows:
-        table(("energy [J]", "at the end", "least", "greatest"), rows, right=(1, 2, 3))
+        label = f"energy [{run.units.label('J')}]"
+        table((label, "at the end", "least", "greatest"), rows, right=(1, 2, 3))
 
 
 def _energy(value: float) -> str:
@@ -181,11 +195,12 @@ def _number(value: Number) -> str:
     return f"{value:_}".replace("_", " ") if isinstance(value, int) else str(value)
 
 
-def _vector(values: Any, unit: str) -> str:
-    """Components; those that are round-off beside the largest, or below 1e-15, are shown as 0."""
+def _vector(values: Any, unit: str, units: UnitSystem) -> str:
+    """Components of an SI vector; those that are round-off or below 1e-15 are shown as 0."""
     noise = max(1e-12 * max(abs(float(v)) for v in values), 1e-15)
-    shown = (f"{float(v):.6g}" if abs(v) > noise else "0" for v in values)
-    return f"({', '.join(shown)}) {unit}"
+    kept = (float(v) if abs(v) > noise else 0.0 for v in values)
+    shown = ", ".join(f"{units.outward(v, unit):.6g}" for v in kept)
+    return f"({shown}) {units.label(unit, raised=True)}"
 
 
 def _console() -> Console:

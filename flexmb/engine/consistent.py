@@ -4,12 +4,12 @@ accelerations with multipliers, residual. One entry for all, so that it compiles
 from __future__ import annotations
 
 from flexmb.engine.jit import entry, kernel
-from flexmb.engine.kernels import constraint, energy, kinematics, sensor
+from flexmb.engine.kernels import constraint, energy, sensor
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.projection import accelerations, project_velocity
-from flexmb.engine.kernels.residual import position_stage, residual
+from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.vector import weighted_size
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN = 0, 1, 2, 3, 4
@@ -32,7 +32,7 @@ def solve_level(sys, st, wk, level):
     if level == RESIDUAL:
         return -1.0 - residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
     position_stage(sys, wk, st.t[0], st.q)
-    kinematics.velocity(sys.parts, wk.now, st.v)
+    velocity_stage(sys, wk, st.v)
     if level == BEGIN:
         energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
         for i in range(st.angles.shape[0]):
@@ -63,5 +63,5 @@ def _correct_positions(sys, st, wk):
     if size > _LONGEST:
         for i in range(nv):
             tr.dq[i] *= _LONGEST / size
-    move(sys.parts.bodies, st.q, tr.dq, st.q)
+    move(sys.parts, st.q, tr.dq, st.q)
     return size

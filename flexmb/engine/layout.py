@@ -25,13 +25,20 @@ class BodyColumns:
 
 @dataclass(frozen=True)
 class Layout:
-    """Names and offsets of all columns of a compiled system."""
+    """Names and offsets of all columns of a compiled system.
+
+    The scalar coordinates stand behind the bodies, in this order, in q and in v. A reaction is the
+    wrench that a joint or driver transmits, twelve numbers: force and moment on marker J in its
+    axes, then force and moment on marker I in its axes.
+    """
 
     bodies: tuple[BodyColumns, ...]
+    coordinates: tuple[str, ...]
     nq: int
     nv: int
     nc: int
     rows: tuple[str, ...]
+    reactions: tuple[str, ...]
     channels: tuple[str, ...]
     energies: tuple[str, ...]
     fingerprint: str

@@ -2,7 +2,8 @@
 
 A chunk starts by forgetting the factor and ends with the complete state in `State`, so that a run
 resumed at a chunk's border repeats the uninterrupted one bit for bit. Between chunks Python shows
-progress, writes to the file and honours an interruption.
+progress, writes to the file and honours an interruption. With fixed steps outputs fall on steps;
+with error control they are interpolated inside an accepted step and put back on the constraints.
 """
 
 from __future__ import annotations
@@ -11,22 +12,40 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine import control
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
-from flexmb.engine.kernels import constraint, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    energy,
+    force,
+    kinematics,
+    reaction,
+    sensor,
+)
+from flexmb.engine.kernels.interpolation import hermite, interpolate
 from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
     FACTORISATIONS,
     FINE,
+    GRID,
+    LAST_STEP,
     NO_METHOD,
     NOT_FINITE,
+    OUTPUTS,
+    PART,
     STEPS,
+    TOO_SMALL,
     ZERO_LENGTH,
 )
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
+
+# What accelerations() does to the state first.
+_PROJECT_VELOCITIES, _PROJECT_ALL = 1, 2
 
 
 class Output(NamedTuple):
@@ -37,6 +56,7 @@ class Output(NamedTuple):
     v: np.ndarray  # (rows, nv)
     vd: np.ndarray  # (rows, nv)
     lam: np.ndarray  # (rows, nc)
+    reactions: np.ndarray  # (rows, 12 groups), as `layout.Layout` says
     sensors: np.ndarray  # (rows, channels)
     energy: np.ndarray  # (rows, 7): kinetic, strain, gravity, spring, and three works
     drift: np.ndarray  # (rows, 2): largest |C|, and |Cq v + C_t| before v was projected
@@ -46,7 +66,7 @@ class Output(NamedTuple):
 def new_output(system: System, rows: int, channels: int) -> Output:
     """Room for `rows` output rows."""
     nq, nv, nc = sizes(system)
-    widths = (nq, nv, nv, nc, channels, 7, 2)
+    widths = (nq, nv, nv, nc, 12 * len(system.groups), channels, 7, 2)
     tables = (np.empty((rows, w)) for w in widths)
     return Output(np.empty(rows), *tables, np.zeros(1, dtype=np.int64))
 
@@ -54,7 +74,13 @@ def new_output(system: System, rows: int, channels: int) -> Output:
 @inlined
 def _accept(sys, settings, st, wk, h):
     """Add up the works of the step and make the trial state the state."""
-    tr, now = wk.trial, wk.now
+    tr, now, before = wk.trial, wk.now, wk.trial.before
+    before.t[0] = st.t[0]
+    if settings.step == 0.0:
+        copy(st.q, before.q)
+        copy(st.v, before.v)
+        copy(st.work_done, before.work_done)
+        copy(st.power, before.power)
     kinematics.position(sys.parts, now, tr.q)
     if settings.works == 1:
         kinematics.velocity(sys.parts, now, tr.v)
@@ -69,72 +95,129 @@ def _accept(sys, settings, st, wk, h):
     copy(st.vd, st.vd_before)
     store(tr.vd, st.vd)
     store(tr.aa, st.aa)
+    if settings.step == 0.0:
+        copy(st.jerk, st.jerk_before)
+        copy(tr.jerk, st.jerk)
     copy(st.lam, st.lam_before)
     store(tr.lam, st.lam)
     st.count[STEPS] += 1
+    if settings.step == 0.0:
+        control.follow_motion(sys, st)
+
+
+@inlined
+def _advance(sys, method, settings, st, wk, room):
+    """One accepted step of the size that works; or the status of the last one tried."""
+    while True:
+        h = control.proposed(settings, st, room)
+        status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
+        if status == NO_METHOD:
+            status = explicit.step(sys, method.explicit, settings, st, wk, h)
+        verdict = control.rejected(settings, st, wk.trial.error, status, h)
+        if verdict == FINE:
+            wk.trial.t[0] = control.exact_time(settings, st, h)
+            _accept(sys, settings, st, wk, h)
+            control.accepted(settings, st, wk.trial.error, h)
+            return FINE
+        if verdict == TOO_SMALL:
+            return status if status != FINE else TOO_SMALL
 
 
 @kernel
-def report(sys, method, settings, st, wk, out):
-    """Write the state at st.t to the next row, with projected accelerations and multipliers."""
-    row = out.rows[0]
-    cp = _filter(method.alpha, settings)
-    tr, now = wk.trial, wk.now
-    copy(st.v, tr.v)
+def _due(settings, st):
+    """Whether an output is due at or before the present time."""
+    if settings.step > 0.0:
+        every = int(settings.interval / settings.step + 0.5)
+        return st.memory[PART] == 0.0 and st.count[GRID] == st.count[OUTPUTS] * every
+    return control.next_output(settings, st) <= st.t[0] + 1e-9 * settings.interval
+
+
+@kernel
+def _place(sys, settings, st, tr):
+    """Put the state at the next output time into the trial state; returns what to project."""
+    before, now = tr.before, control.next_output(settings, st)
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
+    copy(st.angles, tr.angles)
+    if settings.step > 0.0 or now >= st.t[0] - 1e-12 * settings.interval:
+        tr.t[0] = st.t[0]
+        copy(st.q, tr.q)
+        copy(st.v, tr.v)
+        copy(st.work_done, tr.work_done)
+        return _PROJECT_VELOCITIES
+    h = st.t[0] - before.t[0]
+    share = (now - before.t[0]) / h
+    tr.t[0] = now
+    interpolate(sys.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
+    for k in range(3):
+        tr.work_done[k], _ = hermite(
+            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
+        )
+    return _PROJECT_ALL
+
+
+@kernel
+def _report(sys, method, settings, st, wk, out):
+    """Write the next output row, with projected accelerations and multipliers."""
+    row, tr, now = out.rows[0], wk.trial, wk.now
+    project = _place(sys, settings, st, tr)
+    cp = _filter(method.alpha, settings, st)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    if accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, 1) < 0:
+    if accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project) < 0:
         return ZERO_LENGTH
     constraint.evaluate(sys.rows, now.marker, wk.con)
-    sensor.read(sys.sensors, sys.parts, now, tr.vd, st.angles, wk.dense.J[0], out.sensors[row])
-    out.t[row] = st.t[0]
-    copy(st.q, out.q[row])
+    sensor.follow_angles(sys.sensors, now.marker, tr.angles)
+    sensor.read(sys.sensors, sys.parts, now, tr.vd, tr.angles, wk.dense.J[0], out.sensors[row])
+    reaction.read(sys, now.marker, tr.lam, wk.dense.g, out.reactions[row])
+    out.t[row] = tr.t[0]
+    copy(tr.q, out.q[row])
     copy(tr.v, out.v[row])
     copy(tr.vd, out.vd[row])
     copy(tr.lam, out.lam[row])
     out.drift[row, 0] = largest(wk.con.C)
     out.drift[row, 1] = wk.con.drift[0]
     out.energy[row, 0] = energy.kinetic(sys.parts, now, tr.v, wk.dense.B)
-    out.energy[row, 1] = energy.strain(sys.parts, st.q)
-    out.energy[row, 2] = energy.gravitational(sys.parts, now, st.q)
+    out.energy[row, 1] = energy.strain(sys.parts, tr.q)
+    out.energy[row, 2] = energy.gravitational(sys.parts, now, tr.q)
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
+    out.energy[row, 3] += coordinate.spring_energy(sys.parts.coordinates, tr.q)
     for k in range(3):
-        out.energy[row, 4 + k] = st.work_done[k]
+        out.energy[row, 4 + k] = tr.work_done[k]
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE
     out.rows[0] += 1
+    st.count[OUTPUTS] += 1
     return FINE
 
 
 @kernel
-def _filter(alpha, settings):
+def _filter(alpha, settings, st):
     """Factor cp of the matrix that reported accelerations are solved with, of order h²."""
     if alpha is not None and settings.determined == 0:
-        h = settings.step
+        h = settings.step if settings.step > 0.0 else st.memory[LAST_STEP]
         return alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
     return 0.0
 
 
 @entry
 def march(sys, method, settings, st, wk, out, n_steps):
-    """Run n_steps, or none: then only report the present state; returns the status."""
+    """Run n_steps, or until the end or until `out` is full; returns the status.
+
+    Outputs that are due are written, also before the first step.
+    """
     out.rows[0] = 0
     done = 0
     status = FINE
-    h = settings.step
     st.memory[AGE] = -1.0
+    control.begin(sys, settings, st)
     while status == FINE:
-        every = settings.output_every
-        if n_steps == 0 or (done > 0 and every > 0 and st.count[STEPS] % every == 0):
-            status = report(sys, method, settings, st, wk, out)
-        if status != FINE or done == n_steps:
+        if _due(settings, st):
+            status = _report(sys, method, settings, st, wk, out)
+            continue
+        room = out.t.shape[0] - out.rows[0]
+        if done == n_steps or control.at_end(settings, st) or (done > 0 and room < 3):
             break
-        status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
-        if status == NO_METHOD:
-            status = explicit.step(sys, method.explicit, settings, st, wk, h)
-        if status == FINE:
-            _accept(sys, settings, st, wk, h)
-            done += 1
+        status = _advance(sys, method, settings, st, wk, room)
+        done += 1
     return status

@@ -1,13 +1,13 @@
 """What a run is asked to do: the method with its coefficients, and the settings of the loop.
 
 The step contract. A method is one file in `integrators` with a kernel `step(sys, coefficients,
-settings, st, wk, h) -> status` that reads `State`, leaves the trial state at t + h in
-`Work.trial` and its estimate of the local error in `trial.error` (NaN if it has none); the loop
-alone accepts, stores and reports. Memory that a method carries from step to step
-(previous accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a
-multi-stage method and an explicit one fit alike; and because a step is only proposed, an event
-found between `State` and the trial state can still shorten or reject it. Coefficients are data.
-The methods not chosen are None and are not compiled.
+settings, st, wk, h) -> status` that reads `State` and leaves the trial state at t + h in
+`Work.trial`, with its estimate of the local error in `trial.error` if steps are controlled; the
+loop alone accepts, rejects, chooses the next step, stores and reports. Memory that a method carries
+from step to step (previous accelerations, contraction, step sizes) lives in `State`, so a
+multi-step method, a multi-stage method and an explicit one fit alike; and because a step is only
+proposed, an event found between `State` and the trial state can still shorten or reject it.
+Coefficients are data. The methods not chosen are None and are not compiled.
 """
 
 from __future__ import annotations
@@ -45,20 +45,34 @@ class Method(NamedTuple):
 class Settings(NamedTuple):
     """Numbers of the loop."""
 
-    step: float  # s
-    newton_tolerance: float  # remaining Newton correction over h² v̇
+    start: float  # s
+    end: float  # s
+    interval: float  # between outputs, s
+    step: float  # s, a whole share of the interval; 0: steps by error control
+    tolerance: float  # local error of a step over motion and speed so far, with error control
+    accuracy: float  # error over motion in the end, with error control
+    order: int  # of the method
+    newton_tolerance: float  # remaining Newton correction over h² v̇; 0: a share of `tolerance`
     max_iterations: int
-    output_every: int  # steps per output
     works: int  # 1: something does work (drivers, dampers, applied forces)
     determined: int  # 1: the constraints alone fix the motion (no free coordinate)
 
 
 # Status codes of the kernels; `status` turns them into sentences.
-FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD = 0, 1, 2, 3, 4
+FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
 
-# Places in State.memory and State.count.
-CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP = 0, 1, 2, 3
-STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS = 0, 1, 2, 3
+# Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
+# is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
+# fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
+# least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
+# the share of the tolerance that leaves the accuracy in the end.
+CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
+PART, MOTION, SPEED, ERROR_SUM, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10, 11
+SINCE, JERK_ERROR, SHARE = 12, 13, 14
+MEMORY = 15
+# Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
+STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
+COUNTS = 8
 
 
 def generalized_alpha(spectral_radius: float) -> Method:

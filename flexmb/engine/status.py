@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, ZERO_LENGTH
+from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, ZERO_LENGTH
 from flexmb.engine.work import Work
 
 _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
     NOT_FINITE: "the solution is no longer finite",
+    TOO_SMALL: "no step is small enough for the accuracy asked for",
     ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
 }
 _CURE = {
-    NO_CONVERGENCE: "try a smaller dynamics.step; check the named place for a locked or "
+    NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
-    NOT_FINITE: "try a smaller dynamics.step; check functions of time at this moment",
+    NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
+    TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
 }
 

@@ -1,9 +1,10 @@
 """Elimination order and panels of the KKT matrix, found once per system.
 
-Blocks are bodies (6 + m columns, modes first) and constraint groups. Minimum degree on the block
-graph, with one rule that keeps all pivots away from zero: a group is eliminated after both its
-bodies, or after its child body if it is the joint by which that body hangs in the spanning tree
-(its pivot is then −C_q M̂⁻¹ C_qᵀ of a free body, of full rank). Trees get hardly any fill.
+Blocks are bodies (6 + m columns, modes first), scalar coordinates and constraint groups. Minimum
+degree on the block graph, with two rules that keep all pivots away from zero: a group is eliminated
+after both its bodies, or after its child body if it is the joint by which that body hangs in the
+spanning tree (its pivot is then −C_q M̂⁻¹ C_qᵀ of a free body, of full rank); a scalar coordinate,
+which may have no mass, after the groups that follow it. Trees get hardly any fill.
 References: Davis, Direct Methods for Sparse Linear Systems (2006), ch. 4, 7.
 """
 
@@ -20,11 +21,16 @@ from flexmb.engine.tables import LINK, PANEL, UPDATE, Kkt
 
 @dataclass(frozen=True)
 class Blocks:
-    """The KKT matrix by blocks: first the bodies, then the groups."""
+    """The KKT matrix by blocks: the bodies, the scalar coordinates, then the groups.
 
-    body_columns: list[int]  # 6 + m of each body
+    A body or scalar coordinate is a list: for each of its velocity coordinates the column in its
+    panel, or −1 if the coordinate is left out of the system.
+    """
+
+    columns: list[list[int]]
     group_rows: list[int]
     group_bodies: list[tuple[int, int]]  # bodies of I and J, -1 = ground
+    group_coordinates: list[tuple[int, ...]]  # blocks of the scalar coordinates it follows
     couples: list[tuple[int, int]]  # pairs of bodies whose tangents couple
 
 
@@ -36,6 +42,7 @@ class Symbolic:
     panel_of: list[int]  # panel of each block
     group_links: list[tuple[int, int]]  # LINK of each group with its bodies, -1 = ground
     couple_links: dict[tuple[int, int], int]
+    coordinate_links: dict[tuple[int, int], int]  # of (group, block)
 
 
 def analyse(blocks: Blocks) -> Symbolic:
@@ -43,23 +50,24 @@ def analyse(blocks: Blocks) -> Symbolic:
     order, below = _eliminate(blocks)
     panels, starts = _panels(blocks, order, below)
     updates = _updates(blocks, order, below, panels, starts)
-    links, group_links, couple_links = _links(blocks, order, below, panels)
+    links, *ids = _links(blocks, order, below, panels)
     kkt = _kkt(blocks, order, panels, below, starts, updates, links)
     panel_of = [0] * len(order)
     for k, block in enumerate(order):
         panel_of[block] = k
-    return Symbolic(kkt, panel_of, group_links, couple_links)
+    return Symbolic(kkt, panel_of, *ids)
 
 
 def _size(blocks: Blocks, b: int) -> int:
-    n = len(blocks.body_columns)
-    return blocks.body_columns[b] if b < n else blocks.group_rows[b - n]
+    n = len(blocks.columns)
+    return sum(c >= 0 for c in blocks.columns[b]) if b < n else blocks.group_rows[b - n]
 
 
 def _graph(blocks: Blocks) -> list[set[int]]:
-    n = len(blocks.body_columns)
+    n = len(blocks.columns)
     graph: list[set[int]] = [set() for _ in range(n + len(blocks.group_rows))]
-    pairs = [(n + g, b) for g, pair in enumerate(blocks.group_bodies) for b in pair if b >= 0]
+    ends = zip(blocks.group_bodies, blocks.group_coordinates, strict=True)
+    pairs = [(n + g, b) for g, (pair, free) in enumerate(ends) for b in (*pair, *free) if b >= 0]
     for a, b in pairs + [(a, b) for a, b in blocks.couples if a >= 0 and b >= 0]:
         graph[a].add(b)
         graph[b].add(a)
@@ -74,7 +82,7 @@ def _tree_child(blocks: Blocks) -> dict[int, int]:
             touching.setdefault(b, []).append(g)
     child: dict[int, int] = {}
     seen: set[int] = set()
-    for root in [-1, *range(len(blocks.body_columns))]:
+    for root in [-1, *range(len(blocks.columns))]:
         if root in seen:
             continue
         seen.add(root)
@@ -91,15 +99,26 @@ def _tree_child(blocks: Blocks) -> dict[int, int]:
     return child
 
 
+def _waits(blocks: Blocks) -> list[set[int]]:
+    """The blocks that must be eliminated before each block."""
+    n = len(blocks.columns)
+    child = _tree_child(blocks)
+    waits: list[set[int]] = [set() for _ in range(n)]
+    for g, pair in enumerate(blocks.group_bodies):
+        bodies = {b for b in pair if b >= 0}
+        waits.append({child[g]} if g in child else bodies)
+        for c in blocks.group_coordinates[g]:
+            if bodies:
+                waits[c].add(n + g)
+            else:  # it relates coordinates only
+                waits[n + g].add(c)
+    return waits
+
+
 def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
     """Elimination order and, for each position, the later blocks its panel has rows of."""
-    n = len(blocks.body_columns)
     graph = _graph(blocks)
-    child = _tree_child(blocks)
-    waits = [set() for _ in range(n)] + [
-        {child[g]} if g in child else {b for b in pair if b >= 0}
-        for g, pair in enumerate(blocks.group_bodies)
-    ]
+    waits = _waits(blocks)
 
     def degree(b: int) -> int:
         return sum(_size(blocks, c) for c in graph[b])
@@ -138,7 +157,7 @@ def _panels(
     for k, block in enumerate(order):
         nc = _size(blocks, block)
         nr = sum(_size(blocks, b) for b in below[k])
-        sign = 1.0 if block < len(blocks.body_columns) else -1.0
+        sign = 1.0 if block < len(blocks.columns) else -1.0
         panels[k] = (at, nc, nr, col, rows, 0, 0, sign)
         starts[block] = col
         at += (nc + nr) * nc
@@ -185,7 +204,7 @@ def _link(blocks, place, below, panels, first: int, second: int) -> tuple[int, i
 
 
 def _links(blocks, order, below, panels):
-    n = len(blocks.body_columns)
+    n = len(blocks.columns)
     place = {b: k for k, b in enumerate(order)}
     links: list[tuple[int, int, int]] = []
     group_links: list[tuple[int, int]] = []
@@ -196,28 +215,35 @@ def _links(blocks, order, below, panels):
             if b >= 0:
                 links.append(_link(blocks, place, below, panels, n + g, b))
         group_links.append((ids[0], ids[1]))
+    coordinate_links: dict[tuple[int, int], int] = {}
+    for g, free in enumerate(blocks.group_coordinates):
+        for c in free:
+            coordinate_links[(g, c)] = len(links)
+            links.append(_link(blocks, place, below, panels, n + g, c))
     couple_links: dict[tuple[int, int], int] = {}
     for a, b in blocks.couples:
         if a >= 0 and b >= 0 and (a, b) not in couple_links:
             couple_links[(a, b)] = len(links)
             links.append(_link(blocks, place, below, panels, a, b))
-    return np.array(links, LINK) if links else np.zeros(0, LINK), group_links, couple_links
+    table = np.array(links, LINK) if links else np.zeros(0, LINK)
+    return table, group_links, couple_links, coordinate_links
 
 
 def _kkt(blocks, order, panels, below, starts, updates, links) -> Kkt:
-    n = len(blocks.body_columns)
     rows = [np.arange(starts[b], starts[b] + _size(blocks, b)) for under in below for b in under]
-    place = []
-    for b in range(len(order)):
-        local = np.arange(_size(blocks, b))
-        if b < n:  # rigid part behind the modes
-            m = len(local) - 6
-            local = np.where(local < 6, local + m, local - 6)
-        place.append(starts[b] + local)
+    column = np.array([c for columns in blocks.columns for c in columns], np.int64)
+    end = sum(_size(blocks, b) for b in range(len(order)))
+    place = [
+        np.where(np.array(columns) < 0, end, starts[b] + np.array(columns))
+        for b, columns in enumerate(blocks.columns)
+    ]
+    for b in range(len(blocks.columns), len(order)):
+        place.append(starts[b] + np.arange(_size(blocks, b)))
     return Kkt(
         panels=panels,
         rows=np.concatenate(rows).astype(np.int64) if rows else np.zeros(0, np.int64),
         updates=updates,
         links=links,
         place=np.concatenate(place).astype(np.int64),
+        column=column,
     )

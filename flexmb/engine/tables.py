@@ -55,6 +55,24 @@ MARKER = np.dtype(
     align=True,
 )
 
+# One scalar coordinate s beside the bodies: m s'' + c s' + k (s - s0) = u(t) + reactions of the
+# rows that follow it. Without mass it is a parameter that rows decide; with mass and damping its
+# velocity is a first-order state. `slot` is its row in Constraints.fun: value and rate.
+COORDINATE = np.dtype(
+    [
+        ("iq", _I),
+        ("iv", _I),
+        ("m", _F),
+        ("c", _F),
+        ("k", _F),
+        ("s0", _F),  # where the spring is free
+        ("fun", _I),  # u(t), or -1
+        ("slot", _I),
+        ("panel", _I),
+    ],
+    align=True,
+)
+
 # One constraint row between markers I and J; `fun` < 0: no function of time.
 ROW = np.dtype(
     [
@@ -66,6 +84,8 @@ ROW = np.dtype(
         ("fun", _I),
         ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
         ("jac_J", _I),
+        ("coordinate", _I),  # the scalar coordinate that it follows in place of `fun`, or -1
+        ("link", _I),  # LINK of its group with that coordinate
     ],
     align=True,
 )
@@ -141,6 +161,7 @@ class Parts(NamedTuple):
     pool: np.ndarray  # modal data of bodies and markers
     markers: np.ndarray  # MARKER
     gravity: np.ndarray  # (3,) m/s^2
+    coordinates: object  # COORDINATE or None
 
 
 class Kkt(NamedTuple):
@@ -150,7 +171,8 @@ class Kkt(NamedTuple):
     rows: np.ndarray  # permuted row indices of all panels
     updates: np.ndarray  # UPDATE
     links: np.ndarray  # LINK
-    place: np.ndarray  # (nv + nc,) permuted index of each unknown
+    place: np.ndarray  # (nv + nc,) permuted index of each unknown; one past the end: left out
+    column: np.ndarray  # (nv,) column in its panel, -1: left out
 
 
 class System(NamedTuple):

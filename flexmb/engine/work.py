@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.method import AGE, CONTRACTION, COUNTS, MEMORY, SHARE, SYMMETRIC
 from flexmb.engine.tables import System
 
 _F = "f8"
@@ -54,14 +55,16 @@ class State(NamedTuple):
     vd: np.ndarray  # (nv,) accelerations
     vd_before: np.ndarray  # (nv,) accelerations one step earlier, for the predictor
     aa: np.ndarray  # (nv,) algorithmic accelerations of generalized-alpha
+    jerk: np.ndarray  # (nv,) its rate over the last step
+    jerk_before: np.ndarray  # (nv,) and over the one before
     lam: np.ndarray  # (nc,) the integrator's own multipliers
     lam_before: np.ndarray  # (nc,) multipliers one step earlier, for the predictor
-    z: np.ndarray  # (nz,) first-order states
     work_done: np.ndarray  # (3,) work of drivers, dampers and applied forces so far, J
     power: np.ndarray  # (3,) their power at t, W
     angles: np.ndarray  # (channels,) continuous joint angles of the angle sensors, rad
-    memory: np.ndarray  # (4,) integrator memory, places in `method`
-    count: np.ndarray  # (4,) counters, places in `method`
+    q_first: np.ndarray  # (nq,) positions at the start, for the motion so far
+    memory: np.ndarray  # integrator memory, places in `method`
+    count: np.ndarray  # counters, places in `method`
 
 
 class Now(NamedTuple):
@@ -94,7 +97,10 @@ class Dense(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """The KKT matrix, its factor, and vectors in elimination order."""
+    """The KKT matrix, its factor, and vectors in elimination order.
+
+    The vectors end with one place more, for all coordinates that are left out.
+    """
 
     low: np.ndarray  # panels: rows of the lower triangle
     up: np.ndarray  # panels: columns of the upper triangle
@@ -106,9 +112,20 @@ class Factor(NamedTuple):
     eps: np.ndarray  # (n,) regularisation
     diagonal: np.ndarray  # (n,) |diagonal| of the coordinates before elimination
     symmetric: np.ndarray  # (1,) 1: LDL^T on `low`; 0: LDU on both
+    replaced: np.ndarray  # (1,) pivots replaced in the last factorisation
     rhs: np.ndarray  # (n,)
     sol: np.ndarray  # (n,)
     tmp: np.ndarray  # (n,)
+
+
+class Before(NamedTuple):
+    """What the dense output needs of the start of the last accepted step."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    work_done: np.ndarray
+    power: np.ndarray
 
 
 class Trial(NamedTuple):
@@ -119,13 +136,18 @@ class Trial(NamedTuple):
     v: np.ndarray
     vd: np.ndarray
     aa: np.ndarray
+    aa_start: np.ndarray  # (nv,) algorithmic acceleration at the start, for this step size
     lam: np.ndarray
     dq: np.ndarray  # (nv,) motion of the step
     res: np.ndarray  # (nv,) M vd - Q + Cq^T lam
     zero: np.ndarray  # (nv,) zeros
     power: np.ndarray  # (3,)
+    work_done: np.ndarray  # (3,) works at an output
+    angles: np.ndarray  # (channels,) joint angles at an output
+    before: Before  # the state that the last accepted step began with
     stages: np.ndarray  # (stages, nq + nv) slopes of an explicit method
-    error: np.ndarray  # (1,) estimated local error of the step, NaN if the method has none
+    error: np.ndarray  # (2,) estimated local error of positions and velocities, weighted
+    jerk: np.ndarray  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: np.ndarray  # (depth, 3) of the function evaluator
 
 
@@ -142,18 +164,21 @@ class Work(NamedTuple):
 def sizes(system: System) -> tuple[int, int, int]:
     """nq, nv, nc."""
     m = system.parts.bodies["m"]
-    return int((7 + m).sum()), int((6 + m).sum()), len(system.rows)
+    n = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    return int((7 + m).sum()) + n, int((6 + m).sum()) + n, len(system.rows)
 
 
-def new_state(system: System, channels: int = 0, n_first_order: int = 0) -> State:
+def new_state(system: System, channels: int = 0) -> State:
     """State at rest at the origin: unit orientation, everything else zero."""
     nq, nv, nc = sizes(system)
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
+    memory = np.zeros(MEMORY)
+    memory[CONTRACTION], memory[AGE], memory[SYMMETRIC], memory[SHARE] = 1.0, -1.0, 1.0, 1.0
     return State(
-        np.zeros(1), q, *(np.zeros(nv) for _ in range(4)), np.zeros(nc), np.zeros(nc),
-        np.zeros(n_first_order), np.zeros(3), np.zeros(3), np.zeros(channels),
-        np.array([1.0, -1.0, 1.0, 0.0]), np.zeros(4, dtype=np.int64),
+        np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
+        np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
+        np.zeros(COUNTS, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -165,11 +190,12 @@ def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:
     return np.full(n * dtype.itemsize // 8, np.nan).view(dtype)
 
 
-def new_work(system: System, stages: int = 0) -> Work:
+def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     """Scratch for one run of `system` by a method with `stages` explicit stages."""
     nq, nv, nc = sizes(system)
     m = system.parts.bodies["m"]
     nfun = 0 if system.functions is None else len(system.functions.start) - 1
+    nfun += 0 if system.parts.coordinates is None else len(system.parts.coordinates)
     depth = 1 if system.functions is None else int(system.functions.depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
@@ -177,9 +203,11 @@ def new_work(system: System, stages: int = 0) -> Work:
         _nan(12 * int(m.sum()) + 1),
     )
     trial = Trial(
-        t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), lam=_nan(nc), dq=_nan(nv),
-        res=_nan(nv), zero=np.zeros(nv), power=_nan(3), stages=_nan(stages, nq + nv),
-        error=_nan(1), stack=_nan(depth, 3),
+        t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
+        lam=_nan(nc), dq=_nan(nv), res=_nan(nv), zero=np.zeros(nv), power=_nan(3),
+        work_done=_nan(3), angles=_nan(channels),
+        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3)),
+        stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     return Work(now, con, _new_dense(system), _new_factor(system), trial)
@@ -195,11 +223,13 @@ def _new_factor(system: System) -> Factor:
     panels = system.kkt.panels
     length = int(panels["at"][-1] + (panels["nc"][-1] + panels["nr"][-1]) * panels["nc"][-1])
     largest = int(((panels["nc"] + panels["nr"]) * panels["nc"]).max())
-    n = len(system.kkt.place)
-    return Factor(
+    n = int(panels["nc"].sum()) + 1
+    factor = Factor(
         *(_nan(length) for _ in range(4)), _nan(largest), _nan(largest), _nan(n), np.zeros(n),
-        _nan(n), np.ones(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
+        _nan(n), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
     )  # fmt: skip
+    factor.d[-1], factor.diagonal[-1] = 1.0, np.inf
+    return factor
 
 
 def _jac_end(system: System, side: str, field: str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmb.fe.assembly import FEMatrices, assemble
 from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
+from flexmb.fe.elements import ELEMENTS
 from flexmb.fe.integrals import Integrals, integrals
 from flexmb.fe.interface import RigidInterface, make_interfaces
 from flexmb.fe.key import reduction_key
@@ -17,6 +18,7 @@ from flexmb.fe.reduce import make_body, reduce
 from flexmb.fe.section import Section, circle, rectangle, section_from, tube
 
 __all__ = [
+    "ELEMENTS",
     "CraigBampton",
     "FEMatrices",
     "Integrals",

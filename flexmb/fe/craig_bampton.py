@@ -21,6 +21,7 @@ from flexmb.fe.canonical import canonical_rotation, polynomial_fields
 from flexmb.fe.eigen import dense_modes, lowest_modes
 from flexmb.fe.interface import RigidInterface
 from flexmb.fe.linear_solver import Factor, factor
+from flexmb.fe.planar import Mirror, symmetric_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
@@ -29,6 +30,7 @@ __all__ = ["CraigBampton", "craig_bampton"]
 _DENSE = 300  # below this many interior degrees of freedom full matrices are faster
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
 _DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
+SPATIAL = (0, 1, 2, 3, 4, 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +44,12 @@ class CraigBampton:
     K, M : (k, k) float
         Reduced stiffness and mass.
     interfaces : tuple of RigidInterface
-        The first columns are their constraint modes, six each, whose coordinates are the
-        interfaces' displacements and rotations.
+        The first columns are their constraint modes, one for each of ``directions``, whose
+        coordinates are the interfaces' displacements and rotations.
     labels : tuple of str
         Name of each column.
+    directions : tuple of int
+        Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
     """
 
     basis: FloatArray
@@ -53,11 +57,12 @@ class CraigBampton:
     M: FloatArray
     interfaces: tuple[RigidInterface, ...]
     labels: tuple[str, ...]
+    directions: tuple[int, ...] = SPATIAL
 
     @property
     def constraints(self) -> int:
         """How many columns are constraint modes."""
-        return 6 * len(self.interfaces)
+        return len(self.directions) * len(self.interfaces)
 
 
 class _Interior(NamedTuple):
@@ -73,6 +78,7 @@ def craig_bampton(
     interfaces: tuple[RigidInterface, ...],
     modes: int = 20,
     progress: Progress = silent,
+    mirror: Mirror | None = None,
 ) -> CraigBampton:
     """Reduce a model with at least one interface.
 
@@ -86,13 +92,16 @@ def craig_bampton(
         Number of fixed-interface modes.
     progress : Progress
         Told the phases ``"factor"`` and ``"modes"``.
+    mirror : Mirror, optional
+        Keep what is symmetric about its plane alone.
 
     Raises
     ------
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    b, T = _interface_motion(interfaces)
+    directions = SPATIAL if mirror is None else mirror.directions
+    b, T = _interface_motion(interfaces, directions)
     i = np.setdiff1d(np.arange(fe.numbering.n), b)
     if modes > len(i):
         what = f"the model has only {len(i)} fixed-interface modes"
@@ -107,7 +116,7 @@ def craig_bampton(
     coupling = K_i[:, b] @ T
     if held is not None:
         basis[i, : T.shape[1]] = -held.solve(coupling)
-        omega2, V = _fixed_modes(fe, interior, held, modes, progress)
+        omega2, V = _fixed_modes(fe, interior, held, modes, mirror, progress)
         basis[i, T.shape[1] :] = V
     else:
         omega2 = np.zeros(0)
@@ -115,30 +124,45 @@ def craig_bampton(
     M = basis.T @ (fe.M @ basis)
     progress("modes", 1.0)
     K = block_diag(0.5 * (K_cc + K_cc.T), np.diag(omega2))
-    return CraigBampton(basis, K, 0.5 * (M + M.T), interfaces, _labels(interfaces, modes))
+    labels = _labels(interfaces, directions, modes)
+    return CraigBampton(basis, K, 0.5 * (M + M.T), interfaces, labels, directions)
 
 
-def _interface_motion(interfaces: tuple[RigidInterface, ...]) -> tuple[IntArray, FloatArray]:
-    """Held degrees of freedom, and how they follow the six motions of every interface."""
+def _interface_motion(
+    interfaces: tuple[RigidInterface, ...], directions: tuple[int, ...]
+) -> tuple[IntArray, FloatArray]:
+    """Held degrees of freedom, and how they follow these motions of every interface."""
     if not interfaces:
         raise ReductionError("interfaces: a Craig-Bampton reduction needs at least one")
     held = np.concatenate([interface.dofs for interface in interfaces])
-    return held, block_diag(*[interface.T for interface in interfaces])
+    return held, block_diag(*[interface.T[:, directions] for interface in interfaces])
 
 
 def _fixed_modes(
-    fe: FEMatrices, interior: _Interior, held: Factor, modes: int, progress: Progress
+    fe: FEMatrices,
+    interior: _Interior,
+    held: Factor,
+    modes: int,
+    mirror: Mirror | None,
+    progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
     i, K, M = interior
-    wanted = min(modes + _SPARE, len(i)) if modes else 0
-    if len(i) <= _DENSE or 2 * wanted >= len(i):
-        omega2, V = dense_modes(K, M, wanted)
+
+    def lowest(count: int) -> tuple[FloatArray, FloatArray]:
+        if len(i) <= _DENSE or 2 * count >= len(i):
+            return dense_modes(K, M, count)
+        return lowest_modes(M, held.solve, count, progress)
+
+    if mirror is None:
+        omega2, V = lowest(min(modes + _SPARE, len(i)) if modes else 0)
     else:
-        omega2, V = lowest_modes(M, held.solve, wanted, progress)
+        omega2, V = symmetric_modes(mirror.on(i), M, lowest, modes, len(i))
     V = V @ canonical_rotation(omega2, polynomial_fields(fe)[i].T @ (M @ V))
     return omega2[:modes], V[:, :modes]
 
 
-def _labels(interfaces: tuple[RigidInterface, ...], modes: int) -> tuple[str, ...]:
-    constraint = [f"{part.name}.{direction}" for part in interfaces for direction in _DIRECTIONS]
+def _labels(
+    interfaces: tuple[RigidInterface, ...], directions: tuple[int, ...], modes: int
+) -> tuple[str, ...]:
+    constraint = [f"{part.name}.{_DIRECTIONS[k]}" for part in interfaces for k in directions]
     return (*constraint, *(f"fixed-interface {k + 1}" for k in range(modes)))

@@ -18,7 +18,14 @@ from flexmb.fe.mesh import Mesh
 from flexmb.fe.section import Section
 from flexmb.flexbody.arrays import IntArray
 
-__all__ = ["Elements", "select_elements"]
+__all__ = ["ELEMENTS", "Elements", "select_elements"]
+
+ELEMENTS = {
+    "tetra10": "solid: second-order tetrahedron, straight or curved, three displacements a node",
+    "line": "beam: straight, two nodes with six motions each, Euler-Bernoulli or Timoshenko; "
+    "needs a section",
+}
+"""Kinds of elements that make up a body, by their names in meshes."""
 
 _ADVICE = {
     "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",

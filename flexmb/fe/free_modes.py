@@ -13,9 +13,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, qr
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.craig_bampton import CraigBampton
+from flexmb.fe.craig_bampton import SPATIAL, CraigBampton
 from flexmb.fe.eigen import dense_modes, lowest_modes, start_vector
 from flexmb.fe.linear_solver import factor
+from flexmb.fe.planar import Mirror, symmetric_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
@@ -24,7 +25,9 @@ __all__ = ["free_modes"]
 _DENSE = 300
 
 
-def free_modes(fe: FEMatrices, modes: int, progress: Progress = silent) -> CraigBampton:
+def free_modes(
+    fe: FEMatrices, modes: int, progress: Progress = silent, mirror: Mirror | None = None
+) -> CraigBampton:
     """Six rigid motions and the lowest elastic modes of the free body.
 
     Parameters
@@ -35,6 +38,8 @@ def free_modes(fe: FEMatrices, modes: int, progress: Progress = silent) -> Craig
         Number of elastic modes.
     progress : Progress
         Told the phases ``"factor"`` and ``"modes"``.
+    mirror : Mirror, optional
+        Keep what is symmetric about its plane alone.
 
     Raises
     ------
@@ -44,19 +49,29 @@ def free_modes(fe: FEMatrices, modes: int, progress: Progress = silent) -> Craig
     n, R = fe.numbering.n, fe.rigid
     if modes > n - 6:
         raise ReductionError(f"modes: {modes} asked, but the model has only {n - 6} elastic modes")
-    if n <= _DENSE or 2 * modes + 12 >= n:
-        _, found = dense_modes(fe.K, fe.M, modes + 6)
-        V = found[:, 6:]
+
+    def lowest(count: int) -> tuple[FloatArray, FloatArray]:
+        if n <= _DENSE or 2 * count + 12 >= n:
+            omega2, found = dense_modes(fe.K, fe.M, count + 6)
+            return omega2[6:], found[:, 6:]
+        return _sparse(fe, R, count, progress)
+
+    directions = SPATIAL if mirror is None else mirror.directions
+    if mirror is None:
+        _, V = lowest(modes)
     else:
-        _, V = _sparse(fe, R, modes, progress)
+        V = symmetric_modes(mirror.S, fe.M, lowest, modes, n - 6)[1][:, :modes]
+        R = R[:, directions]
     R_M = fe.M @ R
     V = V - R @ np.linalg.solve(R.T @ R_M, R_M.T @ V)
     progress("modes", 1.0)
     basis = np.concatenate([R, V], axis=1)
     M = basis.T @ (fe.M @ basis)
-    K = block_diag(np.zeros((6, 6)), V.T @ (fe.K @ V))
+    rigid = R.shape[1]
+    K = block_diag(np.zeros((rigid, rigid)), V.T @ (fe.K @ V))
     labels = tuple(f"free {k + 1}" for k in range(modes))
-    return CraigBampton(basis, 0.5 * (K + K.T), 0.5 * (M + M.T), (), ("rigid",) * 6 + labels)
+    labels = ("rigid",) * rigid + labels
+    return CraigBampton(basis, 0.5 * (K + K.T), 0.5 * (M + M.T), (), labels, directions)
 
 
 def _sparse(

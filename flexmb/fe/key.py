@@ -35,6 +35,7 @@ def reduction_key(
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Section | Mapping[str, Any]] | None = None,
+    plane: str | None = None,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
 
@@ -56,6 +57,8 @@ def reduction_key(
         "method": _METHOD,
         "file": VERSION,
     }
+    if plane is not None:
+        chosen["plane"] = plane
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
 
 

@@ -69,14 +69,19 @@ def orthonormalise(fe: FEMatrices, reduced: CraigBampton) -> ReducedModes:
 
 
 def rigid_coordinates(fe: FEMatrices, reduced: CraigBampton) -> FloatArray:
-    """(k, 6) rigid motions about the centre of mass in the coordinates of the reduced basis."""
-    R = np.zeros((reduced.basis.shape[1], 6))
+    """(k, 6) rigid motions about the centre of mass in the coordinates of the reduced basis.
+
+    Of a planar reduction the three that the basis holds: (k, 3).
+    """
+    motions = list(reduced.directions)
+    count = len(motions)
+    R = np.zeros((reduced.basis.shape[1], count))
     if not reduced.interfaces:
-        R[:6] = np.eye(6)
+        R[:count] = np.eye(count)
     for k, interface in enumerate(reduced.interfaces):
-        rows = R[6 * k : 6 * k + 6]
-        rows[:] = np.eye(6)
-        rows[:3, 3:] = -skew(interface.position - fe.center)
+        about = np.eye(6)
+        about[:3, 3:] = -skew(interface.position - fe.center)
+        R[count * k : count * (k + 1)] = about[np.ix_(motions, motions)]
     return R
 
 
@@ -88,7 +93,7 @@ def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArr
     K, M : (k, k) float
         Reduced matrices; K R = 0.
     R : (k, 6) float
-        Rigid motions.
+        Rigid motions, fewer in a plane.
     """
     scale = 1.0 / np.sqrt(np.diag(M))
     L = cholesky(scale[:, None] * M * scale, lower=True)

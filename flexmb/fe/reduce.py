@@ -23,17 +23,20 @@ from flexmb.fe.assembly import FEMatrices, assemble
 from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.free_modes import free_modes
 from flexmb.fe.integrals import integrals
-from flexmb.fe.interface import make_interfaces
+from flexmb.fe.interface import RigidInterface, make_interfaces
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.mesh import Mesh
 from flexmb.fe.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.planar import Mirror, make_mirror
 from flexmb.fe.quality import mode_infos, orphans, require_one_part, suspicions
 from flexmb.fe.reader import read_mesh
 from flexmb.fe.recovery import node_modes, surface
 from flexmb.fe.section import Section, section_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.planar import check_shares, flattened
+from flexmb.flexbody.planes import PLANES
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 
@@ -52,6 +55,7 @@ def reduce(
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, SectionLike] | None = None,
+    plane: str | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -75,13 +79,18 @@ def reduce(
         Name of the body; the file's by default.
     sections : mapping of str to Section or mapping, optional
         Section [m] of beams by mesh group, or under ``"all"``.
+    plane : str, optional
+        ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
+        symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
+        the body has 3*interfaces + modes - 3 coordinates.
     progress : Progress
         Told the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
     MeshError, MaterialError, ReductionError
-        What is wrong, where, and which names would have been right.
+        What is wrong, where, and which names would have been right; with a plane also that body
+        or mesh are not symmetric about it, and by how much.
     """
     _check_options(modes, damping)
     scale = unit_system(units).factor(L=1)
@@ -96,14 +105,37 @@ def reduce(
     found = suspicions(fe)
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)
-    reduced = craig_bampton(fe, ties, modes, progress) if ties else free_modes(fe, modes, progress)
+    mirror = None if plane is None else make_mirror(fe, plane)
+    reduced = _basis(fe, ties, modes, mirror, progress)
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
-    options = {"units": units, "modes": modes, "damping": damping}
-    told = _provenance(fe, options, interfaces or {}, chosen, found)
+    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
+    if mirror is not None:
+        body = _in_plane(body, fe, mirror, elastic)
+        options["plane"] = plane
+    told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
     return replace(body, provenance=told)
+
+
+def _basis(
+    fe: FEMatrices,
+    ties: tuple[RigidInterface, ...],
+    modes: int,
+    mirror: Mirror | None,
+    progress: Progress,
+) -> CraigBampton:
+    if ties:
+        return craig_bampton(fe, ties, modes, progress, mirror)
+    return free_modes(fe, modes, progress, mirror)
+
+
+def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedModes) -> FlexBody:
+    """The body without what rounding and mesh leave of motion out of the plane, if it is little."""
+    shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
+    check_shares(body.name, shares, elastic.frequencies, normal)
+    return flattened(body, normal, float(shares.max(initial=0.0)))
 
 
 def make_body(
@@ -131,7 +163,9 @@ def make_body(
     ties = reduced.interfaces
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
-    motion = elastic.Z[: reduced.constraints].reshape(len(ties), 6, elastic.Z.shape[1])
+    motion = np.zeros((len(ties), 6, elastic.Z.shape[1]))
+    moving = (len(ties), len(reduced.directions), elastic.Z.shape[1])
+    motion[:, reduced.directions] = elastic.Z[: reduced.constraints].reshape(moving)
     nodes = node_modes(fe, elastic.Phi, ties, motion[:, 3:], progress)
     return FlexBody(
         name,

@@ -37,9 +37,9 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
         The file cannot be written.
     """
     target = Path(path)
-    partial = target.with_name(target.name + ".part")
+    partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     try:
-        with h5py.File(partial, "w") as file:
+        with h5py.File(partial, "w", locking=False) as file:
             _write(file, body)
         os.replace(partial, target)
     except OSError as error:
@@ -63,7 +63,7 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
     if not source.is_file():
         raise BodyFileError(f"{source}: there is no such file")
     try:
-        with h5py.File(source, "r") as file:
+        with h5py.File(source, "r", locking=False) as file:
             _check_header(file, source)
             datasets = {row.path: _read(file, row, source) for row in schema.TABLE}
             name, mass = str(file.attrs["name"]), float(file.attrs["mass"])

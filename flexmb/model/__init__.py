@@ -5,5 +5,6 @@ No numerics live here: the engine compiles a :class:`Model` together with its fl
 
 from flexmb.model.model import Model
 from flexmb.model.scene import load_scene
+from flexmb.model.schema import scene_schema
 
-__all__ = ["Model", "load_scene"]
+__all__ = ["Model", "load_scene", "scene_schema"]

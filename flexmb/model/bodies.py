@@ -1,25 +1,32 @@
 """Bodies: rigid by their mass properties or a shape, flexible by a mesh or a reduced body.
 
-Everything in SI and in the body frame; ``position`` and ``orientation`` place the body frame in the
-global one. Initial velocities are those of the body frame's origin and in global axes; where none
-is given the assembly is free to choose.
+Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
+the global one. Initial velocities are asked at markers: ``velocity`` and ``angular_velocity`` at
+the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
 from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
 from flexmb.model.orientation import Orientation
-from flexmb.model.quantities import Integer, Quantity, Text, Vector
-from flexmb.model.reading import Reader, Spec, fail, given
+from flexmb.model.quantities import (
+    AngularVelocity,
+    Integer,
+    Position,
+    Quantity,
+    Text,
+    Velocity,
+)
+from flexmb.model.reading import Entry, Reader, Spec, fail, given
 from flexmb.model.sections import Sections
 from flexmb.model.shapes import Shape
 
@@ -27,6 +34,7 @@ __all__ = [
     "COLORS",
     "BodySpec",
     "FlexbodySpec",
+    "InitialVelocity",
     "MeshBodySpec",
     "RigidBodySpec",
     "body_kind",
@@ -64,15 +72,49 @@ def _color(value: Any, info: ValidationInfo) -> str:
     return value
 
 
+class InitialVelocity(Spec):
+    """Velocity and angular velocity of a marker at the start, either or both.
+
+    Components along global axes, or with ``axes = "body"`` along the marker's own.
+    """
+
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
+    axes: Literal["global", "body"] = "global"
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.velocity is None and self.angular_velocity is None:
+            raise fail(Problem("", 'give "velocity", "angular_velocity" or both'))
+        return self
+
+
 class BodySpec(Spec):
     """What all bodies have: place, initial velocity, markers, color."""
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
     orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
-    velocity: Vector | None = None
-    angular_velocity: Vector | None = None
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
+    initial: dict[str, Annotated[InitialVelocity, Entry()]] = {}
     markers: dict[str, Marker] = {}
     color: Annotated[str, Reader(_color)] | None = None
+
+    @model_validator(mode="after")
+    def _origin_is_told_once(self) -> Self:
+        told = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
+        if told and "origin" in self.initial:
+            what = f'is the body\'s "{told[0]}" already; say it in one place'
+            raise fail(Problem("initial.origin", what))
+        return self
+
+    @property
+    def asked_velocities(self) -> dict[str, InitialVelocity]:
+        """Initial velocities by marker, those of the origin among them."""
+        if self.velocity is None and self.angular_velocity is None:
+            return dict(self.initial)
+        origin = InitialVelocity(velocity=self.velocity, angular_velocity=self.angular_velocity)
+        return {"origin": origin, **self.initial}
 
     @property
     def flexible(self) -> bool:
@@ -84,7 +126,7 @@ class RigidBodySpec(BodySpec):
     """A rigid body: mass and inertia, or a shape with a density, a material or the mass."""
 
     mass: Annotated[float, Quantity("kg", "positive")] | None = None
-    center: Vector = (0.0, 0.0, 0.0)
+    center: Position = (0.0, 0.0, 0.0)
     inertia: Inertia | None = None
     shape: Shape | None = None
     density: Annotated[float, Quantity("kg/m^3", "positive")] | None = None
@@ -123,10 +165,14 @@ class RigidBodySpec(BodySpec):
 
 
 class MeshBodySpec(BodySpec):
-    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame."""
+    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
+
+    ``units`` are those of the mesh's coordinates, by default the scene's; sections and material are
+    told in the scene's.
+    """
 
     mesh: Text
-    units: UnitsName = "SI"
+    units: UnitsName = Field("scene", validate_default=True)
     material: MaterialField
     interfaces: Groups
     modes: Annotated[int, Integer(0)] = 20

@@ -15,13 +15,14 @@ from flexmb.model import references
 from flexmb.model.checks import CheckSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import SECTIONS, read_named
-from flexmb.model.head import read_gravity
+from flexmb.model.head import read_gravity, read_units
 from flexmb.model.knobs import resolve_knob
 from flexmb.model.markers import GroundSpec
 from flexmb.model.names import bad_name
 from flexmb.model.parameters import resolve
+from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
-from flexmb.model.reading import Spec, given, read_entry, under, unknown_key
+from flexmb.model.reading import Spec, Terms, given, read_entry, under, unknown_key
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
@@ -31,16 +32,9 @@ if TYPE_CHECKING:
 __all__ = ["TOP_KEYS", "build"]
 
 TOP_KEYS = (
-    "title",
-    "gravity",
-    "parameters",
-    "ground",
-    *SECTIONS,
-    "check",
-    "dynamics",
-    "study",
-    "view",
-)
+    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics",
+    "study", "view",
+)  # fmt: skip
 """Everything a scene may say at its top level."""
 
 M = TypeVar("M", bound="Model")
@@ -55,7 +49,9 @@ def build(cls: type[M], scene: Mapping[str, Any], folder: Path) -> M:
     SceneError
         All problems of the scene.
     """
-    builder = _Builder(cls(folder=folder), scene)
+    units, problems = read_units(scene.get("units", "SI"))
+    builder = _Builder(cls(folder=folder, units=units), scene)
+    builder.problems += problems
     builder.head()
     for section in SECTIONS:
         builder.section(section)
@@ -73,7 +69,7 @@ class _Builder:
 
     def __init__(self, model: Model, scene: Mapping[str, Any]) -> None:
         self.model, self.scene = model, scene
-        self.names: dict[str, float] = {}
+        self.names = Terms({}, model.units)
         self.problems: list[Problem] = []
         self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
 
@@ -85,11 +81,14 @@ class _Builder:
             title = ""
         self.model.title = title
         parameters = plain(self.table("parameters"))
-        values, problems = resolve(parameters)
+        values, problems = resolve(parameters, self.model.units)
         self.problems += problems
         self.model.given_parameters, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
-        self.names = {**dict.fromkeys(map(str, parameters), 1.0), **values}
+        known = {**dict.fromkeys(map(str, parameters), 1.0), **values}
+        self.names = Terms(known, self.model.units)
+        self.model.plane, problems = read_plane(self.scene.get("plane"))
+        self.problems += problems
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
         self.problems += problems
 
@@ -127,7 +126,10 @@ class _Builder:
             self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
             checks = []
         for i, data in enumerate(checks):
-            spec, problems = read_entry(CheckSpec, data, self.names)
+            channel = data.get("sensor") if isinstance(data, Mapping) else None
+            slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
+            terms = Terms(self.names, self.model.units, slot)
+            spec, problems = read_entry(CheckSpec, data, terms)
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
                 self.model.checks.append(spec)

@@ -34,6 +34,16 @@ def body_problems(scope: Scope) -> Iterator[Problem]:
         if name not in scope.flexbodies:
             yield from _files(scope, where, spec)
         yield from _markers(scope, where, name, spec.markers)
+        yield from _initial(scope, where, name, spec)
+
+
+def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
+    """Initial velocities are asked at markers that exist."""
+    for name in spec.initial:
+        missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
+        if missing is not None:
+            at = f"{where}.initial.{name}"
+            yield Problem(at, missing.what, missing.allowed, missing.nearest)
 
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
@@ -101,7 +111,8 @@ def far_markers(model: Model, flexbodies: lookup.Bodies) -> Iterator[str]:
                 continue
             away = np.linalg.norm(nodes.position - np.array(marker.position), axis=1).min()
             if away > _FAR * length:
+                away, long = (model.units.say(value, "m", 3) for value in (away, length))
                 yield (
-                    f"bodies.{body}.markers.{name}: lies {away:.3g} m from the nearest node of a "
-                    f"body about {length:.3g} m long, as on a rigid arm; positions are in metres"
+                    f"bodies.{body}.markers.{name}: lies {away} from the nearest node of a body "
+                    f"about {long} long, as on a rigid arm; positions are in the scene's units"
                 )

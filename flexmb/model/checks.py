@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from flexmb.model.quantities import Number, Quantity, Text
+from flexmb.model.quantities import Measured, Quantity, Text
 from flexmb.model.reading import Spec
 
 __all__ = ["CheckSpec"]
 
 
 class CheckSpec(Spec):
-    """At ``time`` [s] the channel ``sensor`` is ``value`` within ``tolerance``, says ``source``."""
+    """At ``time`` the channel ``sensor`` is ``value`` within ``tolerance``, says ``source``."""
 
     sensor: Text
     time: Annotated[float, Quantity("s", "not negative")]
-    value: Number
-    tolerance: Annotated[float, Quantity("", "positive")]
+    value: Annotated[float, Measured()]
+    tolerance: Annotated[float, Measured(sign="positive")]
     source: Text

@@ -29,7 +29,7 @@ class JointCount:
 
 @dataclass(frozen=True)
 class Counts:
-    """Counts of a model in space."""
+    """Counts of a model, in space or in a plane."""
 
     rigid_bodies: int
     flexible_bodies: int
@@ -37,13 +37,14 @@ class Counts:
     drivers: int
     forces: int
     sensors: int
+    planar: bool
     modes: int | None
     """Modal coordinates of all flexible bodies; None while one of them is not reduced."""
 
     @property
     def rigid_coordinates(self) -> int:
-        """Six for each body, modes apart."""
-        return 6 * (self.rigid_bodies + self.flexible_bodies)
+        """Six for each body, three in a plane, modes apart."""
+        return (3 if self.planar else 6) * (self.rigid_bodies + self.flexible_bodies)
 
     @property
     def equations(self) -> int:
@@ -64,7 +65,11 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
     bodies = [body for body in known if body is not None]
     used = [spec.type for spec in model.joints.values()]
     joints = tuple(
-        JointCount(name, used.count(name), used.count(name) * row.equations)
+        JointCount(
+            name,
+            used.count(name),
+            used.count(name) * (row.equations if model.plane is None else row.planar_equations),
+        )
         for name, row in JOINT_TYPES.items()
         if name in used
     )
@@ -75,5 +80,6 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
         drivers=len(model.drivers),
         forces=len(model.forces),
         sensors=len(model.sensors),
+        planar=model.plane is not None,
         modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.functions import Function
+from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.joints import COORDINATES
 from flexmb.model.quantities import Text
 from flexmb.model.reading import Spec, fail
@@ -16,11 +16,11 @@ __all__ = ["DriverSpec"]
 
 
 class DriverSpec(Spec):
-    """Prescribes the ``angle`` [rad] or the ``stroke`` [m] of a joint; exactly one of them."""
+    """Prescribes the ``angle`` or the ``stroke`` of a joint; exactly one of them."""
 
     joint: Text
-    angle: Function | None = None
-    stroke: Function | None = None
+    angle: Annotated[Function, FunctionOf("rad")] | None = None
+    stroke: Annotated[Function, FunctionOf("m")] | None = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Self:

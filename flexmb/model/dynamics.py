@@ -10,7 +10,10 @@ from flexmb.errors import Problem
 from flexmb.model.quantities import Integer, Quantity, Time
 from flexmb.model.reading import Reader, Spec, fail
 
-__all__ = ["DynamicsSpec"]
+__all__ = ["ACCURACY", "DynamicsSpec"]
+
+ACCURACY = 1e-4
+"""What is asked for where a scene gives neither accuracy nor step."""
 
 
 def _radius(value: Any, info: ValidationInfo) -> float:
@@ -30,24 +33,31 @@ def _tolerance(value: Any, info: ValidationInfo) -> float:
 class DynamicsSpec(Spec):
     """Run in time.
 
-    ``duration`` and ``step`` [s]; ``outputs`` intervals of equal length are recorded;
-    ``spectral_radius`` is that of generalized-alpha at infinite frequency, from 0 to 1 (1 is
-    allowed and means no numerical damping); ``newton_tolerance`` is relative; ``start =
-    "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial motion,
-    ``"undeformed"`` leaves them straight.
+    ``duration`` [s]; ``outputs`` intervals of equal length are recorded. Either ``accuracy`` (1e-4
+    by default): the largest error over the outputs of each position sensor, over its peak-to-peak,
+    for which steps are chosen by an estimate of their error; or ``step`` [s]: steps of fixed
+    length. ``spectral_radius`` is that of generalized-alpha at infinite frequency, from 0 to 1 (1
+    is allowed and means no numerical damping); ``newton_tolerance`` is relative to the share of
+    the accelerations in a step's motion, by default 1e-8 with fixed steps and a hundredth of the
+    error allowed with error control; ``start = "quasi-static"`` puts the flexible bodies into
+    elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
     """
 
     duration: Time
-    step: Time
+    accuracy: Annotated[float, Reader(_tolerance)] | None = None
+    step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
     method: Literal["generalized-alpha", "explicit-rk"] = "generalized-alpha"
     spectral_radius: Annotated[float, Reader(_radius)] = 0.8
-    newton_tolerance: Annotated[float, Reader(_tolerance)] = 1e-8
+    newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
     start: Literal["undeformed", "quasi-static"] = "undeformed"
 
     @model_validator(mode="after")
     def _step_fits(self) -> Self:
-        if self.step > self.duration:
+        if self.step is not None and self.accuracy is not None:
+            what = "accuracy chooses the steps itself: give either accuracy or a fixed step"
+            raise fail(Problem("step", what))
+        if self.step is not None and self.step > self.duration:
             what = f"must not exceed the duration {self.duration:g} s, is {self.step:g} s"
             raise fail(Problem("step", what))
         return self

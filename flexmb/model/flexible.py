@@ -11,13 +11,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo
+from pydantic import SerializationInfo, ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem
 from flexmb.materials import LIBRARY, Material, material
 from flexmb.model.names import bad_name
 from flexmb.model.quantities import Number, Quantity
-from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_entry
+from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_entry, units_of
 from flexmb.units import unit_system
 
 __all__ = ["FlexibleSource", "Groups", "MaterialField", "UnitsName"]
@@ -45,17 +45,20 @@ def _read_material(value: Any, info: ValidationInfo) -> Material:
         raise fail(*(Problem(at, p.what, p.allowed, p.nearest) for at, p in found)) from None
 
 
-def _write_material(value: Material) -> Any:
+def _write_material(value: Material, info: SerializationInfo) -> Any:
     if LIBRARY.get(value.name) == value:
         return value.name
-    return asdict(value)
+    values = _MaterialValues.model_construct(**asdict(value))
+    return values.model_dump(context=info.context)
 
 
 MaterialField = Annotated[Material, Reader(_read_material, _write_material)]
-"""A name of the library, or a table {E [Pa], nu, density [kg/m^3]}."""
+"""A name of the library, or a table {E, nu, density} in the scene's units."""
 
 
 def _read_units(value: Any, info: ValidationInfo) -> str:
+    if value == "scene":
+        return units_of(names_of(info)).name
     try:
         return unit_system(value).name
     except FlexmbError as error:
@@ -64,6 +67,7 @@ def _read_units(value: Any, info: ValidationInfo) -> str:
 
 
 UnitsName = Annotated[str, Reader(_read_units)]
+"""Name of a unit system; ``"scene"`` for the scene's own."""
 
 
 def _read_groups(value: Any, info: ValidationInfo) -> dict[str, str]:

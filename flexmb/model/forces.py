@@ -1,6 +1,6 @@
-"""Forces: applied force and torque at a marker, spring-damper between two markers.
+"""Forces: applied force and torque at a marker, springs and dampers along a line or on a joint.
 
-SI: N, N m, N/m, N s/m. The components of a force are in global axes, or in the marker's own axes,
+The components of a force are in global axes, or in the marker's own axes,
 which turn with the body. A spring-damper acts along the line between its markers and pulls with
 k (d - d0) + c d', d the distance.
 """
@@ -12,13 +12,23 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationInfo
 
 from flexmb.errors import Problem
-from flexmb.model.functions import Function
+from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.quantities import Pair, Quantity, Text
-from flexmb.model.reading import Reader, Spec, fail, given
+from flexmb.model.reading import Reader, Spec, fail, given, names_of, units_of
 
-__all__ = ["FORCE_TYPES", "LoadSpec", "SpringDamperSpec"]
+__all__ = [
+    "FORCE_TYPES",
+    "ForceSpec",
+    "JointSpringSpec",
+    "LoadSpec",
+    "RotationalSpringSpec",
+    "SpringDamperSpec",
+    "TorqueSpec",
+    "TranslationalSpringSpec",
+]
 
-Triple = tuple[Function, Function, Function]
+_Force = Annotated[Function, FunctionOf("N")]
+_Torque = Annotated[Function, FunctionOf("N m")]
 
 
 class LoadSpec(Spec):
@@ -26,17 +36,81 @@ class LoadSpec(Spec):
 
     type: Literal["force", "torque"]
     at: Text
-    value: Triple
+    value: tuple[Function, Function, Function]
     axes: Literal["global", "body"] = "global"
+
+
+class ForceSpec(LoadSpec):
+    """A force."""
+
+    type: Literal["force"]
+    value: tuple[_Force, _Force, _Force]
+
+
+class TorqueSpec(LoadSpec):
+    """A torque."""
+
+    type: Literal["torque"]
+    value: tuple[_Torque, _Torque, _Torque]
+
+
+_FREE_LENGTH = Quantity("m", "not negative")
 
 
 def _free_length(value: Any, info: ValidationInfo) -> float | str:
     if value == "placed":
         return "placed"
     if isinstance(value, str) and value.isalpha() and value not in (info.context or {}):
-        what = f"a length [m] is expected, given {given(value)}"
+        label = units_of(names_of(info)).label("m")
+        what = f"a length [{label}] is expected, given {given(value)}"
         raise fail(Problem("", what, ("placed", "a number or an expression")))
-    return Quantity("m", "not negative").read(value, info)
+    return _FREE_LENGTH.read(value, info)
+
+
+class JointSpringSpec(Spec):
+    """A linear spring, damper and actuator on a coordinate s of a joint.
+
+    It turns or pushes the joint with value - k (s - free) - c s'.
+    """
+
+    joint: Text
+    stiffness: float = 0.0
+    damping: float = 0.0
+    free: float = 0.0
+    value: Function | None = None
+
+    @property
+    def coordinate(self) -> str:
+        """``"angle"`` or ``"stroke"``."""
+        raise NotImplementedError
+
+
+class RotationalSpringSpec(JointSpringSpec):
+    """A spring, damper and actuator on the angle of a joint, which counts turns."""
+
+    type: Literal["rotational-spring-damper"]
+    stiffness: Annotated[float, Quantity("N m/rad", "not negative")] = 0.0
+    damping: Annotated[float, Quantity("N m s/rad", "not negative")] = 0.0
+    free: Annotated[float, Quantity("rad")] = 0.0
+    value: _Torque | None = None
+
+    @property
+    def coordinate(self) -> str:
+        return "angle"
+
+
+class TranslationalSpringSpec(JointSpringSpec):
+    """A spring, damper and actuator on the stroke of a joint."""
+
+    type: Literal["translational-spring-damper"]
+    stiffness: Annotated[float, Quantity("N/m", "not negative")] = 0.0
+    damping: Annotated[float, Quantity("N s/m", "not negative")] = 0.0
+    free: Annotated[float, Quantity("m")] = 0.0
+    value: _Force | None = None
+
+    @property
+    def coordinate(self) -> str:
+        return "stroke"
 
 
 class SpringDamperSpec(Spec):
@@ -46,11 +120,13 @@ class SpringDamperSpec(Spec):
     between: Pair
     stiffness: Annotated[float, Quantity("N/m", "not negative")]
     damping: Annotated[float, Quantity("N s/m", "not negative")] = 0.0
-    free_length: Annotated[float | str, Reader(_free_length)] = "placed"
+    free_length: Annotated[float | str, Reader(_free_length, _FREE_LENGTH.write)] = "placed"
 
 
 FORCE_TYPES: dict[str, type[Spec]] = {
-    "force": LoadSpec,
-    "torque": LoadSpec,
+    "force": ForceSpec,
+    "torque": TorqueSpec,
     "spring-damper": SpringDamperSpec,
+    "rotational-spring-damper": RotationalSpringSpec,
+    "translational-spring-damper": TranslationalSpringSpec,
 }

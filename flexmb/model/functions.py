@@ -1,9 +1,9 @@
 """Functions of time as data: a number, an expression in t, or a named form with its numbers.
 
-In: ``25.0``, ``"speed*t"`` or ``{type = "harmonic", amplitude = 2, frequency = 50}``. Out: a
-:class:`Function`, which keeps what was given and its :class:`Expression` over t; ``value(t)`` gives
-value, first and second derivative. Each form lowers to the same operations, so that one small
-kernel evaluates them all.
+In: ``25.0``, ``"speed*t"`` or ``{type = "harmonic", amplitude = 2, frequency = 50}``, value and t
+in the scene's units. Out: a :class:`Function`, which keeps what was given and its
+:class:`Expression` in SI; ``value(t)`` gives value, first and second derivative. Each
+form lowers to the same operations, so that one small kernel evaluates them all.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import GetCoreSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import core_schema
@@ -20,14 +20,52 @@ from pydantic_core import core_schema
 from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import Expression, Ops, parse
 from flexmb.model.jets import Jet
-from flexmb.model.quantities import Angle, Number, in_radians, plain, read_number
-from flexmb.model.reading import Names, Spec, fail, given, names_of, read_variant
+from flexmb.model.quantities import Angle, Measured, Quantity, plain, read_number
+from flexmb.model.reading import (
+    Names,
+    Reader,
+    Spec,
+    Terms,
+    fail,
+    given,
+    names_of,
+    read_variant,
+    slot_of,
+    under,
+    units_of,
+)
+from flexmb.model.unit_texts import expression_and_factor
+from flexmb.units import UnitSystem
 
-__all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "read_function"]
+__all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "FunctionOf", "read_function"]
+
+
+def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    """Numbers c0, c1, c2, ... of which the k-th is a value over time to the power k."""
+    names = names_of(info)
+    value = plain(value)
+    if not isinstance(value, list):
+        raise fail(Problem("", f"a list is expected, given {given(value)}"))
+    slot = slot_of(names) or ""
+    powers = ("", "/s", *(f"/s^{k}" for k in range(2, len(value))))
+    found, problems = [], []
+    for k, item in enumerate(value):
+        unit = (slot or "1") + powers[k] if k else slot
+        try:
+            found.append(read_number(item, names, unit) * units_of(names).scale(unit))
+        except SceneError as error:
+            problems += under(f"[{k}]", error.problems)
+    if problems:
+        raise fail(*problems)
+    return tuple(found)
+
+
+Ordinate = Annotated[float, Measured()]
+Moment = Annotated[float, Quantity("s")]
 
 
 class FunctionForm(Spec):
-    """Base of the named forms; each turns its numbers into operations over t."""
+    """Base of the named forms; each turns its numbers, in SI, into operations over t."""
 
     def ops(self) -> Ops:
         raise NotImplementedError
@@ -37,7 +75,7 @@ class Constant(FunctionForm):
     """value"""
 
     type: Literal["constant"]
-    value: Number
+    value: Ordinate
 
     def ops(self) -> Ops:
         return (("const", self.value),)
@@ -47,7 +85,7 @@ class Polynomial(FunctionForm):
     """c0 + c1 t + c2 t^2 + ..., with coefficients = [c0, c1, c2, ...]"""
 
     type: Literal["polynomial"]
-    coefficients: tuple[Number, ...]
+    coefficients: Annotated[tuple[float, ...], Reader(_coefficients)]
 
     def ops(self) -> Ops:
         """Horner's scheme."""
@@ -59,13 +97,13 @@ class Polynomial(FunctionForm):
 
 
 class Harmonic(FunctionForm):
-    """offset + amplitude sin(2 pi frequency t + phase), frequency in Hz"""
+    """offset + amplitude sin(2 pi frequency t + phase), frequency in cycles per unit of time"""
 
     type: Literal["harmonic"]
-    amplitude: Number
-    frequency: Number
+    amplitude: Ordinate
+    frequency: Annotated[float, Quantity("Hz")]
     phase: Angle = 0.0
-    offset: Number = 0.0
+    offset: Ordinate = 0.0
 
     def ops(self) -> Ops:
         names = {"a": self.amplitude, "w": 2 * math.pi * self.frequency}
@@ -77,15 +115,17 @@ class Step(FunctionForm):
     """y0 before t0, y1 after t1, between them a cubic with level ends"""
 
     type: Literal["step"]
-    t0: Number = 0.0
-    y0: Number = 0.0
-    t1: Number
-    y1: Number
+    t0: Moment = 0.0
+    y0: Ordinate = 0.0
+    t1: Moment
+    y1: Ordinate
 
     @model_validator(mode="after")
-    def _in_order(self) -> Self:
+    def _in_order(self, info: ValidationInfo) -> Self:
         if self.t1 <= self.t0:
-            raise fail(Problem("t1", f"must lie after t0 = {self.t0:g} s, is {self.t1:g} s"))
+            units = units_of(names_of(info))
+            t0, t1 = units.say(self.t0, "s"), units.say(self.t1, "s")
+            raise fail(Problem("t1", f"must lie after t0 = {t0}, is {t1}"))
         return self
 
     def ops(self) -> Ops:
@@ -104,7 +144,7 @@ FUNCTION_FORMS: dict[str, type[FunctionForm]] = {
 
 @dataclass(frozen=True)
 class Function:
-    """A function of time: what the user gave, and its program."""
+    """A function of time: what the user gave, in the scene's units, and its program in SI."""
 
     given: float | str | Mapping[str, Any]
     expression: Expression
@@ -118,13 +158,19 @@ class Function:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
         return self.expression.value(t)
 
-    @classmethod
+
+@dataclass(frozen=True)
+class FunctionOf:
+    """Annotation of a :class:`Function`: the SI unit of its value."""
+
+    unit: str
+
     def __get_pydantic_core_schema__(
-        cls, source: Any, handler: GetCoreSchemaHandler
+        self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         def read(value: Any, info: ValidationInfo) -> Function:
             try:
-                return read_function(value, names_of(info))
+                return read_function(value, names_of(info), self.unit)
             except SceneError as error:
                 raise fail(*error.problems) from None
 
@@ -132,36 +178,53 @@ class Function:
         return core_schema.with_info_plain_validator_function(read, serialization=written)
 
 
-def read_function(value: Any, names: Names | None = None) -> Function:
+def read_function(value: Any, names: Names | None = None, unit: str = "") -> Function:
     """A function of time from any of the ways to say it.
 
     Parameters
     ----------
     value : float, str, mapping or Function
-        Number, expression in t and the parameters, or named form.
+        Number, expression in t and the parameters, or named form, in the scene's units.
     names : mapping
         Values of the parameters.
+    unit : str
+        SI unit of the value, ``""`` for a plain number.
 
     Raises
     ------
     SceneError
         All that is wrong with it.
     """
-    names = names or {}
+    names = {} if names is None else names
+    units = units_of(names)
     if isinstance(value, Function):
         return value
     if isinstance(value, str):
-        return Function(value, parse(in_radians(value), names))
+        text, factor = expression_and_factor(value, names, unit, time=True)
+        ops = parse(text, names).ops
+        return Function(value, Expression(value, _in_si(ops, factor * units.scale(unit), units)))
     if isinstance(value, Mapping):
         value = plain(value)
-        form, problems = read_variant("function", FUNCTION_FORMS, value, names)
+        terms = Terms(names, units, slot=unit)
+        form, problems = read_variant("function", FUNCTION_FORMS, value, terms)
         if form is None:
             raise SceneError.from_problems(problems)
         return Function(value, Expression(given(value), form.ops()))
     if isinstance(value, Real) and not isinstance(value, bool):
         number = read_number(value, names)
-        return Function(number, Expression(f"{number:g}", (("const", number),)))
+        ops = _in_si((("const", number),), units.scale(unit), units)
+        return Function(number, Expression(f"{number:g}", ops))
     raise SceneError(
         "a function of time is a number, an expression in t, or a table such as "
         f'{{type = "harmonic", ...}}, given {given(value)}'
     )
+
+
+def _in_si(ops: Ops, scale: float, units: UnitSystem) -> Ops:
+    """A program over the scene's time, as one over time in s whose value is `scale` times it."""
+    if len(ops) == 1 and ops[0][0] == "const":
+        return (("const", ops[0][1] * scale),)
+    if units.time != 1.0:
+        own = (("t", 0.0), ("const", units.time), ("/", 0.0))
+        ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
+    return ops if scale == 1.0 else (*ops, ("const", scale), ("*", 0.0))

@@ -28,6 +28,7 @@ class JointType:
 
     name: str
     equations: int
+    planar_equations: int
     coordinates: tuple[str, ...]
     has_axis: bool
     summary: str
@@ -41,11 +42,11 @@ class JointType:
 JOINT_TYPES: dict[str, JointType] = {
     row.name: row
     for row in (
-        JointType("fixed", 6, (), False, "holds both markers together, place and axes"),
-        JointType("revolute", 5, ("angle",), True, "turns about its axis"),
-        JointType("prismatic", 5, ("stroke",), True, "slides along its axis"),
-        JointType("cylindrical", 4, ("angle", "stroke"), True, "turns about and slides along"),
-        JointType("spherical", 3, (), False, "holds the markers' points together"),
+        JointType("fixed", 6, 3, (), False, "holds both markers together, place and axes"),
+        JointType("revolute", 5, 2, ("angle",), True, "turns about its axis"),
+        JointType("prismatic", 5, 2, ("stroke",), True, "slides along its axis"),
+        JointType("cylindrical", 4, 2, ("angle", "stroke"), True, "turns about and slides along"),
+        JointType("spherical", 3, 2, (), False, "holds the markers' points together"),
     )
 }
 

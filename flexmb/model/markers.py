@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.orientation import Orientation, rotation_matrix
-from flexmb.model.quantities import Integer, Text, Vector
+from flexmb.model.quantities import Integer, Position, Text
 from flexmb.model.reading import Entry, Spec, fail
 
 if TYPE_CHECKING:
@@ -30,12 +30,12 @@ Array = NDArray[np.float64]
 class MarkerSpec(Spec):
     """A marker of a body, in its body frame.
 
-    ``position`` [m] defaults to the carrying node's, else to the body's origin. ``node`` (0-based
+    ``position`` defaults to the carrying node's, else to the body's origin. ``node`` (0-based
     index in the mesh) or ``interface`` name the carrier on a flexible body; with a position alone
     the nearest node carries it, and without modes the body itself.
     """
 
-    position: Vector | None = None
+    position: Position | None = None
     orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
     node: Annotated[int, Integer(0)] | None = None
     interface: Text | None = None

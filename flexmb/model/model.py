@@ -20,17 +20,19 @@ from flexmb.model.checks import CheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
+from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
-from flexmb.model.reading import Spec, read_entry, under
-from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channels_of
+from flexmb.model.reading import Spec, Terms, read_entry, under
+from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
+from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -52,10 +54,15 @@ class Model:
     ----------
     title : str
         Name of the model.
+    units : str
+        Unit system of every number that the model is given, such as ``"mm-t-s"``, and of its
+        results; inside all is SI, and angles are in rad.
     parameters : mapping, optional
         Numbers or expressions that all other numbers may use by name.
-    gravity : three numbers, optional
-        Acceleration of gravity, global axes [m/s^2]; none by default.
+    gravity : three numbers or str, optional
+        Acceleration of gravity, global axes, or ``"earth -z"``; none by default.
+    plane : {"xy", "yz", "zx"}, optional
+        Everything moves in this global plane; in space by default.
     folder : path, optional
         What relative paths of meshes are relative to; the current folder by default.
     """
@@ -64,22 +71,27 @@ class Model:
         self,
         title: str = "",
         *,
+        units: str | UnitSystem = "SI",
         parameters: Mapping[str, Any] | None = None,
         gravity: Any = None,
+        plane: str | None = None,
         folder: str | Path = ".",
     ) -> None:
         self.title = title
         self.folder = Path(folder)
         self.given_parameters: dict[str, Any] = plain(parameters or {})
-        self.parameters, problems = resolve(self.given_parameters)
+        self.units = unit_system(units)
+        self.parameters, problems = resolve(self.given_parameters, self.units)
         _raise(problems)
         self.gravity: tuple[float, float, float] | None = None
         self.set_gravity(gravity)
+        self.plane, problems = read_plane(plane)
+        _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec] = {}
+        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.dynamics: DynamicsSpec | None = None
@@ -93,6 +105,11 @@ class Model:
             for section in ("bodies", "joints", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
+
+    @property
+    def terms(self) -> Terms:
+        """What numbers mean that are given to this model."""
+        return Terms(self.parameters, self.units)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -114,7 +131,7 @@ class Model:
         if owner is None:
             lookup.find(self, body)  # raises, with the names there are
         assert owner is not None
-        spec, problems = read_named("markers", name, fields, self.parameters)
+        spec, problems = read_named("markers", name, fields, self.terms)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
         problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
         if name in lookup.marker_names(self, body):
@@ -141,7 +158,7 @@ class Model:
         return spec
 
     def add_force(self, name: str, type: str, **fields: Any) -> Spec:
-        """Add a force, torque or spring-damper."""
+        """Add a force, a torque or a spring-damper: along a line, or on a joint."""
         return self._add("forces", name, {"type": type, **fields})
 
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:
@@ -150,20 +167,20 @@ class Model:
 
     def add_check(self, **fields: Any) -> CheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``."""
-        spec, problems = read_entry(CheckSpec, fields, self.parameters)
+        spec, problems = read_entry(CheckSpec, fields, self.check_terms(fields.get("sensor")))
         _raise(under(f"check[{len(self.checks)}]", problems))
         assert spec is not None
         self.checks.append(spec)
         return spec
 
     def set_gravity(self, gravity: Any) -> None:
-        """Set the acceleration of gravity (3,), global axes [m/s^2]; ``"none"`` for none."""
-        self.gravity, problems = read_gravity(gravity, self.parameters)
+        """Set gravity: its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
+        self.gravity, problems = read_gravity(gravity, self.terms)
         _raise(problems)
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
-        spec, problems = read_entry(DynamicsSpec, fields, self.parameters)
+        spec, problems = read_entry(DynamicsSpec, fields, self.terms)
         _raise(under("dynamics", problems))
         assert spec is not None
         self.dynamics = spec
@@ -171,7 +188,7 @@ class Model:
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
-        spec, problems = read_entry(StudySpec, fields, self.parameters)
+        spec, problems = read_entry(StudySpec, fields, self.terms)
         _raise(under("study", problems))
         assert spec is not None
         self.study = spec
@@ -179,7 +196,7 @@ class Model:
 
     def set_view(self, **fields: Any) -> ViewSpec:
         """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""
-        spec, problems = read_entry(ViewSpec, fields, self.parameters)
+        spec, problems = read_entry(ViewSpec, fields, self.terms)
         _raise(under("view", problems))
         assert spec is not None
         self.view = spec
@@ -189,7 +206,7 @@ class Model:
         entries = getattr(self, section)
         if name in entries:
             _raise([Problem(f"{section}.{name}", f'the name "{name}" is used twice')])
-        spec, problems = read_named(section, name, data, self.parameters)
+        spec, problems = read_named(section, name, data, self.terms)
         _raise(problems)
         assert spec is not None
         entries[name] = spec
@@ -199,6 +216,15 @@ class Model:
         """Names of all sensor channels, in order."""
         pairs = self.sensors.items()
         return tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+
+    def channel_unit(self, channel: str) -> str | None:
+        """SI unit of a sensor channel; None where there is no such sensor."""
+        return channel_unit({name: spec.type for name, spec in self.sensors.items()}, channel)
+
+    def check_terms(self, channel: Any) -> Terms:
+        """What numbers mean that are compared with a channel."""
+        unit = self.channel_unit(channel) if isinstance(channel, str) else None
+        return Terms(self.parameters, self.units, slot=unit)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.
@@ -236,7 +262,7 @@ class Model:
     def to_scene_dict(
         self, folder: str | Path | None = None, flexbodies: Mapping[str, str | Path] | None = None
     ) -> dict[str, Any]:
-        """The model as a scene: plain data with all numbers resolved.
+        """The model as a scene: plain data in its unit system with all numbers resolved.
 
         Parameters
         ----------

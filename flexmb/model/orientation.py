@@ -1,27 +1,33 @@
 """Orientations as a scene writes them, and the rotation arithmetic around them.
 
-In: a quaternion [w, x, y, z], an axis with an angle, or a 3x3 matrix (columns: the body's axes in
-global components). Out: a unit quaternion p, scalar first, w >= 0, with A(p) taking body components
-to global ones. Source: Shabana, Dynamics of Multibody Systems, ch. 2 (Euler parameters).
+In: a quaternion [w, x, y, z] (Euler parameters, scaled to unit length), a 3x3 matrix (columns: the
+body's axes in global components), or one of the tables ``{axis, angle}``; ``{x_along, y_towards}``
+(any two of the axes: the first exactly along, the second turned about it towards a direction);
+``{euler, angles}`` (a sequence such as "zxz": turns about body-fixed axes, each about the axis as
+the turns before have left it). Out: a unit quaternion p, scalar first, w >= 0, with A(p) taking
+body components to global ones. Source: Shabana, Dynamics of Multibody Systems, ch. 2.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
-from flexmb.errors import Problem, SceneError
-from flexmb.model.quantities import read_axis, read_number
-from flexmb.model.reading import Names, Reader, fail, given, names_of, unknown_key
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.quantities import read_axis, read_number, unit_vector
+from flexmb.model.reading import Names, Reader, fail, given, names_of, under, unknown_key
 
 __all__ = [
+    "EULER_SEQUENCES",
     "Orientation",
     "quaternion_from_axis",
+    "quaternion_from_euler",
     "quaternion_from_matrix",
     "read_orientation",
     "rotation_matrix",
@@ -31,7 +37,14 @@ __all__ = [
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 _ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
-_LAST_DIGITS = 4e-16  # what scaling to unit length leaves
+_PARALLEL = 1e-9  # sine of the angle below which two directions are one
+_AXIS_ANGLE = ("axis", "angle")
+_EULER = ("euler", "angles")
+_DIRECTIONS = tuple(f"{axis}_{how}" for axis in "xyz" for how in ("along", "towards"))
+_FORMS = "{axis, angle}, {x_along, y_towards} or {euler, angles}"
+
+EULER_SEQUENCES = tuple(f"{a}{b}{c}" for a, b, c in product("xyz", repeat=3) if b not in (a, c))
+"""The twelve sequences of axes that reach every orientation."""
 
 
 def rotation_matrix(p: Any) -> Array:
@@ -86,13 +99,31 @@ def triad(axis: Any) -> Array:
     return np.diag([1.0, -1.0, -1.0]) @ R if below else R
 
 
+def quaternion_from_euler(sequence: str, angles: Iterable[float]) -> Quaternion:
+    """Unit quaternion of turns [rad] about the body's own axes, one after the other.
+
+    A = R_1(angle 1) R_2(angle 2) R_3(angle 3); "zxz" are the classical Euler angles, "xyz" Cardan's
+    (Shabana, Dynamics of Multibody Systems, ch. 2; Goldstein, Classical Mechanics, app. A).
+    """
+    p = [1.0, 0.0, 0.0, 0.0]
+    for letter, angle in zip(sequence, angles, strict=True):
+        c, s = math.cos(angle / 2), math.sin(angle / 2)
+        turned = [c * value for value in p]
+        i = 1 + "xyz".index(letter)
+        j, k = 1 + i % 3, 1 + (i + 1) % 3
+        turned[0] -= s * p[i]
+        turned[i] += s * p[0]
+        turned[j] += s * p[k]
+        turned[k] -= s * p[j]
+        p = turned
+    return _unit(p)
+
+
 def _unit(p: Any) -> Quaternion:
-    w, x, y, z = (float(c) for c in p)
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    if abs(length - 1.0) <= _LAST_DIGITS:  # unit already: written and read again it stays the same
-        length = 1.0
-    length = -length if w < 0 else length
-    return (w / length + 0.0, x / length + 0.0, y / length + 0.0, z / length + 0.0)
+    w, x, y, z = unit_vector(float(c) for c in p)
+    if w < 0:
+        w, x, y, z = -w, -x, -y, -z
+    return (w + 0.0, x + 0.0, y + 0.0, z + 0.0)
 
 
 def read_orientation(value: Any, names: Names) -> Quaternion:
@@ -101,11 +132,11 @@ def read_orientation(value: Any, names: Names) -> Quaternion:
     Raises
     ------
     SceneError
-        None of them, or numbers that are no orientation.
+        None of them, several at once, or numbers that are no orientation.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return _from_axis_angle(value, names)
+        return _from_table(value, names)
     if isinstance(value, list | tuple) and len(value) == 4:
         p = [read_number(item, names) for item in value]
         if not any(p):
@@ -114,24 +145,96 @@ def read_orientation(value: Any, names: Names) -> Quaternion:
     if isinstance(value, list | tuple) and len(value) == 3:
         return _from_rows(value, names)
     raise SceneError(
-        "an orientation is a quaternion [w, x, y, z], a table {axis, angle} or a 3x3 matrix, "
+        f"an orientation is a quaternion [w, x, y, z], a 3x3 matrix or a table {_FORMS}, "
         f"given {given(value)}"
     )
 
 
-def _from_axis_angle(table: Mapping[str, Any], names: Names) -> Quaternion:
-    keys = ("axis", "angle")
-    problems = [unknown_key(key, keys) for key in table if key not in keys]
-    problems += [Problem(key, "is missing") for key in keys if key not in table]
+def _from_table(table: Mapping[str, Any], names: Names) -> Quaternion:
+    forms = [keys for keys in (_AXIS_ANGLE, _EULER, _DIRECTIONS) if set(keys) & set(table)]
+    if len(forms) > 1:
+        told = ", ".join(f'"{key}"' for key in table)
+        raise SceneError(f"an orientation is told in one way, {_FORMS}; given {told}")
+    if not forms:
+        known = (*_AXIS_ANGLE, *_EULER, *_DIRECTIONS)
+        wrong = [unknown_key(key, known) for key in table]
+        raise SceneError.from_problems(
+            wrong or [Problem("", f"an orientation is a table {_FORMS}, given an empty one")]
+        )
+    if forms[0] is _DIRECTIONS:
+        return _from_directions(table, names)
+    readers: dict[str, Callable[[Any, Names], Any]] = (
+        {"axis": read_axis, "angle": _read_angle}
+        if forms[0] is _AXIS_ANGLE
+        else {"euler": _read_sequence, "angles": _read_angles}
+    )
+    missing = [Problem(key, "is missing") for key in readers if key not in table]
+    found = _values(table, readers, names, missing)
+    if forms[0] is _AXIS_ANGLE:
+        return quaternion_from_axis(found["axis"], found["angle"])
+    return quaternion_from_euler(found["euler"], found["angles"])
+
+
+def _from_directions(table: Mapping[str, Any], names: Names) -> Quaternion:
+    """One axis along a direction exactly, another one towards a second direction."""
+    along = [key for key in table if key in _DIRECTIONS and key.endswith("_along")]
+    towards = [key for key in table if key in _DIRECTIONS and key.endswith("_towards")]
+    if len(along) != 1 or len(towards) != 1 or along[0][0] == towards[0][0]:
+        told = ", ".join(f'"{key}"' for key in table)
+        what = 'give one axis "along" a direction and another one "towards" one, such as '
+        raise SceneError(what + f"{{x_along = ..., y_towards = ...}}; given {told}")
+    readers = {along[0]: read_axis, towards[0]: read_axis}
+    found = _values(table, readers, names, [])
+    first = np.array(found[along[0]])
+    second = np.array(found[towards[0]])
+    across = second - (second @ first) * first
+    if np.linalg.norm(across) < _PARALLEL:
+        raise SceneError(f"the directions of {along[0]} and {towards[0]} are parallel")
+    i, j = "xyz".index(along[0][0]), "xyz".index(towards[0][0])
+    A = np.zeros((3, 3))
+    A[:, i] = first
+    A[:, j] = across / np.linalg.norm(across)
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    A[:, 3 - i - j] = sign * np.cross(A[:, i], A[:, j])
+    return quaternion_from_matrix(A)
+
+
+def _values(
+    table: Mapping[str, Any],
+    readers: Mapping[str, Callable[[Any, Names], Any]],
+    names: Names,
+    problems: list[Problem],
+) -> dict[str, Any]:
+    """The entries of a table, each read by its reader; all that is wrong with them at once."""
+    problems = [unknown_key(key, tuple(readers)) for key in table if key not in readers] + problems
     found: dict[str, Any] = {}
-    for key, read in (("axis", read_axis), ("angle", read_number)):
+    for key, read in readers.items():
         try:
             found[key] = read(table[key], names) if key in table else None
         except SceneError as error:
-            problems += [Problem(key, p.what, p.allowed, p.nearest) for p in error.problems]
+            problems += under(key, error.problems)
     if problems:
         raise SceneError.from_problems(problems)
-    return quaternion_from_axis(found["axis"], found["angle"])
+    return found
+
+
+def _read_angle(value: Any, names: Names) -> float:
+    return read_number(value, names, "rad")
+
+
+def _read_angles(value: Any, names: Names) -> tuple[float, ...]:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise SceneError(f"three angles are expected, given {given(value)}")
+    return tuple(read_number(item, names, "rad") for item in value)
+
+
+def _read_sequence(value: Any, names: Names) -> str:
+    if isinstance(value, str) and value in EULER_SEQUENCES:
+        return value
+    near = nearest(str(value), EULER_SEQUENCES)
+    what = f"unknown sequence of axes {given(value)}"
+    raise SceneError.from_problems([Problem("", what, EULER_SEQUENCES, near)])
 
 
 def _from_rows(rows: Any, names: Names) -> Quaternion:

@@ -17,6 +17,7 @@ from flexmb.model.reading import given
 
 __all__ = ["override"]
 
+_INSTEAD = {"accuracy": "step", "step": "accuracy"}
 _MAKEABLE = ("dynamics", "view")  # tables whose fields all have defaults or will be missed
 
 
@@ -51,7 +52,7 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         parameters = scene.get("parameters", {})
         if not isinstance(parameters, Mapping):
             parameters = {}
-        top = tuple(key for key in scene if not isinstance(scene[key], Mapping | list))
+        top = tuple(key for key in ("title", "gravity") if key in scene)
         if name in parameters:
             parameters[name] = value
         elif name in ("title", "gravity"):
@@ -84,4 +85,6 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
     if parts[0] == "parameters" and key not in table:
         return Problem(where, f'unknown parameter "{key}"', tuple(table), nearest(key, table))
     table[key] = value
+    if parts[0] == "dynamics" and key in _INSTEAD:  # the new one replaces the scene's other choice
+        table.pop(_INSTEAD[key], None)
     return None

@@ -1,6 +1,7 @@
 """The parameters of a scene: names for numbers, in terms of each other, in any order.
 
-In: name to number or expression. Out: name to value, and the problems. A cycle is named.
+In: name to number or expression, perhaps with a unit. Out: name to value in the scene's units, and
+the problems. A cycle is named.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from typing import Any
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import CONSTANTS, FUNCTIONS, names_in
-from flexmb.model.quantities import in_radians, read_number
-from flexmb.model.reading import given
+from flexmb.model.quantities import read_number
+from flexmb.model.reading import Terms, given
+from flexmb.model.unit_texts import expression_and_factor
+from flexmb.units import SI, UnitSystem
 
 __all__ = ["resolve"]
 
@@ -22,18 +25,21 @@ _RESERVED = {"t": "the time", **dict.fromkeys(CONSTANTS, "a constant")}
 _RESERVED |= dict.fromkeys(FUNCTIONS, "a function")
 
 
-def resolve(raw: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
-    """Values of the parameters.
+def resolve(
+    raw: Mapping[str, Any], units: UnitSystem = SI
+) -> tuple[dict[str, float], list[Problem]]:
+    """Values of the parameters in the scene's units.
 
     A parameter that depends on a wrong one gets no value and no problem of its own.
     """
-    return _Resolver(raw).run()
+    return _Resolver(raw, units).run()
 
 
 class _Resolver:
     """Depth-first evaluation; ``trail`` is the chain of names being evaluated."""
 
-    def __init__(self, raw: Mapping[str, Any]) -> None:
+    def __init__(self, raw: Mapping[str, Any], units: UnitSystem) -> None:
+        self.units = units
         self.raw = {str(name): value for name, value in raw.items()}
         self.values: dict[str, float] = {}
         self.wrong: dict[str, list[Problem]] = {}
@@ -67,7 +73,9 @@ class _Resolver:
             self.wrong[name] = [Problem(where, f"a number is expected, given {given(value)}")]
             return
         try:
-            used = names_in(in_radians(value)) if isinstance(value, str) else ()
+            used: tuple[str, ...] = ()
+            if isinstance(value, str):
+                used = names_in(expression_and_factor(value, self.known(name), None)[0])
             for other in used:
                 if other in self.raw:
                     self.visit(other, (*trail, name))
@@ -76,10 +84,11 @@ class _Resolver:
             if any(other in self.wrong for other in used):
                 self.wrong[name] = []
                 return
-            self.values[name] = read_number(value, self.known(name))
+            self.values[name] = read_number(value, self.known(name), None)
         except SceneError as error:
             self.wrong[name] = [replace(problem, where=where) for problem in error.problems]
 
-    def known(self, name: str) -> dict[str, float]:
+    def known(self, name: str) -> Terms:
         """All names, so that a misspelt one finds its neighbours; used ones have their values."""
-        return {other: self.values.get(other, 0.0) for other in self.raw if other != name}
+        values = {other: self.values.get(other, 0.0) for other in self.raw if other != name}
+        return Terms(values, self.units)

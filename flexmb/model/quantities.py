@@ -1,74 +1,85 @@
 """Numbers, vectors, axes and references as a scene writes them.
 
-In: a number, or an expression over the parameters (angles also ``"30 deg"``). Out: floats in SI
-(rad for angles), finite and of the asked sign. Each type is a pydantic annotation that names its
-unit, so that messages can say it.
+In: a number or an expression over the parameters, in the scene's unit system, perhaps with a unit
+of its own: ``"30 deg"``. Out: floats in SI (rad for angles), finite and of the asked sign. Each
+type is a pydantic annotation that names its SI unit, from which the scene's own follows.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
+from pydantic import BeforeValidator, GetCoreSchemaHandler, SerializationInfo, ValidationInfo
 from pydantic_core import core_schema
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.expression import parse
-from flexmb.model.reading import Names, Reader, fail, given, names_of
+from flexmb.model.reading import Names, Reader, fail, given, names_of, slot_of, units_of
+from flexmb.model.unit_texts import expression_and_factor
 
 __all__ = [
+    "Acceleration",
     "Angle",
+    "AngularVelocity",
     "Axis",
     "Integer",
+    "Length",
+    "Measured",
     "Number",
     "Pair",
+    "Position",
     "Quantity",
     "Size",
+    "Sizes",
     "Text",
     "Time",
-    "Vector",
-    "in_radians",
+    "Velocity",
     "plain",
     "read_axis",
     "read_number",
+    "unit_vector",
 ]
 
-_DEGREES = re.compile(r"^(?P<value>.*\S)\s+(?P<unit>deg|rad)\s*$", re.DOTALL)
+_LAST_DIGITS = 4e-16  # what scaling to unit length leaves
 Sign = Literal["any", "positive", "not negative"]
 
 
-def in_radians(text: str) -> str:
-    """``"30 deg"`` as an expression in rad; other texts unchanged, and characters stay in place."""
-    found = _DEGREES.match(text)
-    if not found:
-        return text
-    return found["value"] + ("*deg" if found["unit"] == "deg" else "")
+def read_number(value: Any, names: Names, unit: str | None = "") -> float:
+    """A finite number, in the scene's units, from a number or an expression.
 
-
-def read_number(value: Any, names: Names) -> float:
-    """A finite number from a number or an expression.
+    Parameters
+    ----------
+    value : float or str
+        A number, or an expression over the parameters, perhaps with a unit.
+    names : mapping
+        Values of the parameters.
+    unit : str or None
+        SI unit of what is asked for, ``""`` for a plain number; None takes any.
 
     Raises
     ------
     SceneError
-        No number, a mistake in the expression, or no finite value.
+        No number, a mistake in the expression, a unit of something else, or no finite value.
     """
     if isinstance(value, str):
-        constant = parse(in_radians(value), names, time=False).constant
+        text, factor = expression_and_factor(value, names, unit)
+        constant = parse(text, names, time=False).constant
         assert constant is not None  # without time everything folds
-        return constant
+        return _finite(constant * factor, value)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"a number or an expression is expected, given {given(value)}")
     try:
-        number = float(value)
+        return _finite(float(value), value)
     except OverflowError:
-        number = math.inf
+        return _finite(math.inf, value)
+
+
+def _finite(number: float, value: Any) -> float:
     if not math.isfinite(number):
         raise SceneError(f"a finite number is expected, given {given(value)}")
     return number
@@ -76,7 +87,7 @@ def read_number(value: Any, names: Names) -> float:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a float: its unit and the sign it must have."""
+    """Annotation of a float: its SI unit and the sign it must have."""
 
     unit: str = ""
     sign: Sign = "any"
@@ -84,18 +95,34 @@ class Quantity:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        return core_schema.with_info_plain_validator_function(self.read)
+        written = core_schema.plain_serializer_function_ser_schema(self.write, info_arg=True)
+        return core_schema.with_info_plain_validator_function(self.read, serialization=written)
+
+    def unit_in(self, names: Names) -> str | None:
+        """The SI unit in this place; None where it is not known."""
+        return self.unit
 
     def read(self, value: Any, info: ValidationInfo) -> float:
         """The number in SI."""
+        names = names_of(info)
+        unit = self.unit_in(names)
         try:
-            number = read_number(value, names_of(info))
+            number = read_number(value, names, unit)
         except SceneError as error:
             raise fail(*error.problems) from None
-        self.check(number, value)
-        return number
+        self._check(number, value, units_of(names).label(unit or ""))
+        scaled = number * units_of(names).scale(unit or "")
+        if not math.isfinite(scaled):
+            raise fail(Problem("", f"a finite number is expected, given {given(value)}"))
+        return scaled
 
-    def check(self, number: float, value: Any) -> None:
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        """The number in the scene's units, as it was given."""
+        names = names_of(info)
+        unit = self.unit_in(names) or ""
+        return units_of(names).written(value, unit) if isinstance(value, float) else value
+
+    def _check(self, number: float, value: Any, label: str) -> None:
         """Refuse a number of the wrong sign."""
         bad = (self.sign == "positive" and number <= 0) or (
             self.sign == "not negative" and number < 0
@@ -103,9 +130,15 @@ class Quantity:
         if bad:
             wanted = "positive" if self.sign == "positive" else "zero or positive"
             origin = f" (given {given(value)})" if isinstance(value, str) else ""
-            raise fail(
-                Problem("", f"must be {wanted}, is {number:g} {self.unit}".rstrip() + origin)
-            )
+            raise fail(Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin))
+
+
+@dataclass(frozen=True)
+class Measured(Quantity):
+    """Annotation of a float whose SI unit depends on where it is used: that of the slot."""
+
+    def unit_in(self, names: Names) -> str | None:
+        return slot_of(names)
 
 
 @dataclass(frozen=True)
@@ -154,9 +187,16 @@ def _as_list(value: Any) -> Any:
 
 Number = Annotated[float, Quantity()]
 Angle = Annotated[float, Quantity("rad")]
+Length = Annotated[float, Quantity("m")]
 Size = Annotated[float, Quantity("m", "positive")]
 Time = Annotated[float, Quantity("s", "positive")]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_list)]
+_Speed = Annotated[float, Quantity("m/s")]
+_Spin = Annotated[float, Quantity("rad/s")]
+_Rate = Annotated[float, Quantity("m/s^2")]
+Position = Annotated[tuple[Length, Length, Length], BeforeValidator(_as_list)]
+Velocity = Annotated[tuple[_Speed, _Speed, _Speed], BeforeValidator(_as_list)]
+AngularVelocity = Annotated[tuple[_Spin, _Spin, _Spin], BeforeValidator(_as_list)]
+Acceleration = Annotated[tuple[_Rate, _Rate, _Rate], BeforeValidator(_as_list)]
 Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_as_list)]
 
 
@@ -173,7 +213,7 @@ Pair = tuple[Text, Text]
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def read_axis(value: Any, names: Names) -> tuple[float, float, float]:
+def read_axis(value: Any, names: Names) -> tuple[float, ...]:
     """A unit vector from ``"x"``, ``"-z"`` or three numbers.
 
     Raises
@@ -191,10 +231,28 @@ def read_axis(value: Any, names: Names) -> tuple[float, float, float]:
     if not isinstance(value, list | tuple) or len(value) != 3:
         raise _bad_axis(value)
     x, y, z = (read_number(item, names) for item in value)
-    length = math.hypot(x, y, z)
-    if length == 0:
-        raise SceneError("an axis must have a direction, given a vector of length zero")
-    return (x / length, y / length, z / length)
+    try:
+        return unit_vector((x, y, z))
+    except ZeroDivisionError:
+        what = "an axis must have a direction, given a vector of length zero"
+        raise SceneError(what) from None
+
+
+def unit_vector(values: Iterable[float]) -> tuple[float, ...]:
+    """Scaled to unit length, without overflow; one that has it already stays the same to the bit.
+
+    Raises
+    ------
+    ZeroDivisionError
+        All components are zero.
+    """
+    vector = tuple(values)
+    if abs(math.hypot(*vector) - 1.0) <= _LAST_DIGITS:
+        return vector
+    largest = max(abs(c) for c in vector)
+    vector = tuple(c / largest for c in vector)
+    length = math.hypot(*vector)
+    return tuple(c / length for c in vector)
 
 
 def _bad_axis(value: Any) -> SceneError:
@@ -203,7 +261,7 @@ def _bad_axis(value: Any) -> SceneError:
     return SceneError.from_problems([Problem("", what, allowed)])
 
 
-def _axis(value: Any, info: ValidationInfo) -> tuple[float, float, float]:
+def _axis(value: Any, info: ValidationInfo) -> tuple[float, ...]:
     try:
         return read_axis(value, names_of(info))
     except SceneError as error:

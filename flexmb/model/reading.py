@@ -12,12 +12,33 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, ValidationInfo
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    SerializationInfo,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic_core import PydanticCustomError, core_schema
 
 from flexmb.errors import Problem, SceneError, nearest
+from flexmb.units import SI, UnitSystem
 
-__all__ = ["Entry", "Reader", "Spec", "Variant", "fail", "given", "names_of", "read_entry", "under"]
+__all__ = [
+    "Entry",
+    "Reader",
+    "Spec",
+    "Terms",
+    "Variant",
+    "fail",
+    "given",
+    "names_of",
+    "read_entry",
+    "slot_of",
+    "under",
+    "units_of",
+]
 
 S = TypeVar("S", bound="Spec")
 Names = Mapping[str, float]
@@ -30,15 +51,46 @@ class Spec(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
+class Terms(dict[str, float]):
+    """What the numbers of a scene mean: the parameters by name, the unit system, the slot.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of the parameters, in the scene's units.
+    units : UnitSystem
+        The unit system in which numbers are given.
+    slot : str, optional
+        SI unit of values whose quantity depends on where they are used, such as those of a
+        function of time; None where it is not known.
+    """
+
+    def __init__(
+        self, values: Names | None = None, units: UnitSystem = SI, slot: str | None = None
+    ) -> None:
+        super().__init__(values or {})
+        self.units, self.slot = units, slot
+
+
+def units_of(names: Names) -> UnitSystem:
+    """The unit system in which numbers are given; SI where nothing is said."""
+    return names.units if isinstance(names, Terms) else SI
+
+
+def slot_of(names: Names) -> str | None:
+    """SI unit of values whose quantity depends on where they are used."""
+    return names.slot if isinstance(names, Terms) else None
+
+
 def fail(*problems: Problem) -> PydanticCustomError:
     """The exception a validator raises to report problems; their ``where`` is relative."""
     return PydanticCustomError("flexmb", "see problems", {"problems": problems})
 
 
-def names_of(info: ValidationInfo) -> Names:
-    """Values of the parameters that expressions may use."""
+def names_of(info: ValidationInfo | SerializationInfo) -> Names:
+    """Values of the parameters that expressions may use, as :class:`Terms` where units are told."""
     names: Names | None = info.context
-    return names or {}
+    return {} if names is None else names
 
 
 def given(value: Any) -> str:
@@ -132,14 +184,12 @@ class Reader:
     """Marks a field that is read, and perhaps written, by functions of ours alone."""
 
     read: Callable[[Any, ValidationInfo], Any]
-    write: Callable[[Any], Any] | None = None
+    write: Callable[[Any, SerializationInfo], Any] | None = None
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        written = (
-            core_schema.plain_serializer_function_ser_schema(self.write) if self.write else None
-        )
+        written = _writer(self.write) if self.write else None
         return core_schema.with_info_plain_validator_function(self.read, serialization=written)
 
 
@@ -194,8 +244,12 @@ def read_variant(
     return read_entry(chosen, data, names)
 
 
-def _as_table() -> core_schema.SerSchema:
-    def write(value: Spec) -> dict[str, Any]:
-        return value.model_dump(mode="json", exclude_none=True)
+def _writer(write: Callable[[Any, SerializationInfo], Any]) -> core_schema.SerSchema:
+    return core_schema.plain_serializer_function_ser_schema(write, info_arg=True)
 
-    return core_schema.plain_serializer_function_ser_schema(write)
+
+def _as_table() -> core_schema.SerSchema:
+    def write(value: Spec, info: SerializationInfo) -> dict[str, Any]:
+        return value.model_dump(mode="json", exclude_none=True, context=info.context)
+
+    return _writer(write)

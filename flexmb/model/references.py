@@ -15,9 +15,10 @@ import numpy as np
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.carriers import body_problems
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.names import GROUND, split_reference
+from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.sensors import AngleSensorSpec
 
@@ -33,7 +34,10 @@ def problems(
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
     parts = (body_problems, _joints, _drivers, _forces, _sensors, _channels, _judged, _times)
-    return [problem for part in parts for problem in part(scope)]
+    found = [problem for part in parts for problem in part(scope)]
+    if not found:  # what is in the plane is known of entries that hold together
+        found += planar_problems(model, flexbodies)
+    return found
 
 
 def _joints(scope: Scope) -> Iterator[Problem]:
@@ -62,12 +66,22 @@ def _forces(scope: Scope) -> Iterator[Problem]:
         if isinstance(spec, SpringDamperSpec):
             yield from scope.pair(where, spec.between, "a spring-damper")
             yield from _length(scope, where, spec)
+        elif isinstance(spec, JointSpringSpec):
+            yield from _joint_spring(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
                 yield from _finite(f"{where}.value[{i}]", function)
             if split_reference(spec.at)[0] == GROUND:
                 yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
             yield from scope.material(f"{where}.at", spec.at)
+
+
+def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
+    yield from scope.coordinate(where, spec.joint, spec.coordinate)
+    if spec.value is not None:
+        yield from _finite(f"{where}.value", spec.value)
+    if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
+        yield Problem(where, "does nothing: give stiffness, damping or value")
 
 
 def _length(scope: Scope, where: str, spec: SpringDamperSpec) -> Iterator[Problem]:
@@ -116,12 +130,13 @@ def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
     if model.dynamics is None:
         return
-    duration = model.dynamics.duration
+    duration, units = model.dynamics.duration, model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:
         if time > duration * (1 + 1e-12):
-            yield Problem(where, f"{time:g} s lies after the end of the run, {duration:g} s")
+            after, end = units.say(time, "s"), units.say(duration, "s")
+            yield Problem(where, f"{after} lies after the end of the run, {end}")
 
 
 def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:

@@ -67,15 +67,13 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SceneError.from_problems([_not_there(path)]) from None
-    except IsADirectoryError:
-        inside = " (it holds scene.toml: name that)" if (path / "scene.toml").is_file() else ""
-        raise SceneError(f"{path}: is a folder, not a scene file{inside}") from None
     except UnicodeDecodeError as error:
         what = f"is no text in UTF-8 (byte {error.start}); a scene is a TOML file"
         raise SceneError.from_problems([Problem(str(path), what)]) from None
     except (OSError, ValueError) as error:
-        if os.path.isdir(path):  # what Windows says of a folder is that it may not be read
-            raise SceneError(f"{path}: is a folder, not a scene file") from None
+        if os.path.isdir(path):  # of which Windows says that it may not be read
+            inside = " (it holds scene.toml: name that)" if (path / "scene.toml").is_file() else ""
+            raise SceneError(f"{path}: is a folder, not a scene file{inside}") from None
         reason = getattr(error, "strerror", None) or error
         raise SceneError(f"{path}: cannot be read ({reason})") from None
 

@@ -1,7 +1,7 @@
-"""Cross-sections of the beams in a mesh: element group to a table of dimensions, all in SI.
+"""Cross-sections of the beams in a mesh: element group to a table of dimensions.
 
-In: ``{all = {type = "tube", radius = 0.02, inner = 0.015}}``. Out: the same with every expression
-resolved, in the words of ``flexmb.fe.section``. The key is an element group, or ``"all"``.
+In: ``{all = {type = "tube", radius = 0.02, inner = 0.015}}``. Out: the same in SI, in the
+words of ``flexmb.fe.section``. The key is an element group, or ``"all"``.
 """
 
 from __future__ import annotations
@@ -9,11 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.model.quantities import Axis, Quantity, Size
-from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_variant, under
+from flexmb.model.reading import (
+    Reader,
+    Spec,
+    fail,
+    given,
+    names_of,
+    read_variant,
+    under,
+    units_of,
+)
 
 __all__ = ["SECTION_TYPES", "Sections"]
 
@@ -49,9 +58,11 @@ class TubeSection(Spec):
     shear: bool = True
 
     @model_validator(mode="after")
-    def _hollow(self) -> Self:
+    def _hollow(self, info: ValidationInfo) -> Self:
         if self.inner >= self.radius:
-            what = f"must be less than the outer radius {self.radius:g} m, is {self.inner:g} m"
+            units = units_of(names_of(info))
+            radius, inner = units.say(self.radius, "m"), units.say(self.inner, "m")
+            what = f"must be less than the outer radius {radius}, is {inner}"
             raise fail(Problem("inner", what))
         return self
 
@@ -94,4 +105,13 @@ def _read(value: Any, info: ValidationInfo) -> dict[str, dict[str, Any]]:
     return sections
 
 
-Sections = Annotated[dict[str, dict[str, Any]], Reader(_read)]
+def _write(value: dict[str, dict[str, Any]], info: SerializationInfo) -> dict[str, Any]:
+    return {
+        group: SECTION_TYPES[table["type"]]
+        .model_construct(**table)
+        .model_dump(exclude_none=True, context=info.context)
+        for group, table in value.items()
+    }
+
+
+Sections = Annotated[dict[str, dict[str, Any]], Reader(_read, _write)]

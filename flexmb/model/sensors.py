@@ -1,13 +1,14 @@
 """Sensors: what a run records, by channel.
 
-Position [m], velocity [m/s] and acceleration [m/s^2] of a marker, absolute or relative to another
-one, in global axes: channels ``name.x``, ``name.y``, ``name.z``. Angle [rad] of a joint, or between
-two markers about an axis: channel ``name``, within ±pi at the start
-and continuous from there on, over any number of turns.
+Position, velocity and acceleration of a marker, absolute or relative to another one, in global
+axes: channels ``name.x``, ``name.y``, ``name.z``. Angle [rad] of a joint, or between two markers
+about an axis: channel ``name``, within ±pi at the start and continuous from there on, over any
+number of turns. `CHANNEL_UNITS` says in what each kind is measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -16,7 +17,14 @@ from flexmb.errors import Problem
 from flexmb.model.quantities import Axis, Pair, Text
 from flexmb.model.reading import Spec, fail
 
-__all__ = ["SENSOR_TYPES", "AngleSensorSpec", "MarkerSensorSpec", "channels_of"]
+__all__ = [
+    "CHANNEL_UNITS",
+    "SENSOR_TYPES",
+    "AngleSensorSpec",
+    "MarkerSensorSpec",
+    "channel_unit",
+    "channels_of",
+]
 
 
 class MarkerSensorSpec(Spec):
@@ -53,6 +61,16 @@ SENSOR_TYPES: dict[str, type[Spec]] = {
     "acceleration": MarkerSensorSpec,
     "angle": AngleSensorSpec,
 }
+
+
+CHANNEL_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "angle": "rad"}
+"""SI unit of the channels of every sensor type."""
+
+
+def channel_unit(types: Mapping[str, str], channel: str) -> str | None:
+    """SI unit of a channel, from the type of every sensor by name; None for an unknown sensor."""
+    name = channel if channel in types else channel.rpartition(".")[0]
+    return CHANNEL_UNITS.get(types.get(name, ""))
 
 
 def channels_of(name: str, sensor: Spec) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ def _exaggeration(value: Any, info: ValidationInfo) -> float | str:
 class ViewSpec(Spec):
     """Picture and plot of a run.
 
-    ``time`` of the picture [s], default the end; ``exaggeration`` of the deformation, ``"auto"``
+    ``time`` of the picture, default the end; ``exaggeration`` of the deformation, ``"auto"``
     chooses a round factor; ``direction`` from the scene towards the eye, default along the joint
     axes; ``history`` the channels of the plot, default all; ``size`` in pixels.
     """

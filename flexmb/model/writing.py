@@ -1,7 +1,8 @@
 """The model as plain data: a scene that reads back into the same model.
 
 In: a model. Out: dictionaries, lists, numbers and texts as JSON or TOML hold them. Numbers are
-resolved; functions of time stay as given, beside the parameters they use.
+resolved, in the model's unit system and such that reading gives the same to the bit; functions of
+time stay as given, beside the parameters they use.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import SceneError
 from flexmb.model.bodies import BodySpec, FlexbodySpec
-from flexmb.model.reading import Spec
+from flexmb.model.reading import Spec, Terms
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -27,39 +28,50 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
     """The scene of a model; see :meth:`Model.to_scene_dict`."""
     scene: dict[str, Any] = {
         "title": model.title,
-        "gravity": "none" if model.gravity is None else list(model.gravity),
+        "units": model.units.name,
+        "plane": model.plane,
+        "gravity": _gravity(model),
         "parameters": dict(model.given_parameters),
-        "ground": _plain(model.ground),
+        "ground": _plain(model.ground, model.terms),
         "bodies": {
             name: _body(model, name, spec, folder, flexbodies)
             for name, spec in model.bodies.items()
         },
     }
     for section in ("joints", "drivers", "forces", "sensors"):
-        scene[section] = {name: _plain(spec) for name, spec in getattr(model, section).items()}
-    scene["check"] = [_plain(spec) for spec in model.checks]
+        scene[section] = {
+            name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
+        }
+    scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
     if model.dynamics is not None:
-        scene["dynamics"] = _plain(model.dynamics)
+        scene["dynamics"] = _plain(model.dynamics, model.terms)
     if model.study is not None:
-        scene["study"] = _plain(model.study)
-    scene["view"] = _plain(model.view)
+        scene["study"] = _plain(model.study, model.terms)
+    scene["view"] = _plain(model.view, model.terms)
     return {key: value for key, value in scene.items() if value or key == "title"}
 
 
-def _plain(spec: Spec) -> dict[str, Any]:
-    return spec.model_dump(mode="json", exclude_none=True)
+def _gravity(model: Model) -> Any:
+    if model.gravity is None:
+        return "none"
+    return [model.units.written(g, "m/s^2") for g in model.gravity]
+
+
+def _plain(spec: Spec, terms: Terms) -> dict[str, Any]:
+    return spec.model_dump(mode="json", exclude_none=True, context=terms)
 
 
 def _body(
     model: Model, name: str, spec: BodySpec, folder: str | Path | None, flexbodies: Files
 ) -> dict[str, Any]:
     if isinstance(spec, FlexbodySpec) and name in flexbodies:
-        return _plain(spec.model_copy(update={"flexbody": Path(flexbodies[name]).as_posix()}))
+        file = Path(flexbodies[name]).as_posix()
+        return _plain(spec.model_copy(update={"flexbody": file}), model.terms)
     if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
         raise SceneError(
             f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
         )
-    table = _plain(spec)
+    table = _plain(spec, model.terms)
     for key in ("mesh", "flexbody"):
         if key in table and folder is not None:
             table[key] = _relative(model.path(table[key]), Path(folder))

@@ -37,10 +37,7 @@ def create_content(
     file.attrs["version"] = VERSION
     file.attrs["run"] = uuid4().hex  # tells a file that was written anew from the one opened first
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    counts = widths(
-        columns.nq, columns.nv, columns.nc, len(columns.channels), len(columns.energies)
-    )
-    for name, width in counts.items():
+    for name, width in widths(columns).items():
         _reserve(file, name, (rows,) if name == "time" else (rows, width))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
@@ -93,7 +90,9 @@ def _write_layout(group: h5py.Group, columns: Columns) -> None:
     group.attrs["fingerprint"] = columns.fingerprint
     for name, names in (
         ("bodies", tuple(body.name for body in columns.bodies)),
+        ("coordinates", columns.coordinates),
         ("rows", columns.rows),
+        ("reactions", columns.reactions),
         ("channels", columns.channels),
         ("energies", columns.energies),
     ):

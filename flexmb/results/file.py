@@ -40,6 +40,7 @@ class OutputBlock:
     v: Array  # (k, nv)
     vd: Array  # (k, nv)
     lam: Array  # (k, nc)
+    reactions: Array  # (k, 12 reactions)
     sensors: Array  # (k, channels)
     energy: Array  # (k, energies)
     drift: Array  # (k, 2)
@@ -275,6 +276,7 @@ def _bad_columns(columns: Columns, tables: dict[str, Array], row: int) -> list[s
             names.append(f"body {owner.name}")
     labels = {
         "lam": [f"constraint {name}" for name in columns.rows],
+        "reactions": [f"reaction {name}" for name in columns.reactions for _ in range(12)],
         "sensors": [f"sensor {name}" for name in columns.channels],
         "energy": [f"energy {name}" for name in columns.energies],
         "drift": [f"{name} drift" for name in DRIFT],

@@ -29,20 +29,48 @@ class WriteLock:
 
     def __init__(self, path: Path) -> None:
         self._path = path.with_name(path.name + ".lock")
-        self._descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            _claim(self._descriptor)
-        except BlockingIOError:
+        self._descriptor = _claimed(self._path)
+        while not _is_at(self._descriptor, self._path):  # removed by its last owner meanwhile
             os.close(self._descriptor)
-            raise
+            self._descriptor = _claimed(self._path)
 
     def release(self) -> None:
         """Give the claim back; calling it again does nothing."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-            with contextlib.suppress(OSError):  # another run may have taken it already
-                self._path.unlink()
+        if self._descriptor < 0:
+            return
+        # Removed while it is ours, so that nobody removes the next owner's; Windows removes no
+        # open file, and there none of a next owner either.
+        _remove(self._path)
+        os.close(self._descriptor)
+        self._descriptor = -1
+        if sys.platform == "win32":
+            _remove(self._path)
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _claimed(path: Path) -> int:
+    """A descriptor of the lock file, which is locked."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        _claim(descriptor)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Whether the file behind a descriptor is still the one at the path."""
+    if sys.platform == "win32":
+        return True  # no open file is ever removed there
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except OSError:
+        return False
 
 
 def _claim(descriptor: int) -> None:

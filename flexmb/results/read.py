@@ -155,7 +155,8 @@ def _contents(path: Path, file: h5py.File) -> Contents:
 
 def _columns(group: h5py.Group) -> Columns:
     names = {
-        key: tuple(group[key].asstr()[:]) for key in ("bodies", "rows", "channels", "energies")
+        key: tuple(group[key].asstr()[:])
+        for key in ("bodies", "coordinates", "rows", "reactions", "channels", "energies")
     }
     offsets = zip(group["iq"][:], group["iv"][:], group["m"][:], strict=True)
     bodies = tuple(
@@ -164,8 +165,8 @@ def _columns(group: h5py.Group) -> Columns:
     )
     return Columns(
         bodies=bodies,
-        nq=sum(7 + body.m for body in bodies),
-        nv=sum(6 + body.m for body in bodies),
+        nq=sum(7 + body.m for body in bodies) + len(names["coordinates"]),
+        nv=sum(6 + body.m for body in bodies) + len(names["coordinates"]),
         nc=len(names["rows"]),
         fingerprint=str(group.attrs["fingerprint"]),
         **names,
@@ -173,10 +174,7 @@ def _columns(group: h5py.Group) -> Columns:
 
 
 def _check_tables(file: h5py.File, columns: Columns, rows: int) -> None:
-    counts = widths(
-        columns.nq, columns.nv, columns.nc, len(columns.channels), len(columns.energies)
-    )
-    for name, width in counts.items():
+    for name, width in widths(columns).items():
         shape = file[name].shape
         wanted = () if name == "time" else (width,)
         if shape[1:] != wanted or shape[0] < rows:

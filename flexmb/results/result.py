@@ -1,7 +1,9 @@
 """A result, as its file holds it: times, channels, coordinates, energies, poses, statistics.
 
 In: the path of a ``result.h5``, also of one that is still being written or was cut off by a kill.
-Out: arrays over time by name, SI units, read when asked for. The file is not held open.
+Out: arrays over time by name, read when asked for. Times, channels and energies are in the unit
+system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in the file.
+The file is not held open.
 """
 
 from __future__ import annotations
@@ -14,19 +16,19 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.model.orientation import rotation_matrix
+from flexmb.model.sensors import channel_unit
 from flexmb.results.layout import Columns
 from flexmb.results.pose import slerp
 from flexmb.results.read import read_contents, read_state, read_table
+from flexmb.units import UnitSystem, unit_system
 
 __all__ = ["Pose", "Result", "load_result"]
 
 Array = NDArray[np.float64]
 
-_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²", "angle": "rad"}
-
 
 class Pose(NamedTuple):
-    """Where a body is: p = r + A (s + Phi eta) for a point s of its undeformed frame."""
+    """Where a body is, in SI: p = r + A (s + Phi eta) for a point s of its undeformed frame."""
 
     r: Array  # (3,) origin of the body frame, global axes [m]
     A: Array  # (3, 3) direction cosines, body to global
@@ -54,6 +56,8 @@ class Result:
         Steps, iterations, seconds by phase and so on.
     model : dict
         The scene that was run.
+    units : UnitSystem
+        The unit system of times, channels and energies: that of the scene.
     texts : dict
         Further texts, such as the scene file's own.
     layout : Columns
@@ -98,6 +102,11 @@ class Result:
         return self._contents.scene
 
     @property
+    def units(self) -> UnitSystem:
+        """The unit system of the scene, in which times, channels and energies are."""
+        return unit_system(str(self.model.get("units", "SI")))
+
+    @property
     def title(self) -> str:
         """The title of the scene."""
         return str(self.model.get("title", ""))
@@ -120,22 +129,22 @@ class Result:
 
     @property
     def time(self) -> Array:
-        """Output times (n,) [s]."""
-        return self._table("time")
+        """Output times (n,) in the scene's units."""
+        return self._told(self._table("time"), "s")
 
     @property
     def q(self) -> Array:
-        """Positions (n, nq): per body r, p, eta."""
+        """Positions (n, nq), SI: per body r, p, eta."""
         return self._table("q")
 
     @property
     def v(self) -> Array:
-        """Velocities (n, nv): per body r_dot (global axes), w (body axes), eta_dot."""
+        """Velocities (n, nv), SI: per body r_dot (global axes), w (body axes), eta_dot."""
         return self._table("v")
 
     @property
     def vd(self) -> Array:
-        """Accelerations (n, nv): the time derivative of `v`."""
+        """Accelerations (n, nv), SI: the time derivative of `v`."""
         return self._table("vd")
 
     @property
@@ -145,8 +154,8 @@ class Result:
 
     @property
     def energy(self) -> dict[str, Array]:
-        """Energies and works by name, each (n,) [J]."""
-        table = self._table("energy")
+        """Energies and works by name, each (n,) in the scene's units."""
+        table = self._told(self._table("energy"), "J")
         return {name: table[:, i] for i, name in enumerate(self.layout.energies)}
 
     @property
@@ -155,17 +164,18 @@ class Result:
         return self._table("drift")
 
     def __getitem__(self, channel: str) -> Array:
-        """A sensor channel over time (n,), SI, such as ``result["slider.x"]``.
+        """A sensor channel over time (n,) in the scene's units: ``result["slider.x"]``.
 
         Raises
         ------
         ResultFileError
             No such channel; lists those there are, nearest first.
         """
-        return self._table("sensors")[:, self.layout.channel(channel)]
+        values = self._table("sensors")[:, self.layout.channel(channel)]
+        return self._told(values, self._unit(channel))
 
     def unit(self, channel: str) -> str:
-        """The unit of a channel: m, m/s, m/s² or rad.
+        """The unit of a channel in the scene's system, such as m/s² or mm.
 
         Raises
         ------
@@ -173,9 +183,7 @@ class Result:
             No such channel.
         """
         self.layout.channel(channel)
-        sensors = self.model.get("sensors", {})
-        sensor = sensors.get(channel) or sensors.get(channel.rpartition(".")[0]) or {}
-        return _UNITS.get(str(sensor.get("type", "")), "")
+        return self.units.label(self._unit(channel), raised=True)
 
     def pose(self, body: str, time: float) -> Pose:
         """Where a body is at a time, interpolated between the rows.
@@ -185,7 +193,7 @@ class Result:
         body : str
             Name of the body.
         time : float
-            Between the first and the last output time [s].
+            Between the first and the last output time, in the scene's units.
 
         Returns
         -------
@@ -240,7 +248,7 @@ class Result:
         self._tables.clear()
 
     def __repr__(self) -> str:
-        span = f"0..{self.time[-1]:g} s" if len(self.time) else "no rows"
+        span = f"0..{self.time[-1]:g} {self.units.label('s')}" if len(self.time) else "no rows"
         return f'<Result "{self.title}" {self.status}: {self._contents.rows} rows, {span}>'
 
     def _table(self, name: str) -> Array:
@@ -251,6 +259,18 @@ class Result:
             self._tables[name] = table
         return self._tables[name]
 
+    def _told(self, values: Array, unit: str) -> Array:
+        """SI values in the scene's units, read-only like the table they are from."""
+        told: Array = self.units.outward(values, unit)
+        told.flags.writeable = False
+        return told
+
+    def _unit(self, channel: str) -> str:
+        """SI unit of a channel."""
+        sensors = self.model.get("sensors", {})
+        types = {name: str(sensor.get("type", "")) for name, sensor in sensors.items()}
+        return channel_unit(types, channel) or ""
+
     def _locate(self, time: float) -> tuple[int, float]:
         """Row before `time` and the share of the way to the next one."""
         times = self.time
@@ -258,9 +278,9 @@ class Result:
             raise ResultFileError(f"{self.path}: holds no output rows")
         slack = 1e-9 * max(abs(times[0]), abs(times[-1]))  # a time the user typed in decimals
         if not times[0] - slack <= time <= times[-1] + slack:
-            raise ResultFileError(
-                f"t = {time:g} s lies outside the run, which covers {times[0]:g} to {times[-1]:g} s"
-            )
+            unit = self.units.label("s")
+            span = f"{times[0]:g} to {times[-1]:g} {unit}"
+            raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
         i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
         if i == len(times) - 1:
             return i, 0.0

@@ -13,6 +13,8 @@ dataset        shape               meaning
 /v             (n, nv)             velocities, per body r_dot [m/s], w [rad/s, body axes], eta_dot
 /vd            (n, nv)             accelerations
 /lam           (n, nc)             constraint multipliers [N or N m]
+/reactions     (n, 12 reactions)   of each joint and driver: force [N] and moment [N m] on marker J
+                                   in its axes, then on marker I in its axes
 /sensors       (n, channels)       sensor channels, SI
 /energy        (n, energies)       energies and works [J]
 /drift         (n, 2)              largest constraint violation: position, velocity
@@ -30,8 +32,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from flexmb.engine.layout import Layout
+
 FORMAT: Final = "flexmb-result"
-VERSION: Final = 1
+VERSION: Final = 2
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 
@@ -42,6 +46,7 @@ TABLES: Final = {
     "v": "nv",
     "vd": "nv",
     "lam": "nc",
+    "reactions": "reactions",
     "sensors": "channels",
     "energy": "energies",
     "drift": "drift",
@@ -52,8 +57,16 @@ DRIFT: Final = ("position", "velocity")
 REPORT_BYTES: Final = 65536  # room for statistics and message, reserved before the run
 
 
-def widths(nq: int, nv: int, nc: int, channels: int, energies: int) -> dict[str, int]:
+def widths(layout: Layout) -> dict[str, int]:
     """Number of columns of every table."""
-    counts = {"": 1, "nq": nq, "nv": nv, "nc": nc, "channels": channels, "energies": energies}
-    counts["drift"] = len(DRIFT)
+    counts = {
+        "": 1,
+        "nq": layout.nq,
+        "nv": layout.nv,
+        "nc": layout.nc,
+        "reactions": 12 * len(layout.reactions),
+        "channels": len(layout.channels),
+        "energies": len(layout.energies),
+        "drift": len(DRIFT),
+    }
     return {name: counts[key] for name, key in TABLES.items()}

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, get_args
 
-from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
 
@@ -23,7 +23,6 @@ __all__ = ["Search", "Tight", "Truth"]
 _AGREEMENT = 0.1  # of the smallest error shown: how far two tight runs may be apart
 _HOPELESS = 0.01  # two tight runs further apart than this are no reference
 _ROUND_OFF = 1e-12  # relative; below it there is nothing to agree on
-_ACCURACY = 1e-4  # where a scene gives neither accuracy nor step
 _STAGES = 3
 _PATIENCE = 1.0  # of the seconds of all timed runs: how long a further tight one may take
 _SHORT = 20.0  # s: a run that is always worth its time
@@ -166,7 +165,7 @@ class Search:
         if steps:
             knob, value = "step", min(steps) * 0.5 ** (stage + 1)
         else:
-            least = min(self._given("accuracy"), default=_ACCURACY)
+            least = min(self._given("accuracy"), default=ACCURACY)
             knob, value = "accuracy", least * 0.1**stage
         changes[f"dynamics.{knob}"] = value = float(f"{value:.12g}")
         if newton:

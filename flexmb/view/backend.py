@@ -27,6 +27,8 @@ _EGL = "vtkEGLRenderWindow"
 _OSMESA = "vtkOSOpenGLRenderWindow"
 _PROBE_SECONDS = 120.0  # the first import of VTK from a cold network disk can take a minute
 
+_WINDOWS_CRASH = 0xC0000000  # exit codes from here on: the system ended the process
+
 _DRAW_TINY_SCENE = """
 import pyvista
 plotter = pyvista.Plotter(off_screen=True, window_size=(64, 64))
@@ -114,7 +116,7 @@ def _draw_in_subprocess(window: str) -> tuple[str, str]:
             env=environment,
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             timeout=_PROBE_SECONDS,
             check=False,
@@ -124,7 +126,7 @@ def _draw_in_subprocess(window: str) -> tuple[str, str]:
     for line in done.stdout.splitlines():
         if done.returncode == 0 and line.startswith("window:"):
             return line.removeprefix("window:"), ""
-    if done.returncode < 0:
+    if done.returncode < 0 or done.returncode >= _WINDOWS_CRASH:
         return "", "it crashes at the first picture, a rendering library is missing"
     last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
     return "", last[:200]

@@ -55,7 +55,8 @@ def compose(
     solids += [Solid(GROUND, shape, GROUND_COLOR) for shape in _ground(mechanism, size, camera)]
     scale = None
     if color == "displacement" and deformed:
-        scale = Scale.fitting(max(float(body.displacement.max()) for body in deformed))
+        largest = max(float(body.displacement.max()) for body in deformed)
+        scale = Scale.fitting(largest, mechanism.result.units)
     return Content(
         title=mechanism.model.title,
         caption=_caption(mechanism, factor, deformed),
@@ -223,12 +224,13 @@ def _body_color(mechanism: Mechanism, name: str, index: int) -> str:
 
 
 def _caption(mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...]) -> str:
-    parts = [f"t = {mechanism.time:.6g} s"]
+    units = mechanism.result.units
+    parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
     if deformed:
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")
         most = max(deformed, key=lambda body: float(body.displacement.max()))
-        scale = Scale.fitting(float(most.displacement.max()))
+        scale = Scale.fitting(float(most.displacement.max()), units)
         parts.append(f"largest displacement {scale.top:.3g} {scale.unit} ({most.name})")
     return ", ".join(parts)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.units import SI, UnitSystem
 from flexmb.view.geometry import Triangles
 
 __all__ = ["Camera", "Content", "Deformed", "Scale", "Solid"]
@@ -51,8 +52,10 @@ class Scale:
     unit: str
 
     @classmethod
-    def fitting(cls, largest: float) -> Scale:
-        """The scale whose unit suits the largest displacement [m]."""
+    def fitting(cls, largest: float, units: UnitSystem = SI) -> Scale:
+        """The scale for a largest displacement [m]; in SI its unit is the one that suits it."""
+        if units is not SI:
+            return cls(largest, 1.0 / units.length, units.label("m"))
         for limit, factor, unit in ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm")):
             if largest < limit:
                 return cls(largest, factor, unit)

@@ -37,7 +37,7 @@ class Mechanism:
     result : Result
         The run.
     time : float, optional
-        Within the run [s]; by default what the scene's ``[view]`` says, else the end.
+        Within the run, in the scene's units; by default what its ``[view]`` says, else the end.
 
     Raises
     ------
@@ -123,8 +123,8 @@ class Mechanism:
         return undeformed + exaggeration * (u @ pose.A.T), undeformed, np.linalg.norm(u, axis=1)
 
     def _chosen(self, time: float | None) -> float:
-        if time is None:
-            time = self.model.view.time
+        if time is None and self.model.view.time is not None:
+            time = self.result.units.outward(self.model.view.time, "s")
         return float(self.result.time[-1]) if time is None else float(time)
 
 

@@ -36,7 +36,7 @@ def render(
     result : Result or path
         The run.
     time : float, optional
-        Within the run [s]; the end if the scene does not say.
+        Within the run, in the scene's units; the end if the scene does not say.
     exaggeration : float or "auto", optional
         Factor on the deformation of flexible bodies; ``"auto"`` chooses a round one that shows it.
         The factor is written in the picture.

@@ -1,7 +1,8 @@
 """Time histories of channels, drawn with matplotlib without its global state.
 
 In: a :class:`Result` or its file, and channel names. Out: a matplotlib ``Figure`` or a picture of
-it: one pair of axes per unit, stacked over a common time axis, legends outside the data.
+it: one pair of axes per unit, stacked over a common time axis, legends outside the data. Units are
+the scene's; those of SI get the prefix that suits the values.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import ViewError
+from flexmb.model.sensors import CHANNEL_UNITS
 from flexmb.results import Result
+from flexmb.units import SI, UnitSystem
 from flexmb.view.files import writable_file
 from flexmb.view.style import INK, LINES, PAPER
 
@@ -23,13 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["history_figure", "plot_history", "save_figure"]
 
 _DPI = 150
-_QUANTITIES = {
-    "m": "position",
-    "m/s": "velocity",
-    "m/s²": "acceleration",
-    "rad": "angle",
-    "": "value",
-}
+_PREFIXED = ("m", "m/s", "m/s²", "s")
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
@@ -82,7 +79,7 @@ def history_figure(result: Result | str | Path, channels: Sequence[str] = ()) ->
     grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (unit, members) in zip(grid, panels.items(), strict=True):
         _draw_panel(axes, result, unit, members)
-    factor, unit = _prefixed(float(np.ptp(result.time)), "s")
+    factor, unit = _time_scale(result)
     grid[-1].set_xlabel(f"time [{unit}]", color=INK)
     grid[-1].set_xlim(result.time[0] / factor, max(result.time[-1] / factor, 1e-300))
     if result.title:
@@ -130,9 +127,9 @@ def _panels(result: Result, names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
-    time_factor, _ = _prefixed(float(np.ptp(result.time)), "s")
+    time_factor, _ = _time_scale(result)
     largest = max(float(np.abs(result[name]).max()) for name in names)
-    factor, shown = _prefixed(largest, unit)
+    factor, shown = _prefixed(largest, unit, result.units)
     for i, name in enumerate(names):
         axes.plot(
             result.time / time_factor,
@@ -142,7 +139,8 @@ def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
             ls=("-", "--", ":")[i // len(LINES) % 3],
             label=name,
         )
-    quantity = _QUANTITIES.get(unit, "value")
+    labels = {result.units.label(si, raised=True): word for word, si in CHANNEL_UNITS.items()}
+    quantity = labels.get(unit, "value")
     axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
     axes.set_facecolor("white")
     axes.grid(True, color="#d9dbe0", lw=0.6)
@@ -152,9 +150,13 @@ def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, labelcolor=INK)
 
 
-def _prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and unit that bring `largest` near 1 to 1000; only m, s and their quotients."""
-    if unit not in ("m", "m/s", "m/s²", "s"):
+def _time_scale(result: Result) -> tuple[float, str]:
+    return _prefixed(float(np.ptp(result.time)), result.units.label("s"), result.units)
+
+
+def _prefixed(largest: float, unit: str, units: UnitSystem) -> tuple[float, str]:
+    """Factor and unit that bring `largest` near 1 to 1000; only m, s and their quotients in SI."""
+    if units is not SI or unit not in _PREFIXED:
         return 1.0, unit
     for factor, prefix in _PREFIXES:
         if largest >= factor:

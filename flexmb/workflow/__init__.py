@@ -4,20 +4,30 @@ The command line and the Python API use the same functions.
 """
 
 from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
+from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
 from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.run import run_model, run_scene, simulate
+from flexmb.workflow.templates import new_scene, templates
+from flexmb.workflow.warmup import Warmed, warmup
 
 __all__ = [
+    "TOPICS",
     "CheckOutcome",
     "CheckReport",
+    "Listing",
     "RunReport",
+    "Warmed",
     "check_scene",
     "flexible_bodies",
+    "listing",
+    "new_scene",
     "output_folder",
     "reduce_mesh",
     "run_model",
     "run_scene",
     "simulate",
+    "templates",
+    "warmup",
 ]

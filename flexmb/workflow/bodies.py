@@ -24,9 +24,12 @@ from flexmb.progress import Progress, silent
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
+    from flexmb.model.bodies import FlexbodySpec
 
 __all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
 
+_PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
+_DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -74,13 +77,14 @@ def flexible_bodies(
     notes: list[str] = []
     errors: list[tuple[str, FlexmbError]] = []
 
+    names = _file_names(model.bodies)
     for name, spec in model.bodies.items():
-        file = folder / f"{name}.flexbody.h5"
+        file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
                 bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
             elif isinstance(spec, FlexbodySpec):
-                bodies[name] = _held(model, spec.flexbody)
+                bodies[name] = _held(model, spec)
                 save(bodies[name], file)
             else:
                 continue
@@ -91,6 +95,23 @@ def flexible_bodies(
         told = [problem for name, error in errors for problem in _under(name, error.problems)]
         raise type(errors[0][1]).from_problems(told)
     return bodies, files, notes
+
+
+def _file_names(bodies: Iterable[str]) -> dict[str, str]:
+    """A file name for each body, apart from the others and allowed on every system.
+
+    Windows and macOS take "Rod" and "rod" for the same file, and Windows keeps some names to
+    itself, whatever their ending.
+    """
+    names: dict[str, str] = {}
+    taken = set(_DEVICES)
+    for body in bodies:
+        stem = body
+        while stem.casefold() in taken:
+            stem += "_"
+        taken.add(stem.casefold())
+        names[body] = f"{stem}.flexbody.h5"
+    return names
 
 
 def body_problems(model: Model) -> list[Problem]:
@@ -105,17 +126,22 @@ def body_problems(model: Model) -> list[Problem]:
             found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
         elif isinstance(spec, FlexbodySpec):
             try:
-                _held(model, spec.flexbody)
-            except BodyFileError as error:
+                _held(model, spec)
+            except (BodyFileError, ReductionError) as error:
                 found = list(error.problems)
         problems += _under(name, found)
     return problems
 
 
-def _held(model: Model, held: str | FlexBody) -> FlexBody:
+def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
+    """A body given by its file or as an object; with its modes in the plane of a planar scene."""
     from flexmb.flexbody import load
+    from flexmb.flexbody.planar import planar_body
+    from flexmb.model.plane import normal_in_body
 
-    return load(model.path(held)) if isinstance(held, str) else held
+    held = spec.flexbody
+    body = load(model.path(held)) if isinstance(held, str) else held
+    return body if model.plane is None else planar_body(body, normal_in_body(spec, model.plane))
 
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
@@ -140,8 +166,10 @@ def _reduced(
     """The body of a mesh, reused if its file was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load, save
+    from flexmb.model.plane import plane_in_body
 
     options = {
+        "plane": None if model.plane is None else plane_in_body(spec, model.plane),
         "units": spec.units,
         "material": spec.material,
         "interfaces": dict(spec.interfaces),

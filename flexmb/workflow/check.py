@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flexmb.errors import SceneError
+from flexmb.units import SI
 from flexmb.workflow.reports import CheckReport
+
+if TYPE_CHECKING:
+    from flexmb.model import Model
+    from flexmb.model.counts import Counts
 
 __all__ = ["check_scene"]
 
@@ -39,7 +45,23 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "equations of the joints": counts.equations,
         "freedoms left by joints and drivers": counts.mobility,
     }
-    notes = ["gravity: none" if model.gravity is None else f"gravity: {model.gravity} m/s^2"]
+    return CheckReport(model.title or str(path), told, _notes(model, counts))
+
+
+def _notes(model: Model, counts: Counts) -> list[str]:
+    """What is worth knowing of a valid scene."""
+    from flexmb.model.head import gravity_in_words
+
+    gravity = None
+    if model.gravity is not None:
+        gravity = [model.units.outward(g, "m/s^2") for g in model.gravity]
+    notes = [gravity_in_words(gravity, model.units)]
+    if model.plane is not None:
+        notes.append(
+            f"everything moves in the plane {model.plane}: three coordinates for each body"
+        )
+    if model.units is not SI:
+        notes.append(f"units: {model.units.name}, for all numbers in and out")
     if counts.flexible_bodies:
         notes.append("modes of flexible bodies add coordinates that are not counted here")
     if counts.mobility < 0:
@@ -47,4 +69,4 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
             "joints and drivers hold more than rigid bodies can move: flexible bodies must give "
             "way, or reactions are not unique"
         )
-    return CheckReport(model.title or str(path), told, notes)
+    return notes

@@ -11,7 +11,7 @@ __all__ = ["CheckOutcome", "CheckReport", "RunReport"]
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """One known answer of a scene and what the run gave."""
+    """One known answer of a scene and what the run gave, in the scene's units."""
 
     sensor: str
     time: float

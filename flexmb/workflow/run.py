@@ -108,7 +108,14 @@ def run_model(
         kept = f"{result} keeps the {len(run.time)} outputs until then"
         raise SolverError(f"{outcome.message}; {kept}")
     return RunReport(
-        folder, result, files, picture, history, statistics, notes, _checks(model, run)
+        folder,
+        result,
+        files,
+        picture,
+        history,
+        statistics,
+        notes,
+        _checks(model, run),
     )
 
 
@@ -130,7 +137,7 @@ def simulate(
     progress : Progress
         Told every phase.
     **dynamics
-        Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`.
+        Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`, in the model's units.
 
     Raises
     ------
@@ -140,13 +147,15 @@ def simulate(
     from flexmb.results import Result
 
     if dynamics:
-        given = {} if model.dynamics is None else model.dynamics.model_dump()
+        spec = model.dynamics
+        given = {} if spec is None else spec.model_dump(context=model.terms)
         model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
     folder = Path(output) if output is not None else Path(tempfile.mkdtemp(prefix="flexmb-"))
     report = run_model(model, folder, pictures=False, progress=progress)
+    unit = model.units.label("s")
     failed = [
-        f"check of {c.sensor} at {c.time:g} s failed: {c.value:.12g}, not {c.expected:.12g} "
+        f"check of {c.sensor} at {c.time:g} {unit} failed: {c.value:.12g}, not {c.expected:.12g} "
         f"within {c.tolerance:g} ({c.source})"
         for c in report.checks
         if not c.passed
@@ -193,11 +202,11 @@ def _checks(model: Model, run: Result) -> list[CheckOutcome]:
     """
     outcomes = []
     for check in model.checks:
-        reached = len(run.time) and check.time <= run.time[-1] * (1 + 1e-9) + 1e-12
-        value = np.interp(check.time, run.time, run[check.sensor]) if reached else math.nan
-        outcomes.append(
-            CheckOutcome(
-                check.sensor, check.time, float(value), check.value, check.tolerance, check.source
-            )
-        )
+        unit = model.channel_unit(check.sensor) or ""
+        expected = model.units.written(check.value, unit)
+        tolerance = model.units.written(check.tolerance, unit)
+        time = model.units.written(check.time, "s")
+        reached = len(run.time) and time <= run.time[-1] * (1 + 1e-9) + 1e-12
+        value = float(np.interp(time, run.time, run[check.sensor])) if reached else math.nan
+        outcomes.append(CheckOutcome(check.sensor, time, value, expected, tolerance, check.source))
     return outcomes

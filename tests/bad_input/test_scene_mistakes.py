@@ -165,8 +165,8 @@ ONE_LINE = [
     ),
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
-        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, gravity, parameters, '
-        "ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
+        'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, gravity, '
+        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, view",
         id="unknown section",
     ),
     pytest.param(
@@ -220,6 +220,31 @@ ONE_LINE = [
         ("[bodies.crank]", "[bodies.crank]\nvelocity = 3"),
         "bodies.crank.velocity: a list is expected, given 3",
         id="number for a vector",
+    ),
+    pytest.param(
+        ("[bodies.rod]", "[bodies.crank.initial]\ntpi.velocity = [1, 0, 0]\n[bodies.rod]"),
+        'bodies.crank.initial.tpi: body "crank" has no marker "tpi"; nearest: tip; '
+        "allowed: origin, center, tip",
+        id="velocity of a misspelt marker",
+    ),
+    pytest.param(
+        ("[bodies.rod]", '[bodies.crank.initial]\ntip.axes = "body"\n[bodies.rod]'),
+        'bodies.crank.initial.tip: give "velocity", "angular_velocity" or both',
+        id="initial motion that says nothing",
+    ),
+    pytest.param(
+        ("[bodies.rod]", "[bodies.crank.initial]\ntip.velocty = [1, 0, 0]\n[bodies.rod]"),
+        'bodies.crank.initial.tip.velocty: unknown key "velocty"; nearest: velocity; '
+        "allowed: velocity, angular_velocity, axes",
+        id="misspelt velocity",
+    ),
+    pytest.param(
+        (
+            "[bodies.rod]",
+            "velocity = [1, 0, 0]\ninitial.origin.velocity = [1, 0, 0]\n[bodies.rod]",
+        ),
+        'bodies.crank.initial.origin: is the body\'s "velocity" already; say it in one place',
+        id="velocity of the origin told twice",
     ),
     pytest.param(
         ("[bodies.crank]", '[bodies.crank]\ncolor = "rde"'),

@@ -37,12 +37,14 @@ def per_step(model, compiled, h, count):
     iterations and factorisations of a step."""
     chosen = method.generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
-    settings = method.Settings(h, model.dynamics.newton_tolerance, 15, 0, 1, 0)
+    tolerance = model.dynamics.newton_tolerance or 1e-8
+    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 2, tolerance, 15, 1, 0)
     seconds, state = [], first
     for k in range(_REPEATS + 1):
         state = type(first)(*(array.copy() for array in first))
-        work = new_work(compiled.system)
-        out = march.new_output(compiled.system, 1, len(compiled.layout.channels))
+        channels = len(compiled.layout.channels)
+        work = new_work(compiled.system, channels)
+        out = march.new_output(compiled.system, 4, channels)
         begin = time.process_time()
         status = march.march(
             compiled.system, chosen, settings, state, work, out, 1 if k == 0 else count

@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from flexmb.errors import FlexmbError, MaterialError, Problem, SceneError, nearest
-from flexmb.materials import LIBRARY, Material, material
+from flexmb.materials import COLUMNS, LIBRARY, Material, material, table
 from flexmb.units import UNIT_SYSTEMS, unit_system
 
 
@@ -64,3 +64,11 @@ def test_impossible_materials_are_refused_with_all_numbers():
 
 def test_library_materials_have_a_source():
     assert all(entry.source and "user" not in entry.source for entry in LIBRARY.values())
+
+
+def test_the_table_of_materials_shows_them_all():
+    rows = table()
+    assert [row[0] for row in rows] == list(LIBRARY)
+    assert all(len(row) == len(COLUMNS) and all(row) for row in rows)
+    steel = dict(zip(COLUMNS, rows[0], strict=True))
+    assert (steel["E [GPa]"], steel["density [kg/m³]"]) == ("210", "7850")

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import elements, joints
+from flexmb.engine.compile import coordinates, elements, joints
 from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
@@ -19,18 +20,21 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, Parts, System
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
 from flexmb.model.model import Model
+from flexmb.model.plane import normal_in_body
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, the placed pose and the size of the model [m]."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
+    flexbodies: Mapping[str, FlexBody]
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -53,6 +57,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         held = lookup.flexbody_of(model, name, known)
         if held is not None:
             known[name] = held
+    if model.plane is not None:
+        known = {
+            name: planar_body(body, normal_in_body(model.bodies[name], model.plane))
+            for name, body in known.items()
+        }
     model.validate(known)
     if not model.bodies:
         raise SceneError("the model has no bodies")
@@ -60,21 +69,29 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
     groups = joints.joint_groups(model, known, markers, functions)
+    scalars = coordinates.scalars(model, functions)
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
     sensors = elements.sensor_table(model, known, markers)
-    symbolic = analyse(_blocks(table, groups, springs, markers))
-    group_table = _place(table, groups, springs, markers, symbolic)
     length = _length(model, known)
-    sizes = 6 + table["m"]
+    sizes, n_functions = 6 + table["m"], len(functions.programs)
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
+    scalar_table = coordinates.coordinate_table(scalars, nq, nv, n_functions)
+    rows = joints.row_table(groups, sizes, n_functions)
+    columns = _columns(model, table)
+    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers))
+    group_table = _place(table, groups, springs, markers, symbolic)
+    _place_coordinates(rows, group_table, scalar_table, len(table), symbolic)
+    gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
-        parts=Parts(table, pool.array(), markers.table(), np.array(model.gravity or (0.0,) * 3)),
-        rows=joints.row_table(groups, sizes),
+        parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
+        rows=rows,
         groups=group_table,
         kkt=symbolic.kkt,
-        weights=_weights(model, known, length),
+        weights=np.append(
+            _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
+        ),
         row_weights=joints.row_weights(groups, length),
         functions=lower(functions.programs) if functions.programs else None,
         springs=springs,
@@ -86,15 +103,18 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
             BodyColumns(name, int(row["iq"]), int(row["iv"]), int(row["m"]))
             for name, row in zip(model.bodies, table, strict=True)
         ),
-        nq=nq,
-        nv=nv,
+        coordinates=tuple(scalar.name for scalar in scalars),
+        nq=nq + len(scalars),
+        nv=nv + len(scalars),
         nc=len(groups.rows),
         rows=tuple(groups.names),
+        reactions=tuple(groups.owners),
         channels=model.channels(),
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )
-    return Compiled(system, layout, body_tables.placed_positions(model, table), length)
+    placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
+    return Compiled(system, layout, placed, length, known)
 
 
 def fingerprint(system: System) -> str:
@@ -119,30 +139,57 @@ def _refuse_loops(groups: joints.Groups) -> None:
         )
 
 
-def _blocks(table, groups, springs, markers) -> Blocks:
+def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
+    """Columns of the bodies in their panels, modes first; −1 out of the plane of a planar model."""
+    numbers = [int(m) for m in table["m"]]
+    if model.plane is None:
+        return [[*range(m, m + 6), *range(m)] for m in numbers]
+    plane, specs = model.plane, model.bodies.values()
+    return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
+
+
+def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
     pairs = joints.couples(groups)
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
+    follows = [
+        tuple(len(bodies) + r[-1] for r in groups.rows[row : row + n] if r[-1] >= 0)
+        for row, n, _, _ in groups.groups
+    ]
     return Blocks(
-        body_columns=[int(6 + m) for m in table["m"]],
+        columns=bodies + [[0]] * n_scalars,
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
+        group_coordinates=follows,
         couples=[(i, j) for i, j in pairs if i != j],
     )
 
 
 def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.void]:
     """Tell bodies, groups and springs where their blocks are in the factor."""
-    n = len(table)
-    table["panel"] = symbolic.panel_of[:n]
+    table["panel"] = symbolic.panel_of[: len(table)]
+    first = len(symbolic.panel_of) - len(groups.groups)
     rows = np.zeros(len(groups.groups), GROUP)
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
-        rows[k] = (row, count, i, j, symbolic.panel_of[n + k], *symbolic.group_links[k], couple)
+        panel = symbolic.panel_of[first + k]
+        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
     for spring in springs if springs is not None else ():
         pair = markers.body(spring["I"]), markers.body(spring["J"])
         spring["couple"] = symbolic.couple_links.get(pair, -1)
     return rows
+
+
+def _place_coordinates(rows, groups, scalars, n_bodies: int, symbolic: Symbolic) -> None:
+    """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
+    if scalars is None:
+        return
+    scalars["panel"] = symbolic.panel_of[n_bodies : n_bodies + len(scalars)]
+    for (g, block), link in symbolic.coordinate_links.items():
+        first = int(groups[g]["row"])
+        for row in rows[first : first + int(groups[g]["n"])]:
+            if row["coordinate"] == block - n_bodies:
+                row["link"] = link
 
 
 def _length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:

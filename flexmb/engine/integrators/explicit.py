@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.ldl import solve
-from flexmb.engine.kernels.motion import move, normalise, position_rate
-from flexmb.engine.kernels.projection import accelerations, project_velocity
+from flexmb.engine.kernels.motion import normalise, position_rate
+from flexmb.engine.kernels.projection import accelerations, project_positions, project_velocity
 from flexmb.engine.kernels.residual import position_stage
-from flexmb.engine.kernels.vector import copy, weighted_size
+from flexmb.engine.kernels.vector import copy
 from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
@@ -28,8 +26,6 @@ from flexmb.engine.method import (
 )
 
 _MAX_PROJECTIONS = 10
-# Positions are put back until the correction, relative to the model, is round-off.
-_ROUND_OFF = 1e-13
 
 
 @kernel
@@ -50,7 +46,7 @@ def step(sys, tableau, settings, st, wk, h):
         t = st.t[0] + tableau.c[s] * h
         if accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0) < 0:
             return ZERO_LENGTH
-        position_rate(sys.parts.bodies, tr.q, tr.v, tr.stages[s])
+        position_rate(sys.parts, tr.q, tr.v, tr.stages[s])
         for i in range(st.v.shape[0]):
             tr.stages[s, nq + i] = tr.vd[i]
     copy(tr.vd, tr.aa)
@@ -58,8 +54,8 @@ def step(sys, tableau, settings, st, wk, h):
     _combine(st.q, tr.stages, 0, tableau.b, stages, h, tr.q)
     _combine(st.v, tr.stages, nq, tableau.b, stages, h, tr.v)
     normalise(sys.parts.bodies, tr.q)
-    tr.error[0] = _embedded_error(sys.parts.bodies, sys.weights, tr.stages, tableau.difference, h)
-    if not math.isfinite(tr.error[0]):
+    _estimate_error(sys.parts.bodies, sys.weights, tr.stages, tableau.difference, h, tr.error)
+    if not math.isfinite(tr.error[0] + tr.error[1]):
         return NOT_FINITE
     return _return_to_constraints(sys, st, wk)
 
@@ -75,45 +71,44 @@ def _combine(y, slopes, at, weights, n, h, out):
 
 
 @kernel
-def _embedded_error(bodies, weights, slopes, difference, h):
-    """Weighted size of h Σ difference_s q̇_s: the local error of the formula of lower order."""
-    size = 0.0
+def _estimate_error(bodies, weights, slopes, difference, h, error):
+    """Weighted sizes of h Σ difference_s slope_s: the local error of the formula of lower order."""
+    error[0] = 0.0
+    error[1] = 0.0
+    nv = weights.shape[0]
+    nq = slopes.shape[1] - nv
     for k in range(bodies.shape[0]):
         iq, iv = bodies[k]["iq"], bodies[k]["iv"]
         for i in range(7 + bodies[k]["m"]):
-            s = 0.0
-            for n in range(difference.shape[0]):
-                s += difference[n] * slopes[n, iq + i]
             # Euler parameters change by half the angle.
             w = weights[iv + i] if i < 3 else 2.0 if i < 7 else weights[iv + i - 1]
-            s = abs(h * s) * w
-            if not s <= size:
-                size = s
-    return size
+            s = w * _sum(slopes, iq + i, difference, h)
+            if not s <= error[0]:
+                error[0] = s
+    for i in range(nv):
+        s = weights[i] * _sum(slopes, nq + i, difference, h)
+        if not s <= error[1]:
+            error[1] = s
+
+
+@kernel
+def _sum(slopes, at, difference, h):
+    s = 0.0
+    for n in range(difference.shape[0]):
+        s += difference[n] * slopes[n, at]
+    return abs(h * s)
 
 
 @kernel
 def _return_to_constraints(sys, st, wk):
     """Positions onto C = 0 by Newton's method, then velocities, with one factor of M."""
-    tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
-    nv = tr.v.shape[0]
-    for n in range(_MAX_PROJECTIONS):
-        position_stage(sys, wk, tr.t[0], tr.q)
-        if C.shape[0] == 0:
-            return FINE
-        constraint.evaluate(sys.rows, wk.now.marker, wk.con)
-        if n == 0:
-            factorise(sys, wk, tr.v, tr.vd, tr.lam, 0.0, 0.0)
-            st.count[FACTORISATIONS] += 1
-        for i in range(nv):
-            sol[place[i]] = 0.0
-        for i in range(C.shape[0]):
-            sol[place[nv + i]] = -C[i]
-        solve(sys.kkt, wk.factor, sol)
-        for i in range(nv):
-            tr.dq[i] = sol[place[i]]
-        if weighted_size(tr.dq, sys.weights) <= _ROUND_OFF:
-            project_velocity(sys, wk, tr.v)
-            return FINE
-        move(sys.parts.bodies, tr.q, tr.dq, tr.q)
-    return NO_CONVERGENCE
+    tr = wk.trial
+    position_stage(sys, wk, tr.t[0], tr.q)
+    if wk.con.C.shape[0] == 0:
+        return FINE
+    factorise(sys, wk, tr.v, tr.vd, tr.lam, 0.0, 0.0)
+    st.count[FACTORISATIONS] += 1
+    if not project_positions(sys, wk, tr.t[0], tr.q, _MAX_PROJECTIONS):
+        return NO_CONVERGENCE
+    project_velocity(sys, wk, tr.v)
+    return FINE

@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import inlined, kernel
+from flexmb.engine.kernels import inertia_tangent
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.ldl import solve
+from flexmb.engine.kernels.ldl import solve, solve_refined
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import residual
 from flexmb.engine.kernels.vector import weighted_size
@@ -25,10 +26,15 @@ from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
     FIXED_PIVOTS,
+    JERK_ERROR,
+    LAST_STEP,
+    MOTION,
     NO_CONVERGENCE,
     NO_METHOD,
     NOT_FINITE,
     RESIDUALS,
+    SINCE,
+    SPEED,
     SYMMETRIC,
     ZERO_LENGTH,
 )
@@ -47,6 +53,12 @@ _GIVE_UP_ABOVE = 0.9
 _ROUND_OFF = 2e-15
 _LAST_PLACES = 1e-15
 _NOISE = 50.0
+# With error control Newton's method stops at this share of the local tolerance.
+_SHARE = 0.1
+# Steps of one size after which differences of accelerations are smooth.
+_SETTLED = 3
+# Refinements of a solve by a factor with replaced pivots.
+_REFINEMENTS = 3
 
 
 @inlined
@@ -60,15 +72,19 @@ def step(sys, alpha, settings, st, wk, h):
     _predict(alpha, st, tr, h)
     if memory[FACTOR_STEP] != h:
         memory[AGE] = -1.0
-    # Newton decides the accelerations: what it leaves is compared with their share of the motion.
-    tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
+    if settings.newton_tolerance > 0.0:
+        # Newton decides the accelerations: what it leaves is compared with their share of motion.
+        tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
+    else:
+        # A correction δ changes velocities by some δ/h.
+        tolerance = _SHARE * settings.tolerance * min(memory[MOTION], h * memory[SPEED])
     floor = _round_off(sys.parts.bodies, sys.weights, st.q)
     tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
     for _ in range(settings.max_iterations):
-        move(sys.parts.bodies, st.q, tr.dq, tr.q)
+        move(sys.parts, st.q, tr.dq, tr.q)
         count[RESIDUALS] += 1
         if residual(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam) >= 0:
             return ZERO_LENGTH
@@ -93,8 +109,10 @@ def step(sys, alpha, settings, st, wk, h):
         last = size
         theta = min(memory[CONTRACTION], 0.99)
         if noise or size <= floor or theta / (1.0 - theta) * size <= tolerance:
-            move(sys.parts.bodies, st.q, tr.dq, tr.q)  # the last correction too
+            move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
+            if settings.tolerance > 0.0:
+                _estimate_error(sys, alpha, st, wk, h)
             return FINE
     return NO_CONVERGENCE
 
@@ -112,16 +130,26 @@ def _round_off(bodies, weights, q):
 
 @kernel
 def _predict(alpha, st, tr, h):
-    """Trial state with acceleration and multipliers extrapolated over the last step."""
+    """Trial state with acceleration and multipliers extrapolated over the last step.
+
+    The algorithmic acceleration belongs to the time (α_m − α_f) h after the state's, so it moves
+    with the step size.
+    """
+    last = st.memory[LAST_STEP]
+    ratio = h / last if last > 0.0 else 1.0
+    shift = (alpha.alpha_m - alpha.alpha_f) * (ratio - 1.0)
     tr.t[0] = st.t[0] + h
     for i in range(st.v.shape[0]):
-        tr.vd[i] = 2.0 * st.vd[i] - st.vd_before[i]
+        change = st.vd[i] - st.vd_before[i]
+        aa = st.aa[i] + shift * change
+        tr.aa_start[i] = aa
+        tr.vd[i] = st.vd[i] + ratio * change
         new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
-        aa1 = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
-        tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * st.aa[i] + alpha.beta * aa1)
-        tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * st.aa[i] + alpha.gamma * aa1)
+        aa1 = (new - alpha.alpha_m * aa) / (1.0 - alpha.alpha_m)
+        tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * aa + alpha.beta * aa1)
+        tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * aa + alpha.gamma * aa1)
     for i in range(st.lam.shape[0]):
-        tr.lam[i] = 2.0 * st.lam[i] - st.lam_before[i]
+        tr.lam[i] = st.lam[i] + ratio * (st.lam[i] - st.lam_before[i])
 
 
 @inlined
@@ -139,7 +167,10 @@ def _correct(sys, wk, b, cv):
     for i in range(C.shape[0]):
         k = kkt.place[nv + i]
         sol[k] = fac.eps[k] * b * tr.lam[i] - C[i]
-    solve(kkt, fac, sol)
+    if fac.replaced[0] == 0:
+        solve(kkt, fac, sol)
+    else:
+        _solve_repaired(sys, wk, b)
     moved, size = 0.0, 0.0
     for i in range(nv):
         k = kkt.place[i]
@@ -156,6 +187,17 @@ def _correct(sys, wk, b, cv):
     for i in range(C.shape[0]):
         tr.lam[i] += sol[kkt.place[nv + i]] / b
     return max(size, moved), moved
+
+
+@kernel
+def _solve_repaired(sys, wk, b):
+    """The same solve where pivots had to be replaced: refined against the matrix itself."""
+    fac, nv = wk.factor, wk.trial.res.shape[0]
+    for i in range(fac.sol.shape[0]):
+        fac.rhs[i] = fac.sol[i]
+    for i in range(wk.con.C.shape[0]):
+        fac.rhs[sys.kkt.place[nv + i]] = -wk.con.C[i]
+    solve_refined(sys.kkt, fac, _REFINEMENTS)
 
 
 @kernel
@@ -179,9 +221,43 @@ def _finish(weights, alpha, st, tr):
     """
     for i in range(tr.vd.shape[0]):
         new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
-        tr.aa[i] = (new - alpha.alpha_m * st.aa[i]) / (1.0 - alpha.alpha_m)
+        tr.aa[i] = (new - alpha.alpha_m * tr.aa_start[i]) / (1.0 - alpha.alpha_m)
     if st.memory[AGE] >= 0.0:  # else a renewal is due
         st.memory[AGE] += 1.0
     measured = st.memory[CONTRACTION] if st.memory[CONTRACTION] < 1.0 else 0.0
     st.memory[CONTRACTION] = min(0.99, measured + weighted_size(tr.dq, weights))
-    tr.error[0] = math.nan
+
+
+@kernel
+def _estimate_error(sys, alpha, st, wk, h):
+    """Local error of the step in trial.error: |κ_q| h³ q⃛ of positions, |κ_v| h³ q⁗ of velocities.
+
+    κ_q = β + c/2 − 1/6 and κ_v = c²/2 − 1/12, c = α_m − α_f; the Taylor series of the formulas with
+    a(t) = v̇(t + c h). The factor S of the step takes out what stiff modes and constraints do not
+    let move: S⁻¹ M (a₁ − a₀) = h q⃛. Accelerations ring with alternating sign after a change of the
+    step; differences over two steps hardly see it, and right after the change the q⁗ of before is
+    taken.
+    """
+    tr, sol, kkt = wk.trial, wk.factor.sol, sys.kkt
+    nv = tr.aa.shape[0]
+    for i in range(nv):
+        tr.res[i] = (tr.aa[i] - tr.aa_start[i]) / h
+    inertia_tangent.multiply_mass(sys.parts, wk.now, tr.res, wk.dense.B, sol, kkt.place)
+    for i in range(wk.con.C.shape[0]):
+        sol[kkt.place[nv + i]] = 0.0
+    solve(kkt, wk.factor, sol)
+    positions, velocities = 0.0, 0.0
+    for i in range(nv):
+        tr.jerk[i] = sol[kkt.place[i]]
+        s = abs(tr.jerk[i]) * sys.weights[i]
+        if not s <= positions:
+            positions = s
+        s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i]
+        if not s <= velocities:
+            velocities = s
+    c = alpha.alpha_m - alpha.alpha_f
+    tr.error[0] = abs(alpha.beta + 0.5 * c - 1.0 / 6.0) * h**3 * positions
+    if st.memory[SINCE] >= _SETTLED and h == st.memory[LAST_STEP]:
+        tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
+    else:
+        tr.error[1] = st.memory[JERK_ERROR] * h**3

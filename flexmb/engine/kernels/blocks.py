@@ -1,14 +1,12 @@
-"""Where dense blocks in v order go in the panels of the factor (modes before the rigid part)."""
+"""Where dense blocks in v order go in the panels of the factor.
+
+`column` (nv,) is the column of each velocity coordinate in its panel, modes before the rigid part;
+−1 leaves it out of the system (out of the plane of a planar model).
+"""
 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-
-
-@kernel
-def local_column(c, m):
-    """Column in the panel of velocity coordinate c of a body with m modes."""
-    return c + m if c < 6 else c - 6
 
 
 @kernel
@@ -20,28 +18,36 @@ def clear(B, n, m):
 
 
 @kernel
-def add_body_block(body, panel, B, low, up):
+def add_body_block(body, kkt, B, low, up):
     """Add a dense block to the diagonal block of a body."""
-    m, at, nc = body["m"], panel["at"], panel["nc"]
-    for r in range(6 + m):
-        pr = local_column(r, m)
-        for c in range(6 + m):
-            pc = local_column(c, m)
-            if pr >= pc:
+    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
+    at, nc = panel["at"], panel["nc"]
+    for r in range(6 + body["m"]):
+        pr = column[o + r]
+        if pr < 0:
+            continue
+        for c in range(6 + body["m"]):
+            pc = column[o + c]
+            if pr >= pc and pc >= 0:
                 low[at + pr * nc + pc] += B[r, c]
             if pr <= pc:
                 up[at + pc * nc + pr] += B[r, c]
 
 
 @kernel
-def add_coupling(B, m, n, link, swapped, low, up):
-    """Add B (6+m, 6+n) as the block of two bodies; the link is that of the transpose if swapped."""
+def add_coupling(B, first, second, kkt, k, swapped, low, up):
+    """Add B as the block of two bodies; link k is that of the transpose if swapped."""
+    link, column = kkt.links[k], kkt.column
     at, stride = link["at"], link["stride"]
     early = (link["flipped"] == 1) != swapped  # the rows' body is eliminated first
-    for r in range(6 + m):
-        pr = local_column(r, m)
-        for c in range(6 + n):
-            pc = local_column(c, n)
+    for r in range(6 + first["m"]):
+        pr = column[first["iv"] + r]
+        if pr < 0:
+            continue
+        for c in range(6 + second["m"]):
+            pc = column[second["iv"] + c]
+            if pc < 0:
+                continue
             if early:
                 up[at + pc * stride + pr] += B[r, c]
             else:
@@ -49,23 +55,26 @@ def add_coupling(B, m, n, link, swapped, low, up):
 
 
 @kernel
-def put_row(link, r, jac, start, m, values):
+def put_row(link, r, body, column, jac, start, values):
     """Place Jacobian row r of a group, in v order at jac[start:], by its link."""
-    at, stride = link["at"], link["stride"]
-    for c in range(6 + m):
-        pc = local_column(c, m)
-        p = at + pc * stride + r if link["flipped"] == 1 else at + r * stride + pc
-        values[p] = jac[start + c]
+    at, stride, o = link["at"], link["stride"], body["iv"]
+    for c in range(6 + body["m"]):
+        pc = column[o + c]
+        if pc >= 0:
+            p = at + pc * stride + r if link["flipped"] == 1 else at + r * stride + pc
+            values[p] = jac[start + c]
 
 
 @kernel
-def row_compliance(panel, m, jac, start, low):
+def row_compliance(body, kkt, jac, start, low):
     """Σ Cq² / diag(S) of one row on one body, over the coordinates that have inertia."""
+    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
     at, nc = panel["at"], panel["nc"]
     s = 0.0
-    for c in range(6 + m):
-        pc = local_column(c, m)
-        d = abs(low[at + pc * nc + pc])
-        if d > 0.0:
-            s += jac[start + c] * jac[start + c] / d
+    for c in range(6 + body["m"]):
+        pc = column[o + c]
+        if pc >= 0:
+            d = abs(low[at + pc * nc + pc])
+            if d > 0.0:
+                s += jac[start + c] * jac[start + c] / d
     return s

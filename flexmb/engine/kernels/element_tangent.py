@@ -20,8 +20,7 @@ def _add_own(parts, kkt, wk, k, side, f):
     tangent.marker_jacobian(parts, wk.now, k, J)
     clear(d.B, n, n)
     tangent.add_product_block(d.H, side, side, J, n, J, n, f, d.T, d.B)
-    body = parts.bodies[b]
-    add_body_block(body, kkt.panels[body["panel"]], d.B, wk.factor.low, wk.factor.up)
+    add_body_block(parts.bodies[b], kkt, d.B, wk.factor.low, wk.factor.up)
     return n
 
 
@@ -36,11 +35,13 @@ def _add_pair(parts, kkt, wk, i, j, link, f):
     if link < 0:
         return
     for side in range(2):
-        first, second = n[side], n[1 - side]
-        clear(d.B, first, second)
+        here, there = (i, j) if side == 0 else (j, i)
+        first = parts.bodies[parts.markers[here]["body"]]
+        second = parts.bodies[parts.markers[there]["body"]]
+        clear(d.B, n[side], n[1 - side])
         J, K = d.J[side], d.J[1 - side]
-        tangent.add_product_block(d.H, side, 1 - side, J, first, K, second, f, d.T, d.B)
-        add_coupling(d.B, first - 6, second - 6, kkt.links[link], side == 1, low, up)
+        tangent.add_product_block(d.H, side, 1 - side, J, n[side], K, n[1 - side], f, d.T, d.B)
+        add_coupling(d.B, first, second, kkt, link, side == 1, low, up)
 
 
 @kernel
@@ -53,7 +54,7 @@ def _add_levers(parts, kkt, wk, i, j, f):
             n = 6 + body["m"]
             clear(d.B, n, n)
             tangent.add_lever_tangent(parts, wk.now, k, d.g[1], 6 * side, f, d.B)
-            add_body_block(body, kkt.panels[body["panel"]], d.B, wk.factor.low, wk.factor.up)
+            add_body_block(body, kkt, d.B, wk.factor.low, wk.factor.up)
 
 
 @kernel
@@ -134,13 +135,15 @@ def _add_damper_levers(parts, kkt, wk, spring, v, cp, nx, ny, nz):
         if n[side] > 0:
             body = parts.bodies[parts.markers[k]["body"]]
             _put_outer(d.T, side, n[side], 2 + side, n[side], cp * spring["c"], d.B)
-            add_body_block(body, kkt.panels[body["panel"]], d.B, wk.factor.low, wk.factor.up)
+            add_body_block(body, kkt, d.B, wk.factor.low, wk.factor.up)
         if spring["couple"] >= 0:
-            other, link = 1 - side, kkt.links[spring["couple"]]
+            other = 1 - side
+            there = parts.bodies[parts.markers[spring["J"] if side == 0 else spring["I"]]["body"]]
             _put_outer(d.T, side, n[side], 2 + other, n[other], -cp * spring["c"], d.B)
             add_coupling(
-                d.B, n[side] - 6, n[other] - 6, link, side == 1, wk.factor.low, wk.factor.up
-            )
+                d.B, parts.bodies[parts.markers[k]["body"]], there, kkt, spring["couple"],
+                side == 1, wk.factor.low, wk.factor.up,
+            )  # fmt: skip
 
 
 @kernel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import force
+from flexmb.engine.kernels import coordinate, force
 from flexmb.engine.kernels.inertia_tangent import mass_block
 from flexmb.engine.kernels.rotation import transform
 from flexmb.engine.kernels.vector import dot
@@ -12,7 +12,7 @@ from flexmb.engine.kernels.vector import dot
 @kernel
 def kinetic(parts, now, v, B):
     """½ vᵀ M v, J; after a position stage. B is scratch for one body's M."""
-    e = 0.0
+    e = coordinate.kinetic(parts.coordinates, v)
     for i in range(parts.bodies.shape[0]):
         o, n = parts.bodies[i]["iv"], 6 + parts.bodies[i]["m"]
         mass_block(parts.bodies[i], now.body[i], parts.pool, now.Z, B)
@@ -68,7 +68,7 @@ def _driver_power(rows, fun, lam):
     p = 0.0
     for k in range(rows.shape[0]):
         f = rows[k]["fun"]
-        if f >= 0:
+        if f >= 0 and rows[k]["coordinate"] < 0:
             p -= lam[k] * fun[f, 1]
     return p
 
@@ -78,4 +78,6 @@ def powers(sys, now, fun, v, lam, out):
     """out (3): power of drivers, of dampers, of applied forces; after the velocity stage."""
     out[0] = _driver_power(sys.rows, fun, lam)
     out[1] = force.damper_power(sys.springs, now.marker) + _modal_damping_power(sys.parts, v)
+    out[1] += coordinate.damper_power(sys.parts.coordinates, v)
     out[2] = force.load_power(sys.loads, now.marker, fun)
+    out[2] += coordinate.force_power(sys.parts.coordinates, fun, v)

@@ -10,6 +10,7 @@ All exact.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import coordinate
 from flexmb.engine.kernels.kinematics import modal_vector
 from flexmb.engine.kernels.rotation import cross, transform, transform_back
 from flexmb.engine.kernels.vector import dot
@@ -64,6 +65,20 @@ def mass_block(body, bn, pool, Z, B):
             B[6 + k, i] = B[i, 6 + k]
         for i in range(m):
             B[6 + k, 6 + i] = pool[at_M + k * m + i]
+
+
+@kernel
+def multiply_mass(parts, now, x, B, out, place):
+    """out[place] = M x of all bodies and scalar coordinates; B is scratch."""
+    for i in range(parts.bodies.shape[0]):
+        body, o = parts.bodies[i], parts.bodies[i]["iv"]
+        mass_block(body, now.body[i], parts.pool, now.Z, B)
+        for r in range(6 + body["m"]):
+            s = 0.0
+            for c in range(6 + body["m"]):
+                s += B[r, c] * x[o + c]
+            out[place[o + r]] = s
+    coordinate.multiply_mass(parts.coordinates, x, out, place)
 
 
 @kernel

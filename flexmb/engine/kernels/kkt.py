@@ -7,8 +7,10 @@ relative, so that no unit or step size can turn it into noise, and taken back by
 
 from __future__ import annotations
 
+import math
+
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, inertia_tangent, kinematics, ldl
+from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 
@@ -29,6 +31,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     if cp != 0.0 or cv != 0.0:
         kinematics.velocity(sys.parts, wk.now, v)
     _bodies(sys.parts, sys.kkt, wk, v, vd, cv, cp)
+    coordinate.add_tangents(sys.parts.coordinates, sys.kkt, cv, cp, low, up)
     constraint.jacobian(sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
@@ -37,14 +40,16 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
-    _keep_diagonal(sys.parts.bodies, sys.kkt.panels, wk.factor)
+    _keep_diagonal(sys.kkt.panels, wk.factor)
     _jacobian_blocks(sys, wk.dense.jac, wk.factor)
+    coordinate.put_rows(sys, sys.parts.coordinates, wk.factor)
     for i in range(low.shape[0]):
         wk.factor.low0[i] = low[i]
     if not symmetric:
         for i in range(up.shape[0]):
             wk.factor.up0[i] = up[i]
-    return ldl.factor(sys.kkt, wk.factor)
+    wk.factor.replaced[0] = ldl.factor(sys.kkt, wk.factor)
+    return wk.factor.replaced[0]
 
 
 @kernel
@@ -57,25 +62,26 @@ def _bodies(parts, kkt, wk, v, vd, cv, cp):
             inertia_tangent.add_velocity_tangent(body, bn, parts.pool, Z, v, cv, B)
         if cp != 0.0:
             inertia_tangent.add_position_tangent(body, bn, Z, parts, v, vd, cp, B)
-        add_body_block(body, kkt.panels[body["panel"]], B, wk.factor.low, wk.factor.up)
+        add_body_block(body, kkt, B, wk.factor.low, wk.factor.up)
 
 
 @kernel
-def _keep_diagonal(bodies, panels, factor):
-    for i in range(bodies.shape[0]):
-        panel = panels[bodies[i]["panel"]]
+def _keep_diagonal(panels, factor):
+    """|diagonal| of the coordinates; infinite where there is none, so that nothing counts there."""
+    for i in range(panels.shape[0]):
+        panel = panels[i]
         for c in range(panel["nc"]):
-            diagonal = factor.low[panel["at"] + c * panel["nc"] + c]
-            factor.diagonal[panel["col"] + c] = abs(diagonal)
+            diagonal = abs(factor.low[panel["at"] + c * panel["nc"] + c])
+            factor.diagonal[panel["col"] + c] = diagonal if diagonal > 0.0 else math.inf
 
 
 @kernel
 def _jacobian_blocks(sys, jac, factor):
     symmetric = factor.symmetric[0] == 1
-    bodies, panels, links = sys.parts.bodies, sys.kkt.panels, sys.kkt.links
+    bodies, kkt, links = sys.parts.bodies, sys.kkt, sys.kkt.links
     for k in range(sys.groups.shape[0]):
         group = sys.groups[k]
-        panel = panels[group["panel"]]
+        panel = kkt.panels[group["panel"]]
         for r in range(group["n"]):
             row = sys.rows[group["row"] + r]
             s = 0.0
@@ -84,11 +90,11 @@ def _jacobian_blocks(sys, jac, factor):
                 if b < 0:
                     continue
                 link = links[group["link_I"] if side == 0 else group["link_J"]]
-                at, m = row["jac_I"] if side == 0 else row["jac_J"], bodies[b]["m"]
-                put_row(link, r, jac, at, m, factor.low)
+                at = row["jac_I"] if side == 0 else row["jac_J"]
+                put_row(link, r, bodies[b], kkt.column, jac, at, factor.low)
                 if not symmetric:
-                    put_row(link, r, jac, at, m, factor.up)
-                s += row_compliance(panels[bodies[b]["panel"]], m, jac, at, factor.low)
+                    put_row(link, r, bodies[b], kkt.column, jac, at, factor.up)
+                s += row_compliance(bodies[b], kkt, jac, at, factor.low)
             factor.eps[panel["col"] + r] = _REGULARISATION * s
             at = panel["at"] + r * panel["nc"] + r
             factor.low[at] = -_REGULARISATION * s

@@ -132,6 +132,7 @@ def _update_pair(panel, updates, L, U, W, V):
 def solve(kkt, fac, b):
     """Solve in place with the factor; b is in elimination order."""
     up = fac.low if fac.symmetric[0] == 1 else fac.up
+    b[b.shape[0] - 1] = 0.0  # the place of all coordinates that are left out
     _solve(kkt.panels, kkt.rows, fac.low, up, fac.d, b)
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import coordinate
 from flexmb.engine.kernels.rotation import compose
 
 
 @kernel
-def move(bodies, q, dq, out):
+def move(parts, q, dq, out):
     """out = q ∘ exp(dq): translations and modes add, rotation vectors act on the right."""
-    for k in range(bodies.shape[0]):
-        body = bodies[k]
+    coordinate.move(parts.coordinates, q, dq, out)
+    for k in range(parts.bodies.shape[0]):
+        body = parts.bodies[k]
         i, o = body["iq"], body["iv"]
         out[i] = q[i] + dq[o]
         out[i + 1] = q[i + 1] + dq[o + 1]
@@ -23,10 +25,11 @@ def move(bodies, q, dq, out):
 
 
 @kernel
-def position_rate(bodies, q, v, out):
+def position_rate(parts, q, v, out):
     """out (nq) = N(q) v; Euler parameters: ṗ = ½ p ∘ (0, ω')."""
-    for k in range(bodies.shape[0]):
-        body = bodies[k]
+    coordinate.position_rate(parts.coordinates, v, out)
+    for k in range(parts.bodies.shape[0]):
+        body = parts.bodies[k]
         i, o = body["iq"], body["iv"]
         for a in range(3):
             out[i + a] = v[o + a]

@@ -14,11 +14,14 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import constraint, kinematics
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.ldl import solve, solve_refined
-from flexmb.engine.kernels.residual import forces, position_stage
-from flexmb.engine.kernels.vector import largest
+from flexmb.engine.kernels.motion import move
+from flexmb.engine.kernels.residual import forces, position_stage, velocity_stage
+from flexmb.engine.kernels.vector import largest, weighted_size
 
 _ROUNDS = 3
 _REFINEMENTS = 2
+# A correction of positions this small, relative to the model, is round-off.
+_ROUND_OFF = 1e-13
 
 
 @kernel
@@ -33,7 +36,7 @@ def project_velocity(sys, wk, v):
     if rate.shape[0] == 0:
         return
     for n in range(_ROUNDS):
-        kinematics.velocity(sys.parts, wk.now, v)
+        velocity_stage(sys, wk, v)
         constraint.rates(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
         if n == 0:
             wk.con.drift[0] = largest(rate)
@@ -47,21 +50,48 @@ def project_velocity(sys, wk, v):
 
 
 @kernel
+def project_positions(sys, wk, t, q, rounds):
+    """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
+
+    Returns whether the last correction was round-off; leaves a position stage at q.
+    """
+    tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
+    nv = tr.dq.shape[0]
+    for _ in range(rounds):
+        constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+        for i in range(nv):
+            sol[place[i]] = 0.0
+        for i in range(C.shape[0]):
+            sol[place[nv + i]] = -C[i]
+        solve(sys.kkt, wk.factor, sol)
+        for i in range(nv):
+            tr.dq[i] = sol[place[i]]
+        if weighted_size(tr.dq, sys.weights) <= _ROUND_OFF:
+            return True
+        move(sys.parts, q, tr.dq, q)
+        position_stage(sys, wk, t, q)
+    return False
+
+
+@kernel
 def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
-    The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first.
+    The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
+    q and v are.
 
     Returns the number of replaced pivots, or −1 − k for spring k of no length.
     """
     tr, fac, place = wk.trial, wk.factor, sys.kkt.place
     position_stage(sys, wk, t, q)
-    kinematics.velocity(sys.parts, wk.now, v)
+    velocity_stage(sys, wk, v)
     fac.symmetric[0] = 1
     fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
-    if project == 1:
+    if project == 2 and lam.shape[0] > 0:
+        project_positions(sys, wk, t, q, _ROUNDS)
+    if project > 0:
         project_velocity(sys, wk, v)
-        kinematics.velocity(sys.parts, wk.now, v)
+        velocity_stage(sys, wk, v)
     for i in range(lam.shape[0]):
         lam[i] = 0.0
     bad = forces(sys, wk, q, v, tr.zero, lam)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, force, inertia, kinematics
+from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
@@ -11,8 +11,16 @@ from flexmb.engine.kernels.time_function import evaluate_all
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
     evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
+    coordinate.put_values(sys.parts.coordinates, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
+
+
+@kernel
+def velocity_stage(sys, wk, v):
+    """Velocities of the markers and of the scalar coordinates after a position stage."""
+    kinematics.velocity(sys.parts, wk.now, v)
+    coordinate.put_rates(sys.parts.coordinates, v, wk.con.fun)
 
 
 @kernel
@@ -39,4 +47,5 @@ def forces(sys, wk, q, v, vd, lam):
     constraint.subtract_reactions(sys.rows, wk.now.marker, lam, wk.dense.g[0])
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
+    coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
     return bad

@@ -17,6 +17,7 @@ import flexmb
 from flexmb.cli import app
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import rigid_body, save
+from flexmb.results import Result
 
 
 @dataclass
@@ -101,6 +102,19 @@ def test_run_passes_its_options_on_and_shows_a_summary(workflow: Workflow) -> No
     }
     for shown in ("8 000", "kinetic", "drift", "gravity is none", "result.h5"):
         assert shown in done.stdout
+
+
+def test_a_summary_is_in_the_units_of_the_scene(workflow: Workflow, monkeypatch) -> None:
+    scene = {"title": "m", "units": "mm-t-s", "gravity": [0, -9810.0, 0]}
+    monkeypatch.setattr(Result, "model", property(lambda self: scene))
+    done = call("info", str(workflow.report.result))
+    assert done.exit_code == 0
+    assert "energy [mJ]" in done.stdout
+    assert "kinetic" in done.stdout and "500" in done.stdout  # 0.5 J
+    assert "gravity: (0, -9810, 0) mm/s²" in done.stdout
+    monkeypatch.setattr(Result, "model", property(lambda self: {"units": "mm-g-ms"}))
+    done = call("info", str(workflow.report.result))
+    assert "rows to t = 80 ms" in done.stdout and "gravity: none" in done.stdout
 
 
 def test_a_failed_check_ends_in_3_and_a_stopped_run_in_130(workflow: Workflow, tmp_path) -> None:

@@ -19,13 +19,13 @@ def blocks(rng, n, extra=0, drivers=0, coupled=0.7):
     for k in range(drivers):
         pairs.append(pairs[k])
         rows.append(1)
-    columns = [6 + int(x) for x in rng.integers(0, 5, n)]
+    columns = [list(range(6 + int(x))) for x in rng.integers(0, 5, n)]
     couples = [p for p in pairs if p[0] >= 0 and rng.random() < coupled]
-    return Blocks(columns, rows, pairs, couples)
+    return Blocks(columns, rows, pairs, [() for _ in pairs], couples)
 
 
 def sizes(b):
-    return [*b.body_columns, *b.group_rows]
+    return [*(len(columns) for columns in b.columns), *b.group_rows]
 
 
 def order(symbolic):
@@ -34,7 +34,7 @@ def order(symbolic):
 
 def filled(b, places):
     """Block pattern below the diagonal after elimination in this order: sets per position."""
-    n = len(b.body_columns)
+    n = len(b.columns)
     graph = [set() for _ in sizes(b)]
     edges = [(n + g, body) for g, pair in enumerate(b.group_bodies) for body in pair]
     for i, j in edges + list(b.couples):
@@ -79,7 +79,7 @@ def test_no_group_is_eliminated_before_a_body_carries_it(n, extra, drivers):
     s = analyse(b)
     carried = []
     for g, pair in enumerate(b.group_bodies):
-        mine = s.panel_of[len(b.body_columns) + g]
+        mine = s.panel_of[len(b.columns) + g]
         bodies = [k for k in pair if k >= 0]
         before = [k for k in bodies if s.panel_of[k] < mine]
         assert before
@@ -124,7 +124,9 @@ def test_storage_and_work_grow_linearly(shape):
     def cost(n):
         pairs = shape(n)
         couples = [p for p in pairs if p[0] >= 0]
-        kkt = analyse(Blocks([6] * n, [3] * len(pairs), pairs, couples)).kkt
+        kkt = analyse(
+            Blocks([list(range(6))] * n, [3] * len(pairs), pairs, [()] * len(pairs), couples)
+        ).kkt
         stored = ((kkt.panels["nc"] + kkt.panels["nr"]) * kkt.panels["nc"]).sum()
         return np.array([stored, len(kkt.updates)])
 

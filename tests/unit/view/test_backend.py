@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -87,3 +88,21 @@ def test_a_damaged_or_unwritable_cache_does_no_harm(monkeypatch, tmp_path: Path)
     monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "file" / "below"))
     assert backend.probe().works
     assert len(tried) == 3
+
+
+@pytest.mark.parametrize("system", ["Windows", "Darwin"])
+def test_off_linux_vtk_chooses_its_own_window(monkeypatch, system: str) -> None:
+    tried = _answers(monkeypatch, {"": (0, "window:vtkWin32OpenGLRenderWindow\n", "")})
+    monkeypatch.setattr(backend.platform, "system", lambda: system)
+    verdict = backend.probe()
+    assert (verdict.works, tried) == (True, [""])
+    backend.use(verdict)
+    assert "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ
+
+
+def test_a_crash_on_windows_is_known_by_its_exit_code(monkeypatch) -> None:
+    _answers(monkeypatch, {"": (0xC0000005, "", "")})
+    monkeypatch.setattr(backend.platform, "system", lambda: "Windows")
+    verdict = backend.probe()
+    assert "crashes at the first picture" in verdict.how
+    assert "graphics driver" in verdict.advice

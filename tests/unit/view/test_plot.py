@@ -32,6 +32,18 @@ def test_one_panel_for_each_unit_over_a_common_time(result: Result) -> None:
     assert angle.get_xlim() == pytest.approx((0.0, 80.0))
 
 
+def test_a_scene_in_other_units_is_drawn_in_them(result: Result) -> None:
+    other = Result(result.path)
+    other.model["units"] = "cm-g-s"
+    position, speed = history_figure(other, ["slider.x", "speed.x"]).axes
+    assert position.get_ylabel() == "position [cm]"
+    assert speed.get_ylabel() == "velocity [cm/s]"
+    assert speed.get_xlabel() == "time [s]"
+    t, x = position.lines[0].get_data()
+    np.testing.assert_allclose(t, result.time)
+    np.testing.assert_allclose(x, 100 * result["slider.x"])
+
+
 def test_the_scene_chooses_else_all_that_moves(result: Result) -> None:
     assert len(history_figure(result).axes) == 3  # what [view] history names
     bare = Result(result.path)

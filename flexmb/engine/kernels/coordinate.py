@@ -1,0 +1,140 @@
+"""Scalar coordinates beside the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
+
+A row can follow a coordinate in place of a function of time, C = (measure) − s: its reaction then
+acts on s. Without mass s is a parameter that rows decide; with mass and damping only, ṡ is a
+first-order state. Values and rates stand beside those of the functions in Constraints.fun.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+
+
+@kernel
+def put_values(coordinates, q, fun):
+    """s of all coordinates as the value of their slots."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            slot = coordinates[k]["slot"]
+            fun[slot, 0] = q[coordinates[k]["iq"]]
+            fun[slot, 2] = 0.0  # s̈ is an unknown
+
+
+@kernel
+def put_rates(coordinates, v, fun):
+    """ṡ of all coordinates as the rate of their slots."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            fun[coordinates[k]["slot"], 1] = v[coordinates[k]["iv"]]
+
+
+@kernel
+def put_forces(sys, coordinates, wk, q, v, vd, lam):
+    """res = m s̈ + c ṡ + k (s − s0) − u + Cqᵀ λ of all coordinates."""
+    if coordinates is not None:
+        res = wk.trial.res
+        for k in range(coordinates.shape[0]):
+            s = coordinates[k]
+            i = s["iv"]
+            res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
+            if s["fun"] >= 0:
+                res[i] -= wk.con.fun[s["fun"], 0]
+        for k in range(sys.rows.shape[0]):
+            c = sys.rows[k]["coordinate"]
+            if c >= 0:
+                res[coordinates[c]["iv"]] -= lam[k]
+
+
+@kernel
+def add_tangents(coordinates, kkt, cv, cp, low, up):
+    """m + cv c + cp k on the diagonal."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            s = coordinates[k]
+            at = kkt.panels[s["panel"]]["at"]
+            diagonal = s["m"] + cv * s["c"] + cp * s["k"]
+            low[at] += diagonal
+            up[at] += diagonal
+
+
+@kernel
+def put_rows(sys, coordinates, factor):
+    """−1 of the rows that follow a coordinate in the Jacobian."""
+    if coordinates is not None:
+        for k in range(sys.groups.shape[0]):
+            group = sys.groups[k]
+            for r in range(group["n"]):
+                row = sys.rows[group["row"] + r]
+                if row["coordinate"] >= 0:
+                    link = sys.kkt.links[row["link"]]
+                    at = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+                    factor.low[at] = -1.0
+                    if factor.symmetric[0] == 0:
+                        factor.up[at] = -1.0
+
+
+@kernel
+def move(coordinates, q, dq, out):
+    """out = q + dq."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            out[coordinates[k]["iq"]] = q[coordinates[k]["iq"]] + dq[coordinates[k]["iv"]]
+
+
+@kernel
+def position_rate(coordinates, v, out):
+    """out = v."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            out[coordinates[k]["iq"]] = v[coordinates[k]["iv"]]
+
+
+@kernel
+def kinetic(coordinates, v):
+    """Σ ½ m ṡ², J."""
+    e = 0.0
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            e += 0.5 * coordinates[k]["m"] * v[coordinates[k]["iv"]] ** 2
+    return e
+
+
+@kernel
+def spring_energy(coordinates, q):
+    """Σ ½ k (s − s0)², J."""
+    e = 0.0
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            s = q[coordinates[k]["iq"]] - coordinates[k]["s0"]
+            e += 0.5 * coordinates[k]["k"] * s * s
+    return e
+
+
+@kernel
+def damper_power(coordinates, v):
+    """−Σ c ṡ², W."""
+    p = 0.0
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            p -= coordinates[k]["c"] * v[coordinates[k]["iv"]] ** 2
+    return p
+
+
+@kernel
+def force_power(coordinates, fun, v):
+    """Σ u ṡ, W."""
+    p = 0.0
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            if coordinates[k]["fun"] >= 0:
+                p += fun[coordinates[k]["fun"], 0] * v[coordinates[k]["iv"]]
+    return p
+
+
+@kernel
+def multiply_mass(coordinates, x, out, place):
+    """out[place] = m x."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            i = coordinates[k]["iv"]
+            out[place[i]] = coordinates[k]["m"] * x[i]

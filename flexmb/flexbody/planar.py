@@ -1,0 +1,288 @@
+"""Flexible bodies in a plane: modes symmetric about it, and nothing that leads out of it.
+
+In: a body and the normal of the plane, in body axes. Out: the same body with those combinations of
+its modes that mirror themselves at the plane through the centre of mass; in them the plane's
+points stay in it. How much of a mode is antisymmetric is measured at the nodes, whose motion is
+compared with the mirrored one; a body that tells no nodes is judged by the kinetic energy along the
+normal. Interfaces must lie in the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh
+
+from flexmb.errors import Problem, ReductionError
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.mirror import mirrored
+from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.planes import PLANES
+
+__all__ = ["LARGEST_SHARE", "flattened", "out_of_plane", "plane_name", "planar_body"]
+
+LARGEST_SHARE = 0.01  # of the energy of a mode, or of the motion of an interface
+_HALF = 0.5  # a mode with less than half out of the plane is meant to be one in it
+_TURN = 0.05  # rotations count as displacements at this share of the body's length
+
+
+def planar_body(body: FlexBody, normal: ArrayLike) -> FlexBody:
+    """The body with its in-plane modes alone.
+
+    Parameters
+    ----------
+    body : FlexBody
+        Any flexible or rigid body.
+    normal : (3,) float
+        Normal of the plane in body axes, of any length.
+
+    Returns
+    -------
+    FlexBody
+        Modes of unit modal mass, or the given ones if all of them are in-plane already.
+
+    Raises
+    ------
+    ReductionError
+        Modes or interfaces that move out of the plane by more than 1 %, with the share.
+    """
+    n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    if body.m == 0:
+        return body
+    odd, whole = _energies(body, n)
+    share, shapes = eigh(odd, whole)
+    if share[-1] <= LARGEST_SHARE:
+        found = body
+    else:
+        kept, dropped = shapes[:, share < _HALF], shapes[:, share >= _HALF]
+        found = _combined(body, _held(body, kept, dropped, n), dropped, plane_name(n))
+    odd, whole = _energies(found, n)
+    shares = np.diag(odd) / np.diag(whole)
+    check_shares(found.name, shares, found.frequencies, n)
+    _check_interfaces(found, n)
+    return flattened(found, n, float(shares.max(initial=0.0)))
+
+
+def check_shares(name: str, shares: FloatArray, frequencies: FloatArray, normal: ArrayLike) -> None:
+    """Refuse modes of which more than 1 % is out of the plane.
+
+    Raises
+    ------
+    ReductionError
+        With the share of the worst mode and the number of others.
+    """
+    wrong = np.flatnonzero(shares > LARGEST_SHARE)
+    if not len(wrong):
+        return
+    k = int(np.argmax(shares))
+    others = f" ({len(wrong) - 1} more modes have over 1 %)" if len(wrong) > 1 else ""
+    what = (
+        f"mode {k} ({frequencies[k]:.4g} Hz) has {_percent(shares[k])} of its energy out of the "
+        f"plane {plane_name(normal)}{others}: keep the scene spatial, or make body and mesh "
+        "symmetric about the plane"
+    )
+    raise ReductionError.from_problems([Problem(f"body {name}", what)])
+
+
+def flattened(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
+    """The body without what is left of out-of-plane motion in its integrals and interfaces.
+
+    Parameters
+    ----------
+    body : FlexBody
+        A body whose modes are in-plane but for a small share.
+    normal : (3,) float
+        Unit normal of the plane, body axes.
+    share : float
+        The largest share, 0 to 1, for the record.
+    """
+    n = np.asarray(normal, dtype=float)
+    R = np.eye(3) - 2 * np.outer(n, n)  # the reflection
+    p = body.p - np.outer(n, n @ body.p)
+    offset = np.einsum("a,bm->abm", n * (n @ body.center), p)  # of the plane from the origin
+    P = body.P - offset
+    P = 0.5 * (P + np.einsum("ac,cdm,db->abm", R, P, R)) + offset
+    Mab = 0.5 * (body.Mab + np.einsum("ac,cdij,db->abij", R, body.Mab, R))
+    ends = tuple(_in_plane(part, n) for part in body.interfaces)
+    told = {"plane": plane_name(n), "out-of-plane share": f"{share:.2g}"}
+    provenance = {**body.provenance, **told}
+    return replace(body, p=p, P=P, Mab=Mab, interfaces=ends, provenance=provenance)
+
+
+def out_of_plane(motion: FloatArray, turning: FloatArray, normal: ArrayLike) -> FloatArray:
+    """(..., m) size of what leads out of the plane: displacement along the normal, and rotation
+    about other axes.
+
+    Parameters
+    ----------
+    motion, turning : (..., 3, m) float
+        Displacement and rotation times a length.
+    normal : (3,) float
+        Unit normal.
+    """
+    n = np.asarray(normal, dtype=float)
+    along = np.einsum("a,...am->...m", n, motion)
+    about = turning - np.einsum("a,b,...bm->...am", n, n, turning)
+    return np.asarray(np.sqrt(along**2 + (about**2).sum(axis=-2)))
+
+
+def plane_name(normal: ArrayLike) -> str:
+    """``"xy"`` and so on for planes of the body's frame, else the normal."""
+    n = np.asarray(normal, dtype=float)
+    for name, axis in PLANES.items():
+        if np.abs(np.abs(n) - axis).max() < 1e-9:
+            return name
+    return "with normal (" + ", ".join(f"{value:.3g}" for value in n) + ")"
+
+
+def _energies(body: FlexBody, n: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, m) quadratic forms of a mode's antisymmetric part and of all of it.
+
+    Mean squares over the nodes, and over the interfaces: these are few, yet nothing acts elsewhere.
+    """
+    part = body.nodes if body.nodes is not None else body.surface
+    if part is None:
+        return np.einsum("a,b,abij->ij", n, n, body.Mab), body.M_eta
+    if isinstance(part, NodeModes):
+        points, motion, turning = part.position, part.Phi_t, part.Phi_r
+    else:
+        points, motion, turning = part.points, part.modes, None
+    rows, there = mirrored(points, motion, n, body.center)
+    forms = [_products(motion[rows], there), *_interface_forms(body, n)]
+    if turning is not None:
+        _, there = mirrored(points, turning, n, body.center)
+        length = _TURN * body.characteristic_length
+        forms.append(_products(length * turning[rows], -length * there))  # an axial vector
+    odd, whole = (sum(form[k] for form in forms) for k in (0, 1))
+    floor = 1e-12 * np.trace(whole) / body.m * np.eye(body.m)
+    return np.asarray(odd), np.asarray(whole + floor)
+
+
+def _products(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of the part that changes its sign on reflection, and of that and the part that does not."""
+    m = here.shape[2]
+    odd, even = (0.5 * (here + sign * there).reshape(-1, m) for sign in (-1, 1))
+    lost = odd.T @ odd / len(here)
+    return lost, lost + even.T @ even / len(here)
+
+
+def _interface_forms(body: FlexBody, n: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """The same of the interfaces, which lie in the plane: each is its own mirror image."""
+    if not body.interfaces:
+        return []
+    R = np.eye(3) - 2 * np.outer(n, n)
+    motion = np.array([part.Phi_t for part in body.interfaces])
+    turning = _TURN * body.characteristic_length * np.array([p.Phi_r for p in body.interfaces])
+    return [_products(motion, R @ motion), _products(turning, -R @ turning)]
+
+
+def _held(body: FlexBody, kept: FloatArray, dropped: FloatArray, n: FloatArray) -> FloatArray:
+    """`kept` (m, k) with so much of `dropped` that the interfaces stay in the plane.
+
+    Next to nothing for a symmetric body: what the mesh and the measure leave.
+    """
+    if not body.interfaces:
+        return kept
+    N = np.outer(n, n)
+    length = body.characteristic_length
+    leaving = np.concatenate([N @ part.Phi_t for part in body.interfaces])
+    tilting = np.concatenate([part.Phi_r - N @ part.Phi_r for part in body.interfaces])
+    F = np.concatenate([leaving, length * tilting])
+    amount = np.linalg.lstsq(F @ dropped, -F @ kept, rcond=1e-9)[0]
+    return np.asarray(kept + dropped @ amount)
+
+
+def _combined(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
+    """The body in the modes made of `kept` (m, k); `dropped` are told as such."""
+    if not kept.shape[1]:
+        what = f"has no modes in the plane {plane}"
+        raise ReductionError.from_problems([Problem(f"body {body.name}", what)])
+    omega2, W = _modes(body, kept)
+    Z = kept @ W
+    infos = [
+        ModeInfo(k, "elastic", frequency, True, "", kinetic_share=tuple(along))
+        for k, (frequency, along) in enumerate(
+            zip(_hertz(omega2), np.einsum("bbij,ik,jk->kb", body.Mab, Z, Z), strict=True)
+        )
+    ]
+    outside = [
+        ModeInfo(-1, "elastic", frequency, False, f"out of the plane {plane}")
+        for frequency in _hertz(_modes(body, dropped)[0])
+    ]
+    nodes, surface = body.nodes, body.surface
+    if nodes is not None:
+        turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
+        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning)
+    if surface is not None:
+        surface = Surface(
+            surface.points, surface.faces, surface.lines, surface.modes @ Z, surface.node_ids
+        )
+    return replace(
+        body,
+        p=body.p @ Z,
+        P=body.P @ Z,
+        Mab=Z.T @ body.Mab @ Z,
+        K=_symmetric(Z.T @ body.K @ Z),
+        D=None if body.D is None else _symmetric(Z.T @ body.D @ Z),
+        interfaces=tuple(
+            Interface(part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z)
+            for part in body.interfaces
+        ),
+        modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
+        surface=surface,
+        nodes=nodes,
+    )
+
+
+def _modes(body: FlexBody, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squared frequencies and mass-normalised modes within a subspace (m, k)."""
+    if not shapes.shape[1]:
+        return np.zeros(0), np.zeros((0, 0))
+    K, M = (_symmetric(shapes.T @ matrix @ shapes) for matrix in (body.K, body.M_eta))
+    omega2, W = eigh(K, M)
+    largest = np.abs(W).argmax(axis=0)
+    return omega2, W * np.sign(W[largest, np.arange(len(largest))])
+
+
+def _check_interfaces(body: FlexBody, n: FloatArray) -> None:
+    """Refuse interfaces that leave the plane by more than 1 % of the mode's largest motion."""
+    if not body.interfaces:
+        return
+    length = body.characteristic_length
+    motion = np.array([part.Phi_t for part in body.interfaces])
+    turning = length * np.array([part.Phi_r for part in body.interfaces])
+    whole = np.sqrt((motion**2 + turning**2).sum(axis=1))
+    share = out_of_plane(motion, turning, n) / np.maximum(whole.max(axis=0), 1e-300)
+    share[:, whole.max(axis=0) < 1e-9 * whole.max()] = 0.0
+    problems = [
+        Problem(
+            f"body {body.name}",
+            f"mode {k} moves the interface {body.interfaces[i].name} out of the plane "
+            f"{plane_name(n)} by {_percent(share[i, k])} of its largest motion: keep the scene "
+            "spatial, or put the interface into the plane of symmetry",
+        )
+        for i, k in np.argwhere(share > LARGEST_SHARE)
+    ]
+    if problems:
+        raise ReductionError.from_problems(problems)
+
+
+def _in_plane(part: Interface, n: FloatArray) -> Interface:
+    N = np.outer(n, n)
+    return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r)
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _hertz(omega2: Iterable[float]) -> list[float]:
+    return [float(np.sqrt(max(value, 0.0)) / (2 * np.pi)) for value in omega2]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"

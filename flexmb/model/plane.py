@@ -1,0 +1,176 @@
+"""Planar scenes: everything moves in parallel planes, and what does not lie in them is refused.
+
+A planar model is the spatial one with coordinates and equations left out. Bodies keep two
+translations, the rotation about the normal and modes in the plane; joints keep the equations in it.
+Reactions out of the plane are not computed: they are no part of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.flexbody.planes import PLANES
+from flexmb.model import lookup
+from flexmb.model.bodies import BodySpec
+from flexmb.model.forces import LoadSpec
+from flexmb.model.functions import Function
+from flexmb.model.joints import JOINT_TYPES, JointSpec
+from flexmb.model.names import GROUND
+from flexmb.model.orientation import rotation_matrix
+from flexmb.model.reading import given
+
+if TYPE_CHECKING:
+    from flexmb.model.model import Model
+
+__all__ = [
+    "across",
+    "axis_of_joint",
+    "keeps_plane",
+    "normal_in_body",
+    "plane_axes",
+    "plane_in_body",
+    "planar_problems",
+    "read_plane",
+]
+
+Array = NDArray[np.float64]
+_ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
+
+
+def read_plane(value: Any) -> tuple[str | None, list[Problem]]:
+    """The plane of a scene, None for a spatial one; or the problem."""
+    if value is None or value in PLANES:
+        return value, []
+    names = tuple(PLANES)
+    near = nearest(str(value), names)
+    return None, [Problem("plane", f"unknown plane {given(value)}", names, near)]
+
+
+def plane_axes(plane: str) -> tuple[int, int, int]:
+    """Global axes of a plane: two in it and its normal, right-handed (x, y, z = 0, 1, 2)."""
+    n = int(np.argmax(PLANES[plane]))
+    return (n + 1) % 3, (n + 2) % 3, n
+
+
+def normal_in_body(spec: BodySpec, plane: str) -> Array:
+    """Normal (3,) of the plane in the axes of a placed body."""
+    turned: Array = rotation_matrix(spec.orientation).T @ np.array(PLANES[plane])
+    return turned
+
+
+def plane_in_body(spec: BodySpec, plane: str) -> str:
+    """Name of the plane in the axes of a placed body that lies in it."""
+    about = int(np.argmax(np.abs(normal_in_body(spec, plane))))
+    return next(name for name, normal in PLANES.items() if normal[about])
+
+
+def axis_of_joint(model: Model, joint: JointSpec, flexbodies: lookup.Bodies) -> Array:
+    """Global direction (3,) of the axis of a joint in the placed pose."""
+    I = lookup.frames(model, joint.between, joint.axis, flexbodies)[0]  # noqa: E741
+    A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
+    direction: Array = A @ I.R[:, 2]
+    return direction
+
+
+def across(vector: Iterable[float], plane: str) -> bool:
+    """Whether a vector is along the normal (or zero)."""
+    v = np.array(list(vector))
+    return bool(np.linalg.norm(np.cross(v, PLANES[plane])) <= _ALIGNED * np.linalg.norm(v))
+
+
+def keeps_plane(vector: Iterable[float], plane: str) -> bool:
+    """Whether a vector lies in the plane (or is zero)."""
+    v = np.array(list(vector))
+    return bool(abs(v @ np.array(PLANES[plane])) <= _ALIGNED * np.linalg.norm(v))
+
+
+def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem]:
+    """What a planar scene cannot hold, with scene paths."""
+    plane = model.plane
+    if plane is None:
+        return
+    if model.gravity is not None and not keeps_plane(model.gravity, plane):
+        yield Problem("gravity", f"leads out of the plane {plane}")
+    for name, spec in model.bodies.items():
+        yield from _body(f"bodies.{name}", spec, plane)
+    for name, joint in model.joints.items():
+        yield from _joint(model, f"joints.{name}", joint, flexbodies, plane)
+    yield from _coordinates(model, flexbodies, plane)
+    for name, force in model.forces.items():
+        if isinstance(force, LoadSpec):
+            yield from _load(model, f"forces.{name}", force, plane)
+
+
+def _body(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
+    normal = np.abs(normal_in_body(spec, plane))
+    if np.sort(normal)[1] > _ALIGNED:
+        what = f"no axis of the body is normal to the plane {plane}; turn it within the plane only"
+        yield Problem(f"{where}.orientation", what)
+    for marker, asked in spec.asked_velocities.items():
+        at = where if marker == "origin" and not spec.initial else f"{where}.initial.{marker}"
+        if asked.velocity is not None and not keeps_plane(asked.velocity, plane):
+            yield Problem(f"{at}.velocity", f"leads out of the plane {plane}")
+        if asked.angular_velocity is not None and not across(asked.angular_velocity, plane):
+            yield Problem(f"{at}.angular_velocity", f"is not about the normal of {plane}")
+
+
+def _joint(
+    model: Model, where: str, joint: JointSpec, flexbodies: lookup.Bodies, plane: str
+) -> Iterator[Problem]:
+    if not JOINT_TYPES[joint.type].has_axis:
+        return
+    try:
+        axis = axis_of_joint(model, joint, flexbodies)
+    except FlexmbError:
+        return  # its markers are told elsewhere
+    about, along = across(axis, plane), keeps_plane(axis, plane)
+    if joint.type == "revolute" and not about:
+        yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+    elif joint.type == "prismatic" and not along:
+        yield Problem(f"{where}.axis", f"must lie in the plane {plane}")
+    elif not (about or along):
+        yield Problem(f"{where}.axis", f"must lie in the plane {plane} or be normal to it")
+
+
+def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterator[Problem]:
+    """A cylindrical joint keeps one of its two coordinates."""
+    used = [(f"drivers.{n}", d.joint, d.coordinate) for n, d in model.drivers.items()]
+    for n, force in model.forces.items():
+        coordinate = getattr(force, "coordinate", None)
+        if coordinate is not None:
+            used.append((f"forces.{n}", force.joint, coordinate))  # type: ignore[union-attr]
+    for where, name, coordinate in used:
+        joint = model.joints.get(name)
+        if joint is None or joint.type != "cylindrical":
+            continue
+        about = across(axis_of_joint(model, joint, flexbodies), plane)
+        if coordinate != ("angle" if about else "stroke"):
+            yield Problem(where, f'in the plane {plane} the joint "{name}" has no {coordinate}')
+
+
+def _load(model: Model, where: str, force: LoadSpec, plane: str) -> Iterator[Problem]:
+    """Components out of the plane must be the number zero."""
+    normal = np.array(PLANES[plane])
+    if force.axes == "body":
+        body = force.at.partition(".")[0]
+        if body in model.bodies:
+            try:
+                marker = lookup.placed(model, force.at, {})
+            except FlexmbError:
+                return
+            normal = marker.R.T @ normal_in_body(model.bodies[body], plane)
+    for i, function in enumerate(force.value):
+        inside = abs(normal[i]) <= _ALIGNED
+        wanted = inside if force.type == "force" else not inside
+        if not wanted and not _zero(function):
+            what = "leads out of" if force.type == "force" else "turns out of"
+            yield Problem(f"{where}.value[{i}]", f"{what} the plane {plane}")
+
+
+def _zero(function: Function) -> bool:
+    return function.expression.constant == 0.0

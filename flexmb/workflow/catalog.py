@@ -1,0 +1,262 @@
+"""What there is to choose from: joints, forces, functions, materials and so on, as tables of text.
+
+In: a topic. Out: a :class:`Listing`, read off the tables and specifications that the program itself
+works with, so that nothing in it can be out of date.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+from flexmb.errors import FlexmbError, Problem, nearest
+
+__all__ = ["METHODS", "TOPICS", "Listing", "Table", "listing"]
+
+
+class Table(NamedTuple):
+    """Rows of text under headings."""
+
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+class Listing(NamedTuple):
+    """What there is of one topic: tables with a line of text above each."""
+
+    title: str
+    tables: tuple[tuple[str, Table], ...]
+
+
+METHODS = {
+    "generalized-alpha": "implicit, second order, numerical damping by spectral_radius: "
+    "the choice for flexible bodies and stiff springs",
+    "explicit-rk": "Bogacki-Shampine 3(2) with projection onto the joints: for rigid bodies "
+    "without stiff parts",
+}
+"""What each integrator is good for; their names are those of ``dynamics.method``."""
+
+
+def listing(topic: str) -> Listing:
+    """Everything there is of a topic of ``TOPICS``.
+
+    Raises
+    ------
+    FlexmbError
+        No such topic; lists those there are, nearest first.
+    """
+    if topic not in TOPICS:
+        names = tuple(TOPICS)
+        what = f'there is nothing called "{topic}" to list'
+        raise FlexmbError.from_problems([Problem("", what, names, nearest(topic, names))])
+    return TOPICS[topic][1]()
+
+
+def _joints() -> Listing:
+    from flexmb.model.joints import JOINT_TYPES, JointSpec
+
+    rows = [
+        (
+            row.name,
+            str(row.equations),
+            _free_motions(row.name, row.freedoms),
+            ", ".join(row.coordinates),
+            row.summary,
+        )
+        for row in JOINT_TYPES.values()
+    ]
+    columns = ("joint", "equations", "leaves free", "driver", "what it does")
+    about = "In space; z is the joint's axis, driver the coordinates that a driver can prescribe:"
+    return Listing(
+        "joints: [joints.name]", ((about, Table(columns, rows)), *_fields({"a joint": JointSpec}))
+    )
+
+
+def _free_motions(joint: str, count: int) -> str:
+    """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
+    from flexmb.engine.compile.joints import JOINT_ROWS
+    from flexmb.engine.tables import DOT1, DOT2, POINT
+
+    slides, turns = set("xyz"), set("xyz")
+    for kind, a, b in JOINT_ROWS[joint]:
+        if kind == POINT or (kind == DOT2 and a == b):
+            slides.discard("xyz"[a])
+        elif kind == DOT1:
+            turns.discard("xyz"[3 - a - b])
+    if len(slides) + len(turns) != count:
+        return str(count)  # rows that hold no single motion of the axes
+    told = [f"slide {', '.join(sorted(slides))}"] if slides else []
+    told += [f"turn {', '.join(sorted(turns))}"] if turns else []
+    return "; ".join(told) or "nothing"
+
+
+def _forces() -> Listing:
+    from flexmb.model.forces import FORCE_TYPES
+
+    return Listing("forces: [forces.name]", _fields(FORCE_TYPES))
+
+
+def _sensors() -> Listing:
+    from flexmb.model.sensors import SENSOR_TYPES
+
+    return Listing("sensors: [sensors.name]", _fields(SENSOR_TYPES))
+
+
+def _shapes() -> Listing:
+    from flexmb.model.shapes import SHAPES
+
+    return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", _fields(SHAPES))
+
+
+def _drivers() -> Listing:
+    from flexmb.model.drivers import DriverSpec
+    from flexmb.model.joints import COORDINATES, JOINT_TYPES
+
+    rows = [
+        (name, ", ".join(row.name for row in JOINT_TYPES.values() if name in row.coordinates))
+        for name in COORDINATES
+    ]
+    about = "One coordinate of a joint as a function of time; its multiplier is the actuator's:"
+    return Listing(
+        "drivers: [drivers.name]",
+        ((about, Table(("coordinate", "joints that have it"), rows)),)
+        + _fields({"a driver": DriverSpec}),
+    )
+
+
+def _functions() -> Listing:
+    from flexmb.model.expression import CONSTANTS, FUNCTIONS
+    from flexmb.model.functions import FUNCTION_FORMS
+
+    known = [
+        ("functions", ", ".join(written for _, written in FUNCTIONS.values())),
+        ("constants", ", ".join(f"{name} = {value:.10g}" for name, value in CONSTANTS.items())),
+        ("operators", "+ - * / ** and parentheses"),
+    ]
+    about = "A number, an expression in t and the parameters, or a named form. Expressions know:"
+    named = 'Named forms, such as { type = "harmonic", amplitude = 2, frequency = 50 }:'
+    return Listing(
+        "functions of time t",
+        ((about, Table(("", "in expressions"), known)), (named, Table((), [])))
+        + _fields(FUNCTION_FORMS),
+    )
+
+
+def _elements() -> Listing:
+    from flexmb.fe import ELEMENTS
+    from flexmb.model.sections import SECTION_TYPES
+
+    table = Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
+    about = "Elements of a mesh that make up a flexible body; others only name groups:"
+    return Listing("elements of flexible bodies", ((about, table), *_fields(SECTION_TYPES)))
+
+
+def _methods() -> Listing:
+    from flexmb.model.dynamics import DynamicsSpec
+
+    names = get_args(DynamicsSpec.model_fields["method"].annotation)
+    rows = [(name, METHODS.get(name, "")) for name in names]
+    return Listing(
+        "methods: dynamics.method",
+        (("", Table(("method", "what it is"), rows)), *_fields({"[dynamics]": DynamicsSpec})),
+    )
+
+
+def _materials() -> Listing:
+    from flexmb.materials import LIBRARY
+
+    rows = [
+        (entry.name, f"{entry.E / 1e9:g}", f"{entry.nu:g}", f"{entry.density:g}", entry.source)
+        for entry in LIBRARY.values()
+    ]
+    about = "Linear elastic and isotropic; typical values, give your own where grades matter:"
+    columns = ("material", "E [GPa]", "nu", "density [kg/m^3]", "source")
+    return Listing("materials", ((about, Table(columns, rows)),))
+
+
+def _units() -> Listing:
+    from flexmb.units import UNIT_SYSTEMS
+
+    rows = [
+        (
+            system.name,
+            *(f"{value:.8g}" for value in (system.length, system.mass, system.time)),
+            f"{system.factor(L=1, M=1, T=-2):.8g}",
+            f"{system.factor(L=-1, M=1, T=-2):.8g}",
+        )
+        for system in UNIT_SYSTEMS.values()
+    ]
+    columns = ("system", "length [m]", "mass [kg]", "time [s]", "force [N]", "stress [Pa]")
+    return Listing("unit systems", (("One unit of each, in SI:", Table(columns, rows)),))
+
+
+def _cases() -> Listing:
+    here = Path("cases")
+    folder = here if here.is_dir() else Path(__file__).parents[2] / "cases"
+    rows = [(path.as_posix(), _title(path)) for path in sorted(folder.glob("*/scene.toml"))]
+    if not rows:
+        about = "None here: the cases come with the sources, in the folder cases. See flexmb new."
+        return Listing("cases", ((about, Table((), [])),))
+    about = "Scenes with known answers; run one with flexmb run:"
+    return Listing("cases", ((about, Table(("scene", "title"), rows)),))
+
+
+def _title(path: Path) -> str:
+    try:
+        return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
+    except (OSError, ValueError):
+        return "cannot be read"
+
+
+def _templates() -> Listing:
+    from flexmb.workflow.templates import templates
+
+    about = "Scenes to start from, written by flexmb new NAME --template TEMPLATE:"
+    return Listing("templates", ((about, Table(("template", "title"), list(templates().items()))),))
+
+
+def _fields(kinds: Mapping[str, Any]) -> tuple[tuple[str, Table], ...]:
+    """One table for each specification: what its fields hold, and their defaults."""
+    from flexmb.model.forms import described, fields_of, words
+
+    tables = []
+    for spec in dict.fromkeys(kinds.values()):
+        names = [name for name, kind in kinds.items() if kind is spec]
+        rows = [
+            (field.name, words(field.form), "required" if field.required else _told(field.default))
+            for field in fields_of(spec)
+            if field.name != "type" or field.form.get("enum", [None])[0] not in kinds
+        ]
+        about = f"{', '.join(names)}: {described(spec)}"
+        tables.append((about, Table(("field", "holds", "default"), rows)))
+    return tuple(tables)
+
+
+def _told(default: Any) -> str:
+    """A default as a scene writes it; nothing where leaving it out means leaving it out."""
+    if default is None or default == {} or default == ():
+        return ""
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, Iterable) and not isinstance(default, str):
+        return f"[{', '.join(_told(value) for value in default)}]"
+    return f"{default:g}" if isinstance(default, int | float) else str(default)
+
+
+TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
+    "joints": ("what they hold and leave free, which drivers they take", _joints),
+    "forces": ("forces, torques, springs and dampers", _forces),
+    "drivers": ("joint coordinates as functions of time", _drivers),
+    "functions": ("functions of time and what expressions know", _functions),
+    "elements": ("finite elements of flexible bodies, sections of beams", _elements),
+    "methods": ("integrators and the settings of a run", _methods),
+    "sensors": ("what a run can record", _sensors),
+    "materials": ("built-in materials, their values and sources", _materials),
+    "units": ("unit systems", _units),
+    "shapes": ("shapes of rigid bodies", _shapes),
+    "cases": ("example scenes with known answers", _cases),
+    "templates": ("scenes to start from", _templates),
+}
+"""What can be listed: a few words on it, and what makes the listing."""
