@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo
+from pydantic import SerializationInfo, ValidationInfo
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.quantities import Integer, Quantity, Text
@@ -40,7 +40,9 @@ def _flat(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _as_lists(value: Mapping[str, tuple[Any, ...]]) -> dict[str, list[Any]]:
+def _as_lists(
+    value: Mapping[str, tuple[Any, ...]], info: SerializationInfo
+) -> dict[str, list[Any]]:
     return {knob: list(values) for knob, values in value.items()}
 
 

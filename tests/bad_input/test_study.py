@@ -79,5 +79,5 @@ def test_a_study_of_which_no_run_ends_says_why_and_is_a_mistake(scene: Path) -> 
     """The good scene is no mechanism that could move: its joints lock."""
     done = call(scene, "--vary", "step=1e-1", "--workers", "1")
     assert done.exit_code == 2
-    assert "✗ step=0.1: at t = 0 s" in done.stdout
+    assert "✗ step=0.1: " in done.stdout
     assert "no run ended" in done.stdout

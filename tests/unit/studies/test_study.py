@@ -106,6 +106,29 @@ def test_another_machine_has_a_truth_of_its_own(tmp_path: Path) -> None:
     assert one == pytest.approx(other, rel=1e-6)  # the same motion, scaled
 
 
+def test_units_of_the_scene_change_nothing(study: flexmb.Study, tmp_path: Path) -> None:
+    """The same pendulum in millimetres and milliseconds, and its steps in these."""
+    text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
+    for si, other in (("g = 9.80665", "g = 9.80665e-3"), ("L = 1.0 ", "L = 1000 "),
+                      ("[1e-4,", "[100,"), ("0.03, 0.03", "30, 30")):  # fmt: skip
+        assert si in text
+        text = text.replace(si, other, 1)
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'units = "mm-kg-ms"\n{text}', encoding="utf-8")
+    steps = [1e3 * step for step in STEPS]
+    found = flexmb.study(scene, {"step": steps}, output=tmp_path, sensors=["tip"], **QUIET)
+    for quantity in ("positions", "velocities", "reactions"):
+        assert found.errors(quantity) == pytest.approx(study.errors(quantity), rel=1e-3)
+
+
+def test_error_control_keeps_what_is_asked(tmp_path: Path) -> None:
+    """Accuracy asked and accuracy found differ by less than ten times."""
+    asked = [1e-3, 1e-5]
+    found = flexmb.study(PENDULUM, {"accuracy": asked}, output=tmp_path, **QUIET)
+    ratio = found.errors("positions") / asked
+    assert ((ratio > 0.1) & (ratio < 10.0)).all()
+
+
 def test_failed_and_refused_settings_are_rows_with_their_reason(tmp_path: Path) -> None:
     """A driver that is not finite from half the run on, with every step; and a step below zero."""
     text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
