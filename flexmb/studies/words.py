@@ -9,6 +9,9 @@ from typing import Any
 __all__ = ["error_text", "headings", "label", "percent", "seconds_text", "value_text"]
 
 
+_SMALL = 1e-3  # smaller values are written with an exponent
+
+
 def error_text(value: float) -> str:
     """Two digits: ``1.5e-6``."""
     mantissa, _, exponent = f"{value:.1e}".partition("e")
@@ -28,7 +31,10 @@ def percent(share: float) -> str:
 def value_text(value: Any) -> str:
     """A knob's value; of a path its last part."""
     if isinstance(value, float):
-        return f"{value:g}".replace("e-0", "e-")
+        if not 0 < abs(value) < _SMALL:
+            return f"{value:g}"
+        mantissa, _, exponent = f"{value:.5e}".partition("e")
+        return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
     return PurePath(value).name if isinstance(value, str) and "/" in value else str(value)
 
 

@@ -123,4 +123,7 @@ def test_headings_are_as_short_as_they_can_be_told_apart() -> None:
     knobs = ("bodies.a.modes", "bodies.b.modes", "dynamics.step", "r")
     assert list(headings(knobs).values()) == ["a.modes", "b.modes", "step", "r"]
     assert label({"dynamics.step": 1e-5, "mesh": "../x/fine.msh"}) == "step=1e-5, mesh=fine.msh"
+    assert (
+        label({"a": 1e-4, "b": 0.000316, "c": 0.01, "d": 20.0}) == "a=1e-4, b=3.16e-4, c=0.01, d=20"
+    )
     assert error_text(1.52e-6) == "1.5e-6"
