@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, get_args
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
+from flexmb.studies.words import error_text
 
 __all__ = ["Search", "Tight", "Truth"]
 
@@ -72,6 +73,10 @@ class Truth:
     def shown(self, name: str) -> bool:
         """Whether errors of a quantity can be shown at all."""
         return self.reading is not None and self.floors[name] <= _HOPELESS / _AGREEMENT
+
+
+def _told(apart: Mapping[str, Difference]) -> str:
+    return ", ".join(f"{name} to {error_text(one.value)}" for name, one in apart.items())
 
 
 class Search:
@@ -130,12 +135,23 @@ class Search:
         _, apart, second, best = self._best(readings)
         floors = {name: max(one.value / _AGREEMENT, _ROUND_OFF) for name, one in apart.items()}
         found = Truth(best.reading, floors)
-        told = ", ".join(f"{name} to {one.value:.1g}" for name, one in apart.items())
-        sentence = f"reference: {best.tight.label}; agrees with {second.tight.label}: {told}"
+        sentence = (
+            f"reference: {best.tight.label}; agrees with {second.tight.label}: {_told(apart)}"
+        )
+        if second.tight.method == best.tight.method:
+            sentence += self._other_method(best)
         bad = [name for name in floors if not found.shown(name)]
         if bad:
             sentence += f"; it does not converge in {', '.join(bad)}, whose errors are not shown"
         return Truth(best.reading, floors, sentence, self.finest.physics)
+
+    def _other_method(self, best: Candidate) -> str:
+        """How far the tightest run of another method is from the reference, if one ended well."""
+        others = [one for one in self.candidates if one.tight.method != best.tight.method]
+        if not others:
+            return ""
+        nearest = max(others, key=lambda one: one.tight.stage)
+        return f"; {nearest.tight.label}: {_told(difference(nearest.reading, best.reading))}"
 
     def _best(
         self, readings: Sequence[Reading]
