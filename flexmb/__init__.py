@@ -7,7 +7,17 @@ costs next to nothing.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
+    from flexmb.errors import FlexmbError, FlexmbWarning
+    from flexmb.fe import reduce
+    from flexmb.flexbody import FlexBody, rigid_body
+    from flexmb.model import Model, load_scene, scene_schema
+    from flexmb.results import Result, load_result
+    from flexmb.studies import Study, study
+    from flexmb.view import history_figure, plot_history, render, save_figure
+    from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
 
 __version__ = "0.1.0"
 
@@ -30,6 +40,7 @@ _HOMES = {
     "simulate": "flexmb.workflow",
     "Study": "flexmb.studies",
     "study": "flexmb.studies",
+    "resume": "flexmb.workflow",
     "new_scene": "flexmb.workflow",
     "scene_schema": "flexmb.model",
     "warmup": "flexmb.workflow",
@@ -50,6 +61,7 @@ __all__ = [
     "plot_history",
     "reduce",
     "render",
+    "resume",
     "rigid_body",
     "run_scene",
     "save_figure",

@@ -71,4 +71,4 @@ def block(start: int, k: int, layout: FakeLayout | None = None) -> OutputBlock:
 
 def writer(path: Path, n_outputs: int = 20, **options: Any) -> ResultWriter:
     """An open writer of the fake run."""
-    return ResultWriter(path, FakeLayout(), n_outputs, scene=SCENE, **options)
+    return ResultWriter(path, FakeLayout(), n_outputs, **{"scene": SCENE, **options})

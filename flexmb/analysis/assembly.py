@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.analysis.gaps import check_branches, gap_problems
 from flexmb.analysis.metric import slowest_period, stiff_system
@@ -21,6 +23,7 @@ from flexmb.engine.consistent import (
     BEGIN,
     POSITIONS,
     RESIDUAL,
+    VELOCITIES,
     solve_level,
 )
 from flexmb.engine.tables import System
@@ -46,7 +49,16 @@ class Assembled:
     notes: tuple[str, ...]
 
 
-def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> Assembled:
+class Begin(NamedTuple):
+    """Where to begin instead of the placed pose."""
+
+    q: NDArray[np.float64]  # (nq,)
+    v: NDArray[np.float64]  # (nv,), NaN where the scene's own velocities hold
+
+
+def assemble(
+    compiled: Compiled, model: Model, *, start: str = "undeformed", begin: Begin | None = None
+) -> Assembled:
     """Consistent first state of a compiled model.
 
     Parameters
@@ -58,6 +70,9 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     start : {"undeformed", "quasi-static"}
         Whether flexible bodies start without deformation as far as the joints allow, or in elastic
         equilibrium with weight, loads and the inertia forces of the first motion.
+    begin : Begin, optional
+        Positions and velocities to begin from, changed no more than joints and drivers need; then
+        `start` has no say.
 
     Raises
     ------
@@ -68,7 +83,7 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.placed if begin is None else begin.q
     period = slowest_period(system)
     stiff = stiff_system(system, _RIGID * period)
     asked = AskedVelocities(compiled, model, stiff)
@@ -76,10 +91,13 @@ def assemble(compiled: Compiled, model: Model, *, start: str = "undeformed") -> 
     def close() -> None:
         _close_positions(stiff, state, work, compiled, model)
         asked.start(state)
+        if begin is not None:
+            state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
+            solve_level(stiff, state, work, VELOCITIES)
 
     close()
-    notes = asked.notes(state)
-    if start == "quasi-static" and period > 0.0:
+    notes = asked.notes(state) if begin is None else []
+    if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)

@@ -77,6 +77,7 @@ class Run:
 
     def march(self, steps: int) -> int:
         """Run some steps, or with 0 report the present state; returns the status."""
+        self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
         return int(
             march.march(
@@ -90,10 +91,14 @@ class Run:
         self.unread = False
         n = int(self.output.rows[0])
         rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
-        if n:
-            self.largest_drift = np.maximum(self.largest_drift, rows.drift.max(axis=0))
-            self.balance.add(rows.energy)
+        self.recall(rows.drift, rows.energy)
         return rows
+
+    def recall(self, drift: np.ndarray, energy: np.ndarray) -> None:
+        """Take drift (n, 2) and energy (n, energies) of rows into the statistics."""
+        if len(energy):
+            self.largest_drift = np.maximum(self.largest_drift, drift.max(axis=0))
+            self.balance.add(energy)
 
 
 class _Balance:
@@ -102,18 +107,25 @@ class _Balance:
     def __init__(self) -> None:
         self.first: float | None = None
         self.error = 0.0
-        self.scale = 0.0
+        self.least = np.array(np.inf)  # of every energy so far
+        self.most = np.array(-np.inf)
+        self.at_rest = 0.0
 
     def add(self, energy: np.ndarray) -> None:
         stored = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
         if self.first is None:
             self.first = float(stored[0])
         self.error = max(self.error, float(np.abs(stored - self.first).max()))
-        moved = max(float(np.ptp(energy, axis=0).max()), float(energy[:, 0].max()))
+        self.least = np.minimum(self.least, energy.min(axis=0))
+        self.most = np.maximum(self.most, energy.max(axis=0))
         # in a scene at rest nothing but round-off of the stored energy moves
-        self.scale = max(self.scale, moved, _AT_REST * float(np.abs(energy).max()))
+        self.at_rest = max(self.at_rest, _AT_REST * float(np.abs(energy).max()))
 
     @property
     def relative(self) -> float:
         """Mismatch over the largest energy that moved."""
-        return self.error / self.scale if self.scale > 0.0 else 0.0
+        if self.first is None:
+            return 0.0
+        moved = max(float(np.max(self.most - self.least)), float(self.most[0]))
+        scale = max(moved, self.at_rest)
+        return self.error / scale if scale > 0.0 else 0.0

@@ -11,11 +11,11 @@ from flexmb.cli import show, words
 from flexmb.cli.bars import Bars
 from flexmb.cli.guard import FAILED_CHECK, INTERRUPTED
 
-__all__ = ["check_scene", "reduce_mesh", "render_result", "run_scene"]
+__all__ = ["check_scene", "reduce_mesh", "render_result", "run_scene", "show_run"]
 
 
 def run_scene(
-    scene: Path, output: Path | None, overrides: list[str], fresh: bool, pictures: bool
+    scene: Path, output: Path | None, overrides: list[str], options: dict[str, Any]
 ) -> None:
     """Run a scene and show its summary."""
     from flexmb import workflow
@@ -26,12 +26,17 @@ def run_scene(
             scene,
             output=output,
             overrides=changes,
-            fresh=fresh,
-            pictures=pictures,
             progress=progress,
+            **options,
         )
+    show_run(report)
+
+
+def show_run(report: Any) -> None:
+    """Show the summary of a run, and end in the exit code that it deserves."""
     status = show.run_report(report)
     if status == "stopped":
+        show.line(f"resume with: flexmb resume {report.output}")
         raise typer.Exit(INTERRUPTED)
     if any(not outcome.passed for outcome in report.checks):
         raise typer.Exit(FAILED_CHECK)
@@ -71,16 +76,17 @@ def render_result(
     from flexmb.results import Result
     from flexmb.view import backend, render
 
+    result = Result(path)
     with Bars() as progress:
         progress("picture", 0.0)
         file = render(
-            Result(path),
+            result,
             time,
             exaggeration=exaggeration,
             color=look["color"] or "displacement",
             direction=direction,
             size=size,
-            output=output or path.parent / "picture.png",
+            output=output or result.path.parent / "picture.png",
         )
         progress("picture", 1.0)
     verdict = backend.probe()

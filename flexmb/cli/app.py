@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from flexmb.cli import continuing
 from flexmb.cli.guard import guarded, settings
 
 __all__ = ["app", "main"]
@@ -29,7 +30,11 @@ flexmb run cases/slider_crank/scene.toml
 
 flexmb run scene.toml --set speed="2*pi*50" --output out/fast
 
+flexmb resume out/slider_crank
+
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
+
+flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
 flexmb info out/slider_crank/rod.flexbody.h5
 
@@ -93,6 +98,14 @@ def run(
         ),
     ] = None,
     overrides: Overrides = None,
+    start_from: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Another result to begin with the end of: bodies matched by name, time from 0.",
+            show_default=False,
+        ),
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Reduce meshes anew, even if nothing changed.")
     ] = False,
@@ -104,13 +117,14 @@ def run(
 
     Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
     its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
-    again. Ctrl-C stops the run and keeps what was computed.
+    again. Ctrl-C stops the run and keeps what was computed; `flexmb resume` goes on from there.
 
     Example: flexmb run cases/slider_crank/scene.toml --set r=0.12
     """
     from flexmb.cli.actions import run_scene
 
-    run_scene(scene, output, overrides or [], fresh, not no_picture)
+    options = {"start_from": start_from, "fresh": fresh, "pictures": not no_picture}
+    run_scene(scene, output, overrides or [], options)
 
 
 @app.command()
@@ -249,6 +263,9 @@ def doctor() -> None:
     from flexmb.cli.doctor import examine
 
     examine()
+
+
+continuing.register(app)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 from rich.box import SIMPLE_HEAD
@@ -10,16 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from flexmb.cli import summary
 from flexmb.units import UnitSystem, unit_system
 
 __all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
 
-_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
-_TIME = "_s"  # statistics of this ending are times of the scene
 _NARROW = 100  # columns of tables where the output is a file or a pipe
 _ENDLESS = 10_000  # columns that no table fills
-
-Number = float | int | str
 
 
 def line(text: str) -> None:
@@ -77,6 +74,9 @@ def run_report(report: Any) -> str:
     for path in files:
         if path is not None:
             line(f"  {path}")
+    said = summary.sentence(run.statistics)
+    if said:
+        line(said)
     return run.status
 
 
@@ -92,11 +92,9 @@ def result(run: Any) -> None:
     line(gravity_in_words(run.model.get("gravity"), run.units))
     if run.status == "running":
         line("note: the run is still going on, or it was killed; what is here is whole")
-    numbers, seconds = _sorted_statistics(run.statistics, run.units)
-    if numbers:
-        table(("statistics", ""), numbers, right=(1,))
-    if seconds:
-        table(("wall time by phase", "s"), seconds, right=(1,))
+        line(f"if it was killed, resume with: flexmb resume {run.path.parent}")
+    table(("the run", "", ""), summary.work(run.statistics, run.units), right=(1,))
+    table(("wall time by phase", "s", ""), summary.costs(run.statistics), right=(1,))
     if rows:
         _energies(run)
     if rows and "largest_position_drift" not in run.statistics:
@@ -156,28 +154,11 @@ def _checks(outcomes: Sequence[Any], unit: str) -> None:
             line(f"failed: {o.sensor} at {at}; the expected value is from: {o.source}")
 
 
-def _sorted_statistics(
-    statistics: Mapping[str, Number], units: UnitSystem
-) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Counts and figures, and wall times by phase, both as rows of text."""
-    numbers, seconds = [], []
-    for name, value in statistics.items():
-        words = name.removeprefix(_SECONDS).replace("_", " ")
-        if name.startswith(_SECONDS):
-            seconds.append((words, f"{value:.3g}"))
-        elif name.endswith(_TIME):
-            words = f"{words.removesuffix(' s')} [{units.label('s')}]"
-            numbers.append((words, _number(units.outward(value, "s"))))
-        else:
-            numbers.append((words, _number(value)))
-    return numbers, seconds
-
-
 def _energies(run: Any) -> None:
-    """Energies and works that are not zero all along."""
+    """Energies and works that are not zero all along, and what is left of their balance."""
     rows = [
         (name.replace("_", " "), _energy(values[-1]), _energy(values.min()), _energy(values.max()))
-        for name, values in run.energy.items()
+        for name, values in {**run.energy, "stored less works, change": run.balance}.items()
         if values.any()
     ]
     if rows:
@@ -187,12 +168,6 @@ def _energies(run: Any) -> None:
 
 def _energy(value: float) -> str:
     return f"{value:.6g}"
-
-
-def _number(value: Number) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return f"{value:_}".replace("_", " ") if isinstance(value, int) else str(value)
 
 
 def _vector(values: Any, unit: str, units: UnitSystem) -> str:

@@ -40,7 +40,10 @@ _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
 _ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
 _SAFETY = 0.9
-_LEAST, _MOST, _KEEP = 0.2, 2.0, 1.25
+_LEAST, _MOST, _KEEP, _SHRINK = 0.2, 2.0, 1.25, 0.8
+# Velocities, whose estimate rings after a change of the step, may be off by this many times more
+# before a step is rejected; the next one is shorter anyhow.
+_PATIENCE = 4.0
 # Error of the order-3 method over the 4/3 power of the measured one (oscillator, pendulum: 3 to 7).
 _THIRD = 4.0
 # From this share of the run on the error in the end is extrapolated; it reduces the tolerance to
@@ -88,6 +91,9 @@ def proposed(settings, st, room):
     if settings.step > 0.0:
         return h
     h = min(h, max(room - 2, 1) * settings.interval)
+    if settings.determined == 1 and st.memory[SPEED] > 0.0:
+        # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
+        h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
     left = settings.end - st.t[0]
     if h >= left * (1.0 - 1e-9):
         return left
@@ -102,7 +108,7 @@ def rejected(settings, st, error, status, h):
         count[FAILED] += 1
         memory[STEP] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
-        ratio = _ratio(settings, memory, error)
+        ratio = _ratio(settings, memory, error, _PATIENCE)
         if ratio <= 1.0:
             return FINE
         count[REJECTED] += 1
@@ -116,18 +122,19 @@ def rejected(settings, st, error, status, h):
 
 
 @kernel
-def _ratio(settings, memory, error):
+def _ratio(settings, memory, error, patience):
+    """Error over what is allowed; that of velocities over `patience` times as much."""
     if settings.step > 0.0:
         return 0.0
-    ratio = _size(memory, error) / (settings.tolerance * memory[SHARE] * memory[MOTION])
+    ratio = _size(memory, error, patience) / (settings.tolerance * memory[SHARE] * memory[MOTION])
     return ratio if math.isfinite(ratio) else 1e9
 
 
 @kernel
-def _size(memory, error):
+def _size(memory, error, patience):
     """Local error of positions, or as much of the motion as that of velocities is of the speed."""
     if memory[SPEED] > 0.0:
-        return max(error[0], error[1] / memory[SPEED] * memory[MOTION])
+        return max(error[0], error[1] / (patience * memory[SPEED]) * memory[MOTION])
     return error[0]
 
 
@@ -160,10 +167,12 @@ def accepted(settings, st, error, h):
         return
     memory[JERK_ERROR] = error[1] / h**3
     _add_up(settings, st, error)
-    ratio = max(_ratio(settings, memory, error), 1e-9)
+    ratio = max(_ratio(settings, memory, error, 1.0), 1e-9)
     factor = min(_MOST, _SAFETY * ratio ** (-1.0 / 3.0))
     if factor > _KEEP:
         memory[STEP] = max(memory[STEP], h * factor)
+    elif factor < _SHRINK:
+        memory[STEP] = h * factor
 
 
 @kernel
@@ -175,7 +184,7 @@ def _add_up(settings, st, error):
     formula of order 2.
     """
     memory = st.memory
-    size = _size(memory, error)
+    size = _size(memory, error, 1.0)
     if settings.order == 3:
         size = _THIRD * memory[MOTION] * (size / memory[MOTION]) ** (4.0 / 3.0)
     memory[ERROR_SUM] += size

@@ -144,7 +144,7 @@ def _place(sys, settings, st, tr):
         copy(st.q, tr.q)
         copy(st.v, tr.v)
         copy(st.work_done, tr.work_done)
-        return _PROJECT_VELOCITIES
+        return _PROJECT_VELOCITIES if settings.step > 0.0 else _PROJECT_ALL
     h = st.t[0] - before.t[0]
     share = (now - before.t[0]) / h
     tr.t[0] = now

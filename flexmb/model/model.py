@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
@@ -41,10 +42,11 @@ __all__ = ["Model", "Source"]
 
 
 class Source(NamedTuple):
-    """The scene file a model was read from."""
+    """The scene file a model was read from, and what was changed of it on the way."""
 
     path: Path
     text: str
+    overrides: Mapping[str, Any] = MappingProxyType({})
 
 
 class Model:

@@ -46,7 +46,7 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     if problems:
         raise SceneError.from_problems(problems)
     model = build(Model, scene, path.parent)
-    model.source = Source(path.resolve(), text)
+    model.source = Source(path.resolve(), text, dict(overrides or {}))
     return model
 
 

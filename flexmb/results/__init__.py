@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from flexmb.results.extend import extend_file
 from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
+from flexmb.results.reactions import Reaction
 from flexmb.results.read import file_format
 from flexmb.results.result import Pose, Result, load_result
 
@@ -12,8 +14,10 @@ __all__ = [
     "Columns",
     "OutputBlock",
     "Pose",
+    "Reaction",
     "Result",
     "ResultWriter",
+    "extend_file",
     "file_format",
     "load_result",
 ]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from flexmb.results.layout import Columns
 from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION, widths
 
-__all__ = ["create_content", "create_state", "report_text"]
+__all__ = ["create_content", "create_state", "report_text", "reserve"]
 
 _CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes anew at most
 
@@ -38,8 +38,9 @@ def create_content(
     file.attrs["run"] = uuid4().hex  # tells a file that was written anew from the one opened first
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     for name, width in widths(columns).items():
-        _reserve(file, name, (rows,) if name == "time" else (rows, width))
+        reserve(file, name, (rows,) if name == "time" else (rows, width))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
+    file.create_dataset("span", data=_span(scene))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
     _write_layout(file.create_group("layout"), columns)
     _write_text(file, "scene", json.dumps(scene))
@@ -70,11 +71,16 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
     return np.bytes_(text)
 
 
+def _span(scene: Mapping[str, Any]) -> NDArray[np.float64]:
+    dynamics = scene.get("dynamics", {})
+    return np.array([dynamics.get(key, np.nan) for key in ("duration", "outputs")], dtype=float)
+
+
 def _plain(value: float | int | str) -> float | int | str:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
+def reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
     """A table of doubles that can grow in time, its space taken now and not filled."""
     width = max(shape[1], 1) if len(shape) > 1 else 1
     rows = max(1, min(_CHUNK_BYTES // (8 * width), shape[0]))

@@ -20,15 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.layout import Layout
-from flexmb.errors import OutputError
+from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.create import create_content, create_state, report_text
 from flexmb.results.disk import DiskFile
+from flexmb.results.finite import finite_rows, not_finite
 from flexmb.results.layout import Columns
-from flexmb.results.schema import DRIFT, STATUS, TABLES
+from flexmb.results.read import read_contents, read_state
+from flexmb.results.schema import STATUS, TABLES
+from flexmb.results.uninterrupted import uninterrupted
 
 __all__ = ["OutputBlock", "ResultWriter"]
 
 Array = NDArray[np.float64]
+
+_GROWTH = 2  # room taken for a table that grows, over its size: chunks are whole, indices need some
 
 
 @dataclass(frozen=True)
@@ -92,11 +97,47 @@ class ResultWriter:
         self._saves = 0
         self._capacity = max(int(n_outputs), 1)
         self._disk = _open_disk(self.path)
-        self._file = h5py.File(self._disk, "w")
-        create_content(
-            self._file, self.columns, self._capacity, scene, texts or {}, flexbodies or {}
-        )
-        self._flush()
+        with uninterrupted():
+            self._file = h5py.File(self._disk, "w")
+            create_content(
+                self._file, self.columns, self._capacity, scene, texts or {}, flexbodies or {}
+            )
+            self._flush()
+
+    @classmethod
+    def reopen(cls, path: str | Path) -> Self:
+        """The writer of a run that was stopped or killed, to go on after its newest whole state.
+
+        Rows after that state are dropped: the run makes them again.
+
+        Raises
+        ------
+        ResultFileError
+            No result of this flexmb, or one that was cut off before its first state was kept.
+        OutputError
+            Another run is writing the file, or it cannot be written.
+        """
+        writer = cls.__new__(cls)
+        writer.path = Path(path)
+        read_contents(writer.path)  # raises if it is none of ours
+        writer._disk = _open_disk(writer.path, anew=False)
+        try:
+            contents = read_contents(writer.path)  # as it is now that no other run writes it
+            newest = read_state(writer.path, contents.run)
+            if newest is None:
+                what = "was cut off before its first state was kept; run the scene again"
+                raise ResultFileError(f"{writer.path}: {what}")
+            with uninterrupted():
+                writer._file = h5py.File(writer._disk, "r+")
+                writer.columns, writer._rows = contents.columns, newest[0]
+                writer._saves = int(writer._file["state/saves"][:].max())
+                writer._capacity = len(writer._file["time"])
+                writer._file["progress"][:] = writer._rows, STATUS.index("running")
+                writer._flush()
+        except BaseException:
+            writer._disk.close()
+            raise
+        return writer
 
     def __enter__(self) -> Self:
         return self
@@ -126,11 +167,13 @@ class ResultWriter:
         self._check_shapes(tables)
         if not len(tables["time"]):
             return
-        good = _finite_rows(tables)
+        good = finite_rows(tables)
         if good > 0:
-            self._write_rows(tables, good)
+            with uninterrupted():
+                self._write_rows(tables, good)
         if good < len(tables["time"]):
-            raise OutputError(self._not_finite(tables, good))
+            kept = f"the {self._rows} rows until then are kept in {self.path}"
+            raise OutputError(f"{not_finite(self.columns, tables, good)}; {kept}")
 
     def save_state(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Keep the integrator's complete state; the one before it stays until this one is whole.
@@ -143,23 +186,8 @@ class ResultWriter:
         OutputError
             The disk failed.
         """
-        arrays = {name: np.asarray(value) for name, value in state.items()}
-        group = self._file["state"]
-        if self._saves == 0:
-            create_state(group, arrays)
-            self._flush()
-        slot = self._saves % 2
-        if set(arrays) != set(group[str(slot)]):
-            raise KeyError("the state's names differ from those of the first call")
-        group["saves"][slot] = 0  # not valid while it is being written
-        self._flush()
-        for name, value in arrays.items():
-            group[str(slot)][name][...] = value
-        group["rows"][slot] = self._rows
-        self._flush()
-        self._saves += 1
-        group["saves"][slot] = self._saves
-        self._flush()
+        with uninterrupted():
+            self._save_state({name: np.asarray(value) for name, value in state.items()})
 
     def finish(
         self, statistics: Mapping[str, float | int | str], status: str, message: str = ""
@@ -181,16 +209,37 @@ class ResultWriter:
             The disk failed.
         """
         code = STATUS.index(status)
-        self._file["report"][()] = report_text(statistics, message)
-        self._flush()
-        self._file["progress"][1] = code
-        self._flush()
+        if not self._file:  # the disk has failed, which was said then
+            return
+        with uninterrupted():
+            self._file["report"][()] = report_text(statistics, message)
+            self._flush()
+            self._file["progress"][1] = code
+            self._flush()
 
     def close(self) -> None:
         """Close the file; calling it again does nothing."""
         if self._file:
             self._file.close()
         self._disk.close()
+
+    def _save_state(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        group = self._file["state"]
+        if self._saves == 0:
+            create_state(group, arrays)
+            self._flush()
+        slot = self._saves % 2
+        if set(arrays) != set(group[str(slot)]):
+            raise KeyError("the state's names differ from those of the first call")
+        group["saves"][slot] = 0  # not valid while it is being written
+        self._flush()
+        for name, value in arrays.items():
+            group[str(slot)][name][...] = value
+        group["rows"][slot] = self._rows
+        self._flush()
+        self._saves += 1
+        group["saves"][slot] = self._saves
+        self._flush()
 
     def _flush(self) -> None:
         self._file.flush()
@@ -228,59 +277,20 @@ class ResultWriter:
 
     def _grow(self, rows: int) -> None:
         self._capacity = max(rows, 2 * self._capacity)
+        numbers = sum(self._file[name].size for name in TABLES)
+        self._disk.reserve(_GROWTH * 8 * numbers * self._capacity // len(self._file["time"]))
+        self._flush()
         for name in TABLES:
             self._file[name].resize(self._capacity, axis=0)
         self._flush()
 
-    def _not_finite(self, tables: dict[str, Array], row: int) -> str:
-        time = (
-            f"at t = {tables['time'][row]:g} s" if np.isfinite(tables["time"][row]) else "in time"
-        )
-        where = ", ".join(_bad_columns(self.columns, tables, row))
-        return (
-            f"the solution is no longer a finite number {time} ({where}); "
-            f"the {self._rows} rows until then are kept in {self.path}"
-        )
 
-
-def _open_disk(path: Path) -> DiskFile:
+def _open_disk(path: Path, *, anew: bool = True) -> DiskFile:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file in it")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return DiskFile(path)
+        return DiskFile(path, anew=anew)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{path}: cannot be written ({reason}); choose another folder") from error
-
-
-def _finite_rows(tables: dict[str, Array]) -> int:
-    """Number of leading rows that hold finite numbers only."""
-    k = len(tables["time"])
-    finite = np.ones(k, dtype=bool)
-    for values in tables.values():
-        finite &= np.isfinite(values.reshape(k, -1)).all(axis=1)
-    return k if finite.all() else int(np.argmin(finite))
-
-
-def _bad_columns(columns: Columns, tables: dict[str, Array], row: int) -> list[str]:
-    """Bodies, joints and channels that are not finite in this row, at most five of them."""
-    names: list[str] = []
-    for key, start in (("q", "iq"), ("v", "iv"), ("vd", "iv")):
-        bad = np.flatnonzero(~np.isfinite(tables[key][row]))
-        for index in bad:
-            owner = max(
-                (b for b in columns.bodies if getattr(b, start) <= index),
-                key=lambda b: getattr(b, start),
-            )
-            names.append(f"body {owner.name}")
-    labels = {
-        "lam": [f"constraint {name}" for name in columns.rows],
-        "reactions": [f"reaction {name}" for name in columns.reactions for _ in range(12)],
-        "sensors": [f"sensor {name}" for name in columns.channels],
-        "energy": [f"energy {name}" for name in columns.energies],
-        "drift": [f"{name} drift" for name in DRIFT],
-    }
-    for key, label in labels.items():
-        names += [label[i] for i in np.flatnonzero(~np.isfinite(tables[key][row]))]
-    return list(dict.fromkeys(names))[:5] or ["time"]

@@ -1,4 +1,4 @@
-"""Orientations between output times: evenly along the shorter arc.
+"""Between output times: the rows around a time, and orientations evenly along the shorter arc.
 
 In: Euler parameters of two rows (scalar part first, body to global). Out: those
 between. Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985
@@ -7,10 +7,14 @@ between. Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAP
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["slerp"]
+from flexmb.errors import ResultFileError
+
+__all__ = ["locate", "slerp"]
 
 Array = NDArray[np.float64]
 
@@ -28,3 +32,24 @@ def slerp(first: Array, second: Array, s: float) -> Array:
         angle = np.arccos(cosine)
         mixed = (np.sin((1.0 - s) * angle) * first + np.sin(s * angle) * second) / np.sin(angle)
     return np.asarray(mixed / np.linalg.norm(mixed))
+
+
+def locate(times: Array, time: float, path: Path, unit: str) -> tuple[int, float]:
+    """Row before `time` and the share of the way to the next one.
+
+    Raises
+    ------
+    ResultFileError
+        There are no rows, or the time is outside of them.
+    """
+    if not len(times):
+        raise ResultFileError(f"{path}: holds no output rows")
+    slack = 1e-9 * max(abs(times[0]), abs(times[-1]))  # a time the user typed in decimals
+    if not times[0] - slack <= time <= times[-1] + slack:
+        span = f"{times[0]:g} to {times[-1]:g} {unit}"
+        raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
+    i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
+    if i == len(times) - 1:
+        return i, 0.0
+    s = (time - times[i]) / (times[i + 1] - times[i])
+    return i, float(np.clip(s, 0.0, 1.0))

@@ -8,6 +8,7 @@ may replace it; then the next reading says so.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,17 @@ from flexmb.results.schema import FORMAT, STATUS, TABLES, VERSION, widths
 
 __all__ = ["Contents", "file_format", "read_contents", "read_state", "read_table"]
 
-_REQUIRED = (*TABLES, "progress", "report", "scene", "texts", "flexbodies", "state", "layout")
+_REQUIRED = (
+    *TABLES,
+    "progress",
+    "span",
+    "report",
+    "scene",
+    "texts",
+    "flexbodies",
+    "state",
+    "layout",
+)
 _LAYOUT = ("bodies", "iq", "iv", "m", "rows", "channels", "energies")
 
 
@@ -38,6 +49,7 @@ class Contents:
     statistics: dict[str, float | int | str]
     columns: Columns
     scene: dict[str, Any]
+    extended: bool  # whether duration and outputs are no longer those of the scene as begun
     texts: dict[str, str]
     flexbodies: dict[str, str]
 
@@ -108,6 +120,9 @@ def _open(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r", locking=False)
     except OSError as error:
+        if "locking flag" in str(error):
+            what = "is held open in this program by other means than flexmb; close it there first"
+            raise ResultFileError(f"{path}: {what}") from error
         what = "a damaged HDF5 file" if h5py.is_hdf5(path) else "not an HDF5 file"
         raise ResultFileError(f"{path}: is {what}, so not a result of flexmb") from error
 
@@ -139,6 +154,11 @@ def _contents(path: Path, file: h5py.File) -> Contents:
     rows, code = (int(number) for number in file["progress"][:])
     _check_tables(file, columns, rows)
     report = json.loads(file["report"][()])
+    scene = json.loads(file["scene"].asstr()[()])
+    begun_with = scene.get("dynamics", {})
+    duration, outputs = (float(number) for number in file["span"][:])
+    if math.isfinite(duration) and math.isfinite(outputs):
+        scene["dynamics"] = {**begun_with, "duration": duration, "outputs": int(outputs)}
     return Contents(
         run=str(file.attrs["run"]),
         created=str(file.attrs["created"]),
@@ -147,7 +167,8 @@ def _contents(path: Path, file: h5py.File) -> Contents:
         message=report["message"],
         statistics=report["statistics"],
         columns=columns,
-        scene=json.loads(file["scene"].asstr()[()]),
+        scene=scene,
+        extended=scene.get("dynamics", {}) != begun_with,
         texts={name: data.asstr()[()] for name, data in file["texts"].items()},
         flexbodies={name: data.asstr()[()] for name, data in file["flexbodies"].items()},
     )

@@ -1,26 +1,29 @@
-"""A result, as its file holds it: times, channels, coordinates, energies, poses, statistics.
+"""A result, as its file holds it: times, channels, reactions, energies, poses, statistics.
 
 In: the path of a ``result.h5``, also of one that is still being written or was cut off by a kill.
-Out: arrays over time by name, read when asked for. Times, channels and energies are in the unit
-system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in the file.
-The file is not held open.
+Out: arrays over time by name, read when asked for. Times, channels, reactions and energies are in
+the unit system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in the
+file. The file is not held open.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import ResultFileError
+from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.model.orientation import rotation_matrix
-from flexmb.model.sensors import channel_unit
-from flexmb.results.layout import Columns
-from flexmb.results.pose import slerp
-from flexmb.results.read import read_contents, read_state, read_table
-from flexmb.units import UnitSystem, unit_system
+from flexmb.results.channels import Channel, all_channels, channels
+from flexmb.results.copying import copy_result
+from flexmb.results.export import write_csv
+from flexmb.results.notebook import html
+from flexmb.results.pose import locate, slerp
+from flexmb.results.reactions import Reaction, find_side, sides
+from flexmb.results.stored import Stored
 
 __all__ = ["Pose", "Result", "load_result"]
 
@@ -35,13 +38,13 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result:
+class Result(Stored):
     """The result of one run.
 
     Parameters
     ----------
     path : path
-        A result file.
+        A result file, or the folder that holds ``result.h5``.
 
     Attributes
     ----------
@@ -56,10 +59,10 @@ class Result:
         Steps, iterations, seconds by phase and so on.
     model : dict
         The scene that was run.
-    units : UnitSystem
-        The unit system of times, channels and energies: that of the scene.
     texts : dict
         Further texts, such as the scene file's own.
+    units : UnitSystem
+        The unit system of times, channels, reactions and energies: that of the scene.
     layout : Columns
         Names and offsets of bodies, rows, channels and energies.
     flexbodies : dict of str to Path
@@ -71,119 +74,88 @@ class Result:
         No such file, not HDF5, not a flexmb result, another version, or damaged.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self._contents = read_contents(self.path)
-        self._tables: dict[str, Array] = {}
+    _channels: dict[str, Channel] | None = None
 
     @property
-    def status(self) -> str:
-        """How the run ended, or ``"running"``."""
-        return self._contents.status
+    def reactions(self) -> tuple[str, ...]:
+        """Names of the joints and drivers that have reactions."""
+        return tuple(pair.name for pair in sides(self.layout, self.model))
 
-    @property
-    def message(self) -> str:
-        """One sentence on the end of a run that stopped or failed; else empty."""
-        return self._contents.message
+    def reaction(self, name: str, on: str = "J") -> Reaction:
+        """What a joint or driver does to one of its two bodies, over time.
 
-    @property
-    def created(self) -> str:
-        """When the run was started, ISO 8601 in UTC."""
-        return self._contents.created
+        Action and reaction: ``on="I"`` and ``on="J"`` give opposite forces, each in the axes of its
+        own marker (z: the joint's axis), and moments about its own marker. A driver's are beside
+        those of its joint, not in them.
 
-    @property
-    def statistics(self) -> dict[str, float | int | str]:
-        """Steps, iterations, seconds by phase and so on."""
-        return self._contents.statistics
+        Parameters
+        ----------
+        name : str
+            A joint or driver, such as ``"crank_pin"``.
+        on : str
+            The body it acts on, such as ``"rod"``, or its marker there, such as ``"rod.big_end"``;
+            ``"I"`` or ``"J"``: the first or second of the joint's ``between``.
 
-    @property
-    def model(self) -> dict[str, Any]:
-        """The scene that was run, as data."""
-        return self._contents.scene
+        Returns
+        -------
+        Reaction
+            ``force`` and ``moment``, (n, 3) in the scene's units, on marker ``on``, by ``by``.
 
-    @property
-    def units(self) -> UnitSystem:
-        """The unit system of the scene, in which times, channels and energies are."""
-        return unit_system(str(self.model.get("units", "SI")))
+        Raises
+        ------
+        ResultFileError
+            No such joint or driver, or it does not act there.
+        """
+        number, side, pair = find_side(sides(self.layout, self.model), name, on)
+        at = 12 * number + (0 if side == "J" else 6)
+        table = self.table("reactions")[:, at : at + 6]
+        there = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
+        force, moment = self.told(table[:, :3], "N"), self.told(table[:, 3:], "N m")
+        return Reaction(force, moment, *there)
 
-    @property
-    def title(self) -> str:
-        """The title of the scene."""
-        return str(self.model.get("title", ""))
+    def channels(self, what: str = "sensors") -> tuple[str, ...]:
+        """Names that ``result[name]`` knows.
 
-    @property
-    def texts(self) -> dict[str, str]:
-        """Further texts kept with the result, such as the scene file's own."""
-        return self._contents.texts
+        Parameters
+        ----------
+        what : str
+            ``"sensors"`` (such as slider.x), ``"reactions"`` (crank_pin.rod.force.x: what the joint
+            does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``
+            or ``"coordinates"`` (rod.r.x, rod.eta.0).
 
-    @property
-    def layout(self) -> Columns:
-        """Names and offsets of bodies, constraint rows, channels and energies."""
-        return self._contents.columns
-
-    @property
-    def flexbodies(self) -> dict[str, Path]:
-        """For each flexible body the path of its file."""
-        folder = self.path.parent
-        return {name: folder / file for name, file in self._contents.flexbodies.items()}
-
-    @property
-    def time(self) -> Array:
-        """Output times (n,) in the scene's units."""
-        return self._told(self._table("time"), "s")
-
-    @property
-    def q(self) -> Array:
-        """Positions (n, nq), SI: per body r, p, eta."""
-        return self._table("q")
-
-    @property
-    def v(self) -> Array:
-        """Velocities (n, nv), SI: per body r_dot (global axes), w (body axes), eta_dot."""
-        return self._table("v")
-
-    @property
-    def vd(self) -> Array:
-        """Accelerations (n, nv), SI: the time derivative of `v`."""
-        return self._table("vd")
-
-    @property
-    def lam(self) -> Array:
-        """Constraint multipliers (n, nc) [N or N m], columns named by ``layout.rows``."""
-        return self._table("lam")
-
-    @property
-    def energy(self) -> dict[str, Array]:
-        """Energies and works by name, each (n,) in the scene's units."""
-        table = self._told(self._table("energy"), "J")
-        return {name: table[:, i] for i, name in enumerate(self.layout.energies)}
-
-    @property
-    def drift(self) -> Array:
-        """Largest violation of the constraints (n, 2): at position level, at velocity level."""
-        return self._table("drift")
+        Raises
+        ------
+        ResultFileError
+            No such kind.
+        """
+        return tuple(channel.name for channel in channels(self.layout, self.model, what))
 
     def __getitem__(self, channel: str) -> Array:
-        """A sensor channel over time (n,) in the scene's units: ``result["slider.x"]``.
+        """A channel over time (n,) in the scene's units: ``result["slider.x"]``; see `channels`.
 
         Raises
         ------
         ResultFileError
             No such channel; lists those there are, nearest first.
         """
-        values = self._table("sensors")[:, self.layout.channel(channel)]
-        return self._told(values, self._unit(channel))
+        found = self._channel(channel)
+        if found.table == "balance":
+            return self.balance
+        return self.told(self.table(found.table)[:, found.column], found.unit)
+
+    def __contains__(self, channel: object) -> bool:
+        """Whether there is a channel of that name."""
+        return channel in self._known()
 
     def unit(self, channel: str) -> str:
-        """The unit of a channel in the scene's system, such as m/s² or mm.
+        """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
 
         Raises
         ------
         ResultFileError
             No such channel.
         """
-        self.layout.channel(channel)
-        return self.units.label(self._unit(channel), raised=True)
+        return self.units.label(self._channel(channel).unit, raised=True)
 
     def pose(self, body: str, time: float) -> Pose:
         """Where a body is at a time, interpolated between the rows.
@@ -206,18 +178,11 @@ class Result:
             No such body, or a time outside the run.
         """
         columns = self.layout.body(body)
-        i, s = self._locate(time)
+        i, s = locate(self.time, time, self.path, self.units.label("s"))
         rows = self.q[[i, min(i + 1, len(self.time) - 1)], columns.iq :]
         mixed = (1.0 - s) * rows[0] + s * rows[1]
         A = rotation_matrix(slerp(rows[0, 3:7], rows[1, 3:7], s))
         return Pose(r=mixed[:3], A=A, eta=mixed[7 : 7 + columns.m])
-
-    def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
-        """The newest whole state of the integrator, and how many rows were written before it.
-
-        None where the run was cut off before the first state was kept.
-        """
-        return read_state(self.path, self._contents.run)
 
     def plot(self, *channels: str, output: str | Path | None = None) -> Any:
         """Draw channels over time: a matplotlib ``Figure``, also written to `output` if given.
@@ -243,49 +208,73 @@ class Result:
             flexmb.save_figure(figure, output)
         return figure
 
-    def close(self) -> None:
-        """Let go of the arrays read so far; the file itself is never held open."""
-        self._tables.clear()
+    def to_csv(
+        self, path: str | Path, channels: Sequence[str] = (), *, what: str = "sensors"
+    ) -> Path:
+        """Write channels over time to a CSV file, with their units in the header.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        channels : sequence of str
+            Names of channels; none: all of the kind `what`.
+        what : str
+            A kind of channels, as for `channels`.
+
+        Raises
+        ------
+        ResultFileError
+            No such channels, or the result has no rows.
+        OutputError
+            The file cannot be written.
+        """
+        return write_csv(self, path, channels, what)
+
+    def save(self, path: str | Path) -> Result:
+        """Copy the result and the files of its flexible bodies; the copy needs nothing else.
+
+        Parameters
+        ----------
+        path : path
+            A folder, made if it is missing, which gets ``result.h5`` and the bodies' files beside
+            it; or a file that ends in ``.h5``, with the bodies' files beside that.
+
+        Returns
+        -------
+        Result
+            The copy, which can be drawn and resumed like the original.
+
+        Raises
+        ------
+        OutputError
+            The run still goes on, another flexible body of the same name is there, or the place
+            cannot be written.
+        """
+        return Result(copy_result(self, Path(path)))
 
     def __repr__(self) -> str:
-        span = f"0..{self.time[-1]:g} {self.units.label('s')}" if len(self.time) else "no rows"
+        t = self.time
+        span = f"{t[0]:g}..{t[-1]:g} {self.units.label('s')}" if len(t) else "no rows"
         return f'<Result "{self.title}" {self.status}: {self._contents.rows} rows, {span}>'
 
-    def _table(self, name: str) -> Array:
-        if name not in self._tables:
-            contents = self._contents
-            table = read_table(self.path, contents.run, name, contents.rows)
-            table.flags.writeable = False  # shared by all who ask
-            self._tables[name] = table
-        return self._tables[name]
+    def _repr_html_(self) -> str:
+        """What notebooks show: how the run went, and its history."""
+        return html(self)
 
-    def _told(self, values: Array, unit: str) -> Array:
-        """SI values in the scene's units, read-only like the table they are from."""
-        told: Array = self.units.outward(values, unit)
-        told.flags.writeable = False
-        return told
+    def _known(self) -> dict[str, Channel]:
+        if self._channels is None:
+            self._channels = all_channels(self.layout, self.model)
+        return self._channels
 
-    def _unit(self, channel: str) -> str:
-        """SI unit of a channel."""
-        sensors = self.model.get("sensors", {})
-        types = {name: str(sensor.get("type", "")) for name, sensor in sensors.items()}
-        return channel_unit(types, channel) or ""
-
-    def _locate(self, time: float) -> tuple[int, float]:
-        """Row before `time` and the share of the way to the next one."""
-        times = self.time
-        if not len(times):
-            raise ResultFileError(f"{self.path}: holds no output rows")
-        slack = 1e-9 * max(abs(times[0]), abs(times[-1]))  # a time the user typed in decimals
-        if not times[0] - slack <= time <= times[-1] + slack:
-            unit = self.units.label("s")
-            span = f"{times[0]:g} to {times[-1]:g} {unit}"
-            raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
-        i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
-        if i == len(times) - 1:
-            return i, 0.0
-        s = (time - times[i]) / (times[i + 1] - times[i])
-        return i, float(np.clip(s, 0.0, 1.0))
+    def _channel(self, name: str) -> Channel:
+        known = self._known()
+        if name not in known:
+            likely = nearest(name, known)
+            allowed = self.layout.channels or ("energy.kinetic", "drift.position")
+            what = f'the result has no channel "{name}"'
+            raise ResultFileError.from_problems([Problem("", what, allowed, likely)])
+        return known[name]
 
 
 def load_result(path: str | Path) -> Result:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["history_figure", "plot_history", "save_figure"]
 
 _DPI = 150
+_FURTHER_UNITS = {"force": "N", "moment": "N m", "energy": "J"}  # of what sensors do not measure
 _PREFIXED = ("m", "m/s", "m/s²", "s")
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
@@ -139,7 +140,8 @@ def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
             ls=("-", "--", ":")[i // len(LINES) % 3],
             label=name,
         )
-    labels = {result.units.label(si, raised=True): word for word, si in CHANNEL_UNITS.items()}
+    words = {**CHANNEL_UNITS, **_FURTHER_UNITS}.items()
+    labels = {result.units.label(si, raised=True): word for word, si in words}
     quantity = labels.get(unit, "value")
     axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
     axes.set_facecolor("white")

@@ -8,6 +8,7 @@ from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
 from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
+from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import run_model, run_scene, simulate
 from flexmb.workflow.templates import new_scene, templates
 from flexmb.workflow.warmup import Warmed, warmup
@@ -25,6 +26,8 @@ __all__ = [
     "new_scene",
     "output_folder",
     "reduce_mesh",
+    "resume",
+    "resume_run",
     "run_model",
     "run_scene",
     "simulate",

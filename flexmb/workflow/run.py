@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import tempfile
 import time
 import warnings
@@ -11,13 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from flexmb.errors import FlexmbWarning, OutputError, SceneError, SolverError
 from flexmb.progress import Progress, silent
+from flexmb.workflow.begin import beginning
 from flexmb.workflow.bodies import flexible_bodies
+from flexmb.workflow.finish import finish
+from flexmb.workflow.origin import ORIGIN, origin_text
 from flexmb.workflow.place import output_folder
-from flexmb.workflow.reports import CheckOutcome, RunReport
+from flexmb.workflow.reports import RunReport
 
 if TYPE_CHECKING:
     from flexmb.model import Model
@@ -31,6 +31,7 @@ def run_scene(
     *,
     output: str | Path | None = None,
     overrides: Mapping[str, str] | None = None,
+    start_from: Result | str | Path | None = None,
     fresh: bool = False,
     pictures: bool = True,
     progress: Progress = silent,
@@ -45,6 +46,8 @@ def run_scene(
         Folder of the results; `out/<name of the scene's folder>` by default.
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
+    start_from : Result or path, optional
+        Another run whose last row this one begins with, bodies matched by name, at time 0.
     fresh : bool
         Reduce meshes anew even if an equal reduction is there.
     pictures : bool
@@ -63,13 +66,21 @@ def run_scene(
     model = load_scene(path, dict(overrides or {}))
     if output is None:
         output = output_folder(path)
-    return run_model(model, output, fresh=fresh, pictures=pictures, progress=progress)
+    return run_model(
+        model,
+        output,
+        start_from=start_from,
+        fresh=fresh,
+        pictures=pictures,
+        progress=progress,
+    )
 
 
 def run_model(
     model: Model,
     output: str | Path,
     *,
+    start_from: Result | str | Path | None = None,
     fresh: bool = False,
     pictures: bool = True,
     progress: Progress = silent,
@@ -87,42 +98,34 @@ def run_model(
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
-    prepared = prepare(compiled, model, progress=progress)
-    result = folder / "result.h5"
-    scene = model.to_scene_dict(folder, {name: file.name for name, file in files.items()})
-    texts = {"scene": model.source.text} if model.source else {}
+    other = beginning(model, compiled, bodies, start_from) if start_from is not None else None
+    prepared = prepare(
+        compiled, model, begin=other.begin if other is not None else None, progress=progress
+    )
+    if other is not None:
+        notes += [*other.notes, *other.changes(compiled, prepared.run.state, model.units)]
     names = {name: file.name for name, file in files.items()}
-    rows = model.dynamics.outputs + 1
+    texts = {"scene": model.source.text} if model.source is not None else {}
+    texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
     with ResultWriter(
-        result, compiled.layout, rows, scene=scene, flexbodies=names, texts=texts
+        folder / "result.h5",
+        compiled.layout,
+        model.dynamics.outputs + 1,
+        scene=model.to_scene_dict(folder, names),
+        flexbodies=names,
+        texts=texts,
     ) as writer:
         outcome = integrate(prepared, writer, progress=progress)
-        statistics = {**outcome.statistics, "seconds_flexible_bodies": reduced - started}
-        writer.finish(statistics, outcome.status, outcome.message)
-    notes += outcome.notes
-    if outcome.message:
-        notes.append(outcome.message)
-    run = Result(result)
-    picture, history = _draw(model, run, folder, progress) if pictures else (None, None)
-    if outcome.status == "failed":
-        kept = f"{result} keeps the {len(run.time)} outputs until then"
-        raise SolverError(f"{outcome.message}; {kept}")
-    return RunReport(
-        folder,
-        result,
-        files,
-        picture,
-        history,
-        statistics,
-        notes,
-        _checks(model, run),
-    )
+        seconds = {"seconds_flexible_bodies": reduced - started}
+        writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
+    return finish(model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress)
 
 
 def simulate(
     model: Model,
     *,
     output: str | Path | None = None,
+    start_from: Result | str | Path | None = None,
     progress: Progress = silent,
     **dynamics: Any,
 ) -> Result:
@@ -133,7 +136,10 @@ def simulate(
     model : Model
         The model.
     output : path, optional
-        Folder to keep the files in; a temporary one by default.
+        Folder to keep the files in. By default a temporary one, which is removed with the last
+        `Result` of it: `Result.save` keeps it.
+    start_from : Result or path, optional
+        Another run whose last row this one begins with, bodies matched by name, at time 0.
     progress : Progress
         Told every phase.
     **dynamics
@@ -145,14 +151,21 @@ def simulate(
         Whatever is wrong, in one message.
     """
     from flexmb.results import Result
+    from flexmb.results.scratch import Scratch
 
     if dynamics:
         spec = model.dynamics
         given = {} if spec is None else spec.model_dump(context=model.terms)
         model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
-    folder = Path(output) if output is not None else Path(tempfile.mkdtemp(prefix="flexmb-"))
-    report = run_model(model, folder, pictures=False, progress=progress)
+    scratch = None if output is not None else Scratch()
+    folder = scratch.path if scratch is not None else Path(output or ".")
+    try:
+        report = run_model(model, folder, start_from=start_from, pictures=False, progress=progress)
+    except SolverError:  # its sentence says where the rows until then are
+        if scratch is not None:
+            scratch.keep_until_the_end()
+        raise
     unit = model.units.label("s")
     failed = [
         f"check of {c.sensor} at {c.time:g} {unit} failed: {c.value:.12g}, not {c.expected:.12g} "
@@ -174,39 +187,3 @@ def _writable(folder: Path) -> Path:
         files = [path for path in (folder, *folder.parents) if path.is_file()]
         why = f"{files[0]} is a file" if files else error.strerror
         raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
-
-
-def _draw(
-    model: Model, run: Result, folder: Path, progress: Progress
-) -> tuple[Path | None, Path | None]:
-    """Picture and history of a run that has at least one output."""
-    from flexmb.view import plot_history, render
-
-    if not len(run.time):
-        return None, None
-    progress("picture", 0.0)
-    picture = render(run, output=folder / "picture.png")
-    progress("picture", 1.0)
-    history = None
-    if model.channels():
-        progress("history", 0.0)
-        history = plot_history(run, output=folder / "history.png")
-        progress("history", 1.0)
-    return picture, history
-
-
-def _checks(model: Model, run: Result) -> list[CheckOutcome]:
-    """The scene's known answers at their times, by interpolation between outputs.
-
-    A check after the end of a stopped run has the value NaN, and fails.
-    """
-    outcomes = []
-    for check in model.checks:
-        unit = model.channel_unit(check.sensor) or ""
-        expected = model.units.written(check.value, unit)
-        tolerance = model.units.written(check.tolerance, unit)
-        time = model.units.written(check.time, "s")
-        reached = len(run.time) and time <= run.time[-1] * (1 + 1e-9) + 1e-12
-        value = float(np.interp(time, run.time, run[check.sensor])) if reached else math.nan
-        outcomes.append(CheckOutcome(check.sensor, time, value, expected, tolerance, check.source))
-    return outcomes

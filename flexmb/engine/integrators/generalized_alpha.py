@@ -235,8 +235,8 @@ def _estimate_error(sys, alpha, st, wk, h):
     κ_q = β + c/2 − 1/6 and κ_v = c²/2 − 1/12, c = α_m − α_f; the Taylor series of the formulas with
     a(t) = v̇(t + c h). The factor S of the step takes out what stiff modes and constraints do not
     let move: S⁻¹ M (a₁ − a₀) = h q⃛. Accelerations ring with alternating sign after a change of the
-    step; differences over two steps hardly see it, and right after the change the q⁗ of before is
-    taken.
+    step; means and differences over two steps hardly see it, and right after the change the q⁗ of
+    before is taken.
     """
     tr, sol, kkt = wk.trial, wk.factor.sol, sys.kkt
     nv = tr.aa.shape[0]
@@ -247,9 +247,11 @@ def _estimate_error(sys, alpha, st, wk, h):
         sol[kkt.place[nv + i]] = 0.0
     solve(kkt, wk.factor, sol)
     positions, velocities = 0.0, 0.0
+    same = h == st.memory[LAST_STEP] and st.memory[SINCE] >= 1.0
     for i in range(nv):
         tr.jerk[i] = sol[kkt.place[i]]
-        s = abs(tr.jerk[i]) * sys.weights[i]
+        smooth = 0.5 * (tr.jerk[i] + st.jerk[i]) if same else tr.jerk[i]
+        s = abs(smooth) * sys.weights[i]
         if not s <= positions:
             positions = s
         s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i]

@@ -1,0 +1,116 @@
+"""What a run cost and how good it is, in words and numbers.
+
+In: the statistics of a run, whichever it has. Out: rows for tables, and one sentence. What is not
+known is left out; what has no words here is shown under its own name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from flexmb.units import SI, UnitSystem
+
+__all__ = ["costs", "number", "sentence", "work"]
+
+Number = float | int | str
+Row = tuple[str, str, str]
+
+_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_PER_STEP = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
+_ERRORS = {
+    "estimated_error": ("estimated error", "over the peak-to-peak of the motion"),
+    "energy_balance_error": ("energy balance error", "over the energy that moved"),
+    "largest_position_drift": ("position drift", "m or rad, the largest of any constraint"),
+    "largest_velocity_drift": ("velocity drift", "m/s or rad/s, before the velocities' projection"),
+}
+_TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
+_TEN_TIMES = "ten_times_more_accuracy_costs"
+_RESUMED = "resumed_at_s"
+_PIVOTS = "replaced_pivots"
+
+
+def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
+    """Rows on steps, iterations and errors: what, how many, and what that means."""
+    rows: list[Row] = []
+    if "steps" in known:
+        rows.append(("steps", number(known["steps"]), "; ".join(_about_steps(known, units))))
+    for key, name in _PER_STEP.items():
+        if key in known:
+            share = float(known[key]) / max(float(known.get("steps", 0)), 1.0)
+            rows.append((name, number(known[key]), f"{share:.3g} per step"))
+    if known.get(_PIVOTS):
+        rows.append(("replaced pivots", number(known[_PIVOTS]), "inertia is missing somewhere"))
+    for key, (name, meaning) in _ERRORS.items():
+        if key in known:
+            rows.append((name, f"{float(known[key]):.2g}", meaning))
+    if _RESUMED in known:
+        rows.append(
+            ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")
+        )
+    spoken = {*_TOLD, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES}
+    rows += [
+        (key.replace("_", " "), number(value), "")
+        for key, value in known.items()
+        if key not in spoken and not key.startswith(_SECONDS)
+    ]
+    return rows
+
+
+def costs(known: Mapping[str, Number]) -> list[Row]:
+    """Rows on wall time: phase, seconds, and what a step costs."""
+    rows = []
+    for key, value in known.items():
+        if key.startswith(_SECONDS):
+            phase = key.removeprefix(_SECONDS)
+            rows.append((phase.replace("_", " "), f"{float(value):.3g}", _per_step(known, phase)))
+    return rows
+
+
+def sentence(known: Mapping[str, Number]) -> str:
+    """The run in one line; empty if nothing is known of it."""
+    if "steps" not in known:
+        return ""
+    text = f"{number(known['steps'])} steps"
+    if "seconds_integrate" in known and _RESUMED not in known:
+        text += f" in {float(known['seconds_integrate']):.3g} s"
+    errors = [
+        f"{name} {float(known[key]):.1g}"
+        for key, name in (
+            ("estimated_error", "estimated error"),
+            ("energy_balance_error", "energy balance"),
+            ("largest_position_drift", "drift"),
+        )
+        if key in known
+    ]
+    if errors:
+        text += f": {', '.join(errors)}"
+    if _TEN_TIMES in known:
+        factor = float(known[_TEN_TIMES])
+        text += f"; ten times more accuracy would cost about {factor:.2g} times the time"
+    return text
+
+
+def number(value: Number) -> str:
+    """A number as tables show it: thousands apart, six digits."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:_}".replace("_", " ") if isinstance(value, int) else str(value)
+
+
+def _about_steps(known: Mapping[str, Number], units: UnitSystem) -> Iterator[str]:
+    if "step_s" in known:
+        yield f"of {units.say(float(known['step_s']), 's')}"
+    if "smallest_step_s" in known and "largest_step_s" in known:
+        least = units.outward(float(known["smallest_step_s"]), "s")
+        yield f"of {least:.3g} to {units.say(float(known['largest_step_s']), 's', 3)}"
+    if "rejected_steps" in known:
+        yield f"{number(known['rejected_steps'])} rejected"
+    if known.get("failed_steps"):
+        yield f"{number(known['failed_steps'])} failed and tried shorter"
+
+
+def _per_step(known: Mapping[str, Number], phase: str) -> str:
+    if phase != "integrate" or _RESUMED in known or not known.get("steps"):
+        return ""
+    microseconds = 1e6 * float(known["seconds_integrate"]) / float(known["steps"])
+    return f"{microseconds:.3g} µs per step"

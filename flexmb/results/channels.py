@@ -1,0 +1,98 @@
+"""Everything of a result that is one number over time, by name and unit.
+
+In: the columns of a result and its scene. Out: names such as ``slider.x`` (a sensor's),
+``crank_pin.rod.force.x`` (what the joint does to that body), ``energy.kinetic``, ``drift.position``
+and ``rod.eta.0``, each with its table, its column there and its unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.model.sensors import channel_unit
+from flexmb.results.layout import Columns
+from flexmb.results.reactions import Sides, sides
+from flexmb.results.schema import DRIFT
+
+__all__ = ["BALANCE", "GROUPS", "Channel", "all_channels", "channels"]
+
+GROUPS = ("sensors", "reactions", "energy", "drift", "coordinates")
+BALANCE = "energy.balance"
+
+
+class Channel(NamedTuple):
+    """One column of a result."""
+
+    name: str
+    table: str
+    column: int
+    unit: str  # that of SI
+
+
+def all_channels(columns: Columns, scene: Mapping[str, Any]) -> dict[str, Channel]:
+    """All channels by name; a sensor's name goes before any other that is equal."""
+    found: dict[str, Channel] = {}
+    for group in GROUPS:
+        for channel in channels(columns, scene, group):
+            found.setdefault(channel.name, channel)
+    return found
+
+
+def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Channel, ...]:
+    """The channels of one of `GROUPS`, in order.
+
+    Raises
+    ------
+    ResultFileError
+        No such group.
+    """
+    if group == "sensors":
+        return tuple(_sensors(columns, scene))
+    if group == "reactions":
+        return tuple(_reactions(sides(columns, scene)))
+    if group == "energy":
+        energies = [
+            Channel(f"energy.{name}", "energy", i, "J") for i, name in enumerate(columns.energies)
+        ]
+        return (*energies, Channel(BALANCE, "balance", 0, "J"))
+    if group == "drift":
+        return tuple(Channel(f"drift.{name}", "drift", i, "") for i, name in enumerate(DRIFT))
+    if group == "coordinates":
+        return tuple(_coordinates(columns))
+    what = f'a result has no channels of the kind "{group}"'
+    raise ResultFileError.from_problems([Problem("", what, GROUPS, nearest(group, GROUPS))])
+
+
+def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
+    types = {name: str(spec.get("type", "")) for name, spec in scene.get("sensors", {}).items()}
+    for i, name in enumerate(columns.channels):
+        yield Channel(name, "sensors", i, channel_unit(types, name) or "")
+
+
+def _reactions(found: tuple[Sides, ...]) -> Iterator[Channel]:
+    for i, pair in enumerate(found):
+        for side, body in zip("JI", (pair.body_J, pair.body_I), strict=True):
+            at = 12 * i + (0 if side == "J" else 6)
+            for k, (what, unit) in enumerate((("force", "N"), ("moment", "N m"))):
+                for c, axis in enumerate("xyz"):
+                    name = f"{pair.name}.{body}.{what}.{axis}"
+                    yield Channel(name, "reactions", at + 3 * k + c, unit)
+
+
+def _coordinates(columns: Columns) -> Iterator[Channel]:
+    for body in columns.bodies:
+        names = [(f"r.{axis}", "m") for axis in "xyz"] + [(f"p.{i}", "") for i in range(4)]
+        names += [(f"eta.{i}", "") for i in range(body.m)]
+        for i, (name, unit) in enumerate(names):
+            yield Channel(f"{body.name}.{name}", "q", body.iq + i, unit)
+        names = [(f"r_dot.{axis}", "m/s") for axis in "xyz"]
+        names += [(f"w.{axis}", "rad/s") for axis in "xyz"]
+        names += [(f"eta_dot.{i}", "1/s") for i in range(body.m)]
+        for i, (name, unit) in enumerate(names):
+            yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
+    n = len(columns.coordinates)  # scalar ones stand behind the bodies
+    for i, name in enumerate(columns.coordinates):
+        yield Channel(name, "q", columns.nq - n + i, "")
+        yield Channel(f"{name}.rate", "v", columns.nv - n + i, "")

@@ -1,0 +1,96 @@
+"""Reactions of joints and drivers: which two markers, which columns, on which body.
+
+In: the columns of a result, its scene, the name of a joint or driver and a side. Out: force and
+moment over time. The table holds per joint or driver twelve columns: force and moment on marker J
+in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis). The
+two are action and reaction: equal and opposite as forces; the moments differ by the arm between the
+markers. A driver's are beside those of its joint, not in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.results.layout import Columns
+
+__all__ = ["Reaction", "Sides", "find_side", "sides"]
+
+Array = NDArray[np.float64]
+
+
+class Reaction(NamedTuple):
+    """What a joint or driver does to a body, over time, in the joint's axes there."""
+
+    force: Array  # (n, 3) on the marker
+    moment: Array  # (n, 3) about the marker
+    on: str  # the marker, such as "rod.big_end"
+    by: str  # the marker on the other side
+
+
+class Sides(NamedTuple):
+    """The two markers of a joint or driver."""
+
+    path: str  # such as "joints.crank_pin"
+    name: str  # the same without its section, where that is enough
+    I: str  # noqa: E741  references such as "crank.pin"
+    J: str
+
+    @property
+    def body_I(self) -> str:
+        """Body of marker I."""
+        return self.I.partition(".")[0]
+
+    @property
+    def body_J(self) -> str:
+        """Body of marker J."""
+        return self.J.partition(".")[0]
+
+
+def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
+    """Both markers of all that has a reaction, in the order of the table."""
+    joints = scene.get("joints", {})
+    drivers = scene.get("drivers", {})
+    found = []
+    for path in columns.reactions:
+        section, _, name = path.partition(".")
+        joint = name if section == "joints" else str(drivers.get(name, {}).get("joint", ""))
+        between = joints.get(joint, {}).get("between", ("", ""))
+        shown = path if name in joints and name in drivers else name
+        found.append(Sides(path, shown, str(between[0]), str(between[1])))
+    return tuple(found)
+
+
+def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, Sides]:
+    """Number of the joint or driver, side ``"I"`` or ``"J"``, and its markers.
+
+    Parameters
+    ----------
+    found : tuple of Sides
+        From `sides`.
+    name : str
+        A joint or driver: ``crank_pin`` or ``joints.crank_pin``.
+    on : str
+        ``"I"``, ``"J"``, a body, or a marker such as ``rod.big_end``.
+
+    Raises
+    ------
+    ResultFileError
+        No such joint or driver, or it is not on that body.
+    """
+    number = next((i for i, pair in enumerate(found) if name in (pair.name, pair.path)), None)
+    if number is None:
+        names = tuple(pair.name for pair in found)
+        what = f'the result has no reaction of "{name}"'
+        raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
+    pair = found[number]
+    for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):
+        if on in (side, marker, body):
+            return number, side, pair
+    allowed = tuple(dict.fromkeys((pair.body_I, pair.body_J, pair.I, pair.J, "I", "J")))
+    what = f'{pair.path} does not act on "{on}"'
+    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(on, allowed))])
