@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.flexbody import FlexBody, rigid_body
     from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
+    from flexmb.studies import Study, study
     from flexmb.view import history_figure, plot_history, render, save_figure
     from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
 
@@ -37,6 +38,8 @@ _HOMES = {
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "Study": "flexmb.studies",
+    "study": "flexmb.studies",
     "resume": "flexmb.workflow",
     "new_scene": "flexmb.workflow",
     "scene_schema": "flexmb.model",
@@ -49,6 +52,7 @@ __all__ = [
     "FlexmbWarning",
     "Model",
     "Result",
+    "Study",
     "check_scene",
     "history_figure",
     "load_result",
@@ -63,6 +67,7 @@ __all__ = [
     "save_figure",
     "scene_schema",
     "simulate",
+    "study",
     "warmup",
 ]
 

@@ -16,6 +16,7 @@ from flexmb.units import UnitSystem, unit_system
 __all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
 
 _NARROW = 100  # columns of tables where the output is a file or a pipe
+_ENDLESS = 10_000  # columns that no table fills
 
 
 def line(text: str) -> None:
@@ -28,8 +29,17 @@ def heading(text: str) -> None:
     _console().print(text, style="bold", markup=False, highlight=False, soft_wrap=True)
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
-    """A table; the columns numbered in `right` are set flush right."""
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right: Sequence[int] = (),
+    *,
+    whole: bool = False,
+) -> None:
+    """A table; the columns numbered in `right` are set flush right.
+
+    A `whole` one is as wide as it needs to be where the output is a file or a pipe.
+    """
     named = any(columns)
     shown = Table(
         box=SIMPLE_HEAD if named else None,
@@ -42,8 +52,11 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence
         shown.add_column(escape(name), justify=justify, overflow="fold")
     for row in rows:
         shown.add_row(*(escape(cell) for cell in row))
+    console = _console()
+    if whole and not console.is_terminal:
+        console.width = max(console.width, Console(width=_ENDLESS).measure(shown).maximum)
     if shown.row_count:
-        _console().print(shown)
+        console.print(shown)
 
 
 def run_report(report: Any) -> str:

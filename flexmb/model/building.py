@@ -6,7 +6,7 @@ first each table by itself, then how they fit together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,12 +16,14 @@ from flexmb.model.checks import CheckSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import SECTIONS, read_named
 from flexmb.model.head import read_gravity, read_units
+from flexmb.model.knobs import resolve_knob
 from flexmb.model.markers import GroundSpec
 from flexmb.model.names import bad_name
 from flexmb.model.parameters import resolve
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, given, read_entry, under, unknown_key
+from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ __all__ = ["TOP_KEYS", "build"]
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics",
-    "view",
+    "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -115,6 +117,9 @@ class _Builder:
             self.model.ground = ground
         if "dynamics" in self.scene:
             self.model.dynamics = self.single("dynamics", DynamicsSpec)
+        if "study" in self.scene:
+            self.model.study = self.single("study", StudySpec)
+            self.knobs(self.model.study.vary if self.model.study else ())
         self.model.view = self.single("view", ViewSpec) or ViewSpec()
         checks = self.scene.get("check", [])
         if not isinstance(checks, list | tuple):
@@ -128,6 +133,12 @@ class _Builder:
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
                 self.model.checks.append(spec)
+
+    def knobs(self, names: Iterable[str]) -> None:
+        for name in names:
+            problem = resolve_knob(self.scene, name)[1]
+            if problem is not None:
+                self.problems += under(f"study.vary.{name}", [problem])
 
     def single(self, key: str, cls: type[S]) -> S | None:
         spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)

@@ -25,6 +25,7 @@ from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import Axis, Integer, Quantity
 from flexmb.model.reading import Entry, Reader, Spec, Variant
 from flexmb.model.sections import SECTION_TYPES, Sections
+from flexmb.model.study import StudySpec
 from flexmb.units import UNIT_SYSTEMS
 
 __all__ = ["Field", "Form", "described", "fields_of", "form_of", "reference", "words"]
@@ -149,6 +150,7 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
     return {
         _field_reader(JointSpec, "type"): lambda: {"enum": list(JOINT_TYPES)},
         _field_reader(BodySpec, "color"): lambda: _choice(COLORS),
+        _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
         _reader(UnitsName): lambda: _choice(UNIT_SYSTEMS),
         _reader(MaterialField): _material,
         _reader(Groups): lambda: {

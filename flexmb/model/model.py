@@ -31,6 +31,7 @@ from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, read_entry, under
 from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
+from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 from flexmb.units import UnitSystem, unit_system
 
@@ -96,6 +97,7 @@ class Model:
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.dynamics: DynamicsSpec | None = None
+        self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
 
@@ -184,6 +186,14 @@ class Model:
         _raise(under("dynamics", problems))
         assert spec is not None
         self.dynamics = spec
+        return spec
+
+    def set_study(self, **fields: Any) -> StudySpec:
+        """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
+        spec, problems = read_entry(StudySpec, fields, self.terms)
+        _raise(under("study", problems))
+        assert spec is not None
+        self.study = spec
         return spec
 
     def set_view(self, **fields: Any) -> ViewSpec:

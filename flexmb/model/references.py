@@ -33,7 +33,7 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    parts = (body_problems, _joints, _drivers, _forces, _sensors, _channels, _times)
+    parts = (body_problems, _joints, _drivers, _forces, _sensors, _channels, _judged, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -114,6 +114,16 @@ def _channels(scope: Scope) -> Iterator[Problem]:
     for where, name in asked:
         if name not in channels and name.partition(".")[0] not in scope.broken.get("sensors", {}):
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def _judged(scope: Scope) -> Iterator[Problem]:
+    """Sensors or channels that a study judges by."""
+    study, broken = scope.model.study, scope.broken.get("sensors", {})
+    names = (*scope.model.sensors, *scope.model.channels())
+    for i, name in enumerate(study.sensors if study is not None else ()):
+        if name not in names and name.partition(".")[0] not in broken:
+            what = f'unknown sensor or channel "{name}"'
+            yield Problem(f"study.sensors[{i}]", what, names, nearest(name, names))
 
 
 def _times(scope: Scope) -> Iterator[Problem]:

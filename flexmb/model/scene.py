@@ -14,7 +14,7 @@ from flexmb.model.building import build
 from flexmb.model.model import Model, Source
 from flexmb.model.overrides import override
 
-__all__ = ["load_scene"]
+__all__ = ["load_scene", "raw_scene"]
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
@@ -48,6 +48,18 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     model = build(Model, scene, path.parent)
     model.source = Source(path.resolve(), text, dict(overrides or {}))
     return model
+
+
+def raw_scene(path: str | Path) -> dict[str, Any]:
+    """The tables of a scene file as they stand, not checked.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is no TOML.
+    """
+    path = Path(path)
+    return _parse(path, _text(path))
 
 
 def _text(path: Path) -> str:

@@ -23,6 +23,7 @@ from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import SENSOR_TYPES
+from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
 __all__ = ["scene_schema"]
@@ -61,6 +62,7 @@ def _top() -> dict[str, Form]:
         "sensors": _named(_one_of(SENSOR_TYPES.values())),
         "check": {"type": "array", "items": reference(CheckSpec)},
         "dynamics": reference(DynamicsSpec),
+        "study": reference(StudySpec),
         "view": reference(ViewSpec),
     }
 

@@ -45,6 +45,8 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
     scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
     if model.dynamics is not None:
         scene["dynamics"] = _plain(model.dynamics, model.terms)
+    if model.study is not None:
+        scene["study"] = _plain(model.study, model.terms)
     scene["view"] = _plain(model.view, model.terms)
     return {key: value for key, value in scene.items() if value or key == "title"}
 

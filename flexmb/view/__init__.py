@@ -4,5 +4,14 @@ from __future__ import annotations
 
 from flexmb.view.picture import render
 from flexmb.view.plot import history_figure, plot_history, save_figure
+from flexmb.view.work_precision import Curve, pareto_figure, work_precision_figure
 
-__all__ = ["history_figure", "plot_history", "render", "save_figure"]
+__all__ = [
+    "Curve",
+    "history_figure",
+    "pareto_figure",
+    "plot_history",
+    "render",
+    "save_figure",
+    "work_precision_figure",
+]

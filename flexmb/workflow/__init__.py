@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
+from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import run_model, run_scene, simulate
@@ -23,6 +24,7 @@ __all__ = [
     "flexible_bodies",
     "listing",
     "new_scene",
+    "output_folder",
     "reduce_mesh",
     "resume",
     "resume_run",

@@ -16,6 +16,7 @@ from flexmb.workflow.begin import beginning
 from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.finish import finish
 from flexmb.workflow.origin import ORIGIN, origin_text
+from flexmb.workflow.place import output_folder
 from flexmb.workflow.reports import RunReport
 
 if TYPE_CHECKING:
@@ -64,8 +65,7 @@ def run_scene(
     path = Path(path)
     model = load_scene(path, dict(overrides or {}))
     if output is None:
-        name = path.resolve().parent.name if path.stem == "scene" else path.stem
-        output = Path("out") / name
+        output = output_folder(path)
     return run_model(
         model,
         output,

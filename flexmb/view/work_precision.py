@@ -1,0 +1,185 @@
+"""Error against wall time: work-precision plots, and the front of settings that no other beats.
+
+In: plain numbers by quantity and series. Out: a matplotlib ``Figure``, log-log, one pair of axes
+per quantity, the target as a line and what cannot be told from the reference's own error shaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from flexmb.errors import ViewError
+from flexmb.view.style import GHOST, INK, LINES, PAPER
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Curve", "pareto_figure", "work_precision_figure"]
+
+_DPI = 150
+_COLUMNS = 3
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_SMALL = 0.009  # smaller numbers are written as powers of ten
+_WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
+
+
+class Curve(NamedTuple):
+    """One series: its name, wall times [s], errors over the peak-to-peak, a word to each point."""
+
+    name: str
+    seconds: Sequence[float]
+    errors: Sequence[float]
+    words: Sequence[str] = ()
+
+
+Panels = Mapping[str, Sequence[Curve]]
+
+
+def work_precision_figure(
+    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
+) -> Figure:
+    """Error against wall time, one line per series, its points joined in their order.
+
+    Parameters
+    ----------
+    panels : mapping
+        Quantity to its series.
+    floors : mapping
+        Smallest error that can be shown, by quantity; less is shaded.
+    target : float
+        Error to be met, drawn as a line.
+    title, note : str
+        Above and below the plots.
+
+    Raises
+    ------
+    ViewError
+        There is no point to draw.
+    """
+    figure, grid = _figure(panels, title, note)
+    for axes, (name, curves) in zip(grid, panels.items(), strict=False):
+        for i, curve in enumerate(curves):
+            axes.loglog(
+                curve.seconds,
+                [max(error, _LEAST) for error in curve.errors],
+                color=LINES[i % len(LINES)],
+                marker=_MARKERS[i // len(LINES) % len(_MARKERS)],
+                ms=5,
+                lw=1.4,
+                label=curve.name or None,
+            )
+        _finish(axes, name, floors.get(name), target)
+    _legend(figure, grid)
+    return figure
+
+
+def pareto_figure(
+    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
+) -> Figure:
+    """Error against wall time as points, one colour per series, and the front through the best.
+
+    Parameters and errors as of :func:`work_precision_figure`.
+    """
+    figure, grid = _figure(panels, title, note)
+    for axes, (name, curves) in zip(grid, panels.items(), strict=False):
+        found = []
+        for i, curve in enumerate(curves):
+            errors = [max(error, _LEAST) for error in curve.errors]
+            axes.loglog(
+                curve.seconds, errors, ls="", ms=7, label=curve.name or None,
+                color=LINES[i % len(LINES)], marker=_MARKERS[i % len(_MARKERS)],
+            )  # fmt: skip
+            words = curve.words or [""] * len(errors)
+            found += list(zip(curve.seconds, errors, words, strict=True))
+        front = _front(found)
+        axes.step(
+            [point[0] for point in front], [point[1] for point in front],
+            where="post", color=GHOST, lw=1.2, zorder=1, label="front",
+        )  # fmt: skip
+        for second, error, word in front:
+            axes.annotate(
+                word, (second, error), xytext=(5, 5), textcoords="offset points",
+                fontsize=7, color=INK,
+            )  # fmt: skip
+        _finish(axes, name, floors.get(name), target)
+    _legend(figure, grid)
+    return figure
+
+
+def _front(points: Sequence[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
+    """The points that no other one beats in both time and error, by time."""
+    front: list[tuple[float, float, str]] = []
+    for point in sorted(points):
+        if not front or point[1] < front[-1][1]:
+            front.append(point)
+    return front
+
+
+def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if not any(len(curve.seconds) for curves in panels.values() for curve in curves):
+        raise ViewError("no run has an error to draw")
+    columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    size = (1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows)
+    figure = Figure(figsize=size, dpi=_DPI, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    figure.set_layout_engine("constrained")
+    grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for empty in grid[len(panels) :]:
+        empty.remove()
+    figure.suptitle(title, color=INK, fontsize=12, x=0.02, ha="left")
+    if note:
+        figure.supxlabel(note, color=GHOST, fontsize=7, x=0.02, ha="left")
+    return figure, grid[: len(panels)]
+
+
+def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
+    axes.set_title(name, color=INK, fontsize=10, loc="left")
+    axes.set_xlabel("wall time [s]", color=INK, fontsize=9)
+    axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
+    _ticks(axes.xaxis, axes.get_xlim())
+    _ticks(axes.yaxis, axes.get_ylim())
+    axes.set_facecolor("white")
+    axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
+    axes.tick_params(colors=INK, labelsize=8)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if floor is None:
+        return
+    axes.axhline(target, color=GHOST, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
+    low = min(axes.get_ylim()[0], 0.5 * floor)
+    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="not told from the reference")
+    axes.set_ylim(bottom=low)
+
+
+def _ticks(axis: Any, limits: tuple[float, float]) -> None:
+    """Marks at 1, 2, 5 of each decade, or where that would be many at powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(10.0, subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if value >= _SMALL else f"{value:.0e}".replace("e-0", "e-")
+
+
+def _legend(figure: Figure, grid: Sequence[Any]) -> None:
+    """One legend for all, right of the plots."""
+    named: dict[str, Any] = {}
+    for axes in grid:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    if named:
+        figure.legend(
+            list(named.values()), list(named), loc="outside right upper",
+            frameon=False, labelcolor=INK, fontsize=8,
+        )  # fmt: skip

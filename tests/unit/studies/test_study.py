@@ -1,0 +1,225 @@
+"""Studies of the pendulum from end to end: true errors, order two, runs used again, failures."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ellipj, ellipk
+
+import flexmb
+from flexmb.errors import FlexmbError, SceneError
+from flexmb.results import Result
+from flexmb.studies.pool import workers_of
+from flexmb.studies.worker import Job
+
+PENDULUM = Path(__file__).parents[3] / "cases" / "pendulum" / "scene.toml"
+STEPS = (8e-3, 4e-3, 2e-3)
+QUIET = {"workers": 1, "repeats": 1}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def study(folder: Path) -> flexmb.Study:
+    return flexmb.study(PENDULUM, {"step": STEPS}, output=folder, sensors=["tip"], **QUIET)
+
+
+def test_errors_are_the_true_ones(study: flexmb.Study) -> None:
+    """Against the closed form: the bar's angle from below is 2 asin(k sn(K - w t)), k² = 1/2."""
+    w = np.sqrt(3 * 9.80665 / 2)  # of a bar of one metre: 3 g / (2 L)
+    for row in study.rows:
+        run = Result(Path(row.folder) / "result.h5")
+        sn = ellipj(ellipk(0.5) - w * run.time, 0.5)[0]
+        below = 2 * np.arcsin(np.sqrt(0.5) * sn)
+        true = np.stack([np.sin(below), -np.cos(below)], axis=1)
+        got = np.stack([run["tip.x"], run["tip.y"]], axis=1)
+        error = np.abs(got - true).max() / np.ptp(true, axis=0).max()
+        assert row.errors["positions"].value == pytest.approx(error, rel=0.1)  # as promised
+        assert row.errors["positions"].where == "tip"
+
+
+@pytest.mark.parametrize("quantity", ["positions", "velocities", "reactions"])
+def test_generalized_alpha_shows_its_order_two(study: flexmb.Study, quantity: str) -> None:
+    steps = [row.statistics["step_s"] for row in study.rows]
+    slope = np.polyfit(np.log(steps), np.log(study.errors(quantity)), 1)[0]
+    assert 1.9 < slope < 2.1
+
+
+def test_the_reference_is_confirmed_by_another_method(study: flexmb.Study) -> None:
+    (sentence,) = study.references.values()
+    assert "generalized-alpha" in sentence
+    assert "explicit-rk" in sentence
+    smallest = study.errors("positions").min()
+    assert all(row.errors["positions"].floor <= smallest for row in study.rows)
+
+
+def test_what_is_there_is_used_again(study: flexmb.Study, folder: Path) -> None:
+    """Only runs whose record or result is gone, and a new setting, are run."""
+    records = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
+    lost = {Path(study.rows[i].folder) / "run.json" for i in (1, 2)}
+    (Path(study.rows[1].folder) / "run.json").unlink()
+    (Path(study.rows[2].folder) / "result.h5").unlink()
+    again = flexmb.study(
+        PENDULUM, {"step": [*STEPS, 1.6e-2]}, output=folder, sensors=["tip"], **QUIET
+    )
+    now = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
+    assert {path for path, when in records.items() if now[path] != when} == lost
+    assert len(now) == len(records) + 1
+    assert again.reused == len(records) - 2
+    assert again.errors("positions")[:3] == pytest.approx(study.errors("positions"), rel=1e-12)
+
+
+def test_another_mass_or_more_repeats_run_anew(study: flexmb.Study, folder: Path) -> None:
+    once = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=folder, overrides={"m": "3"}, **QUIET)
+    assert once.reused == 0
+    more = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=folder, workers=1, repeats=2)
+    assert len(more.rows[0].seconds) == 2
+
+
+def test_an_interruption_keeps_what_has_ended(tmp_path: Path) -> None:
+    def interrupt(phase: str, fraction: float, detail: str = "") -> None:
+        if phase == "study" and 0.0 < fraction < 1.0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        flexmb.study(PENDULUM, {"step": STEPS}, output=tmp_path, progress=interrupt, **QUIET)
+    kept = list(tmp_path.glob("runs/*/run.json"))
+    assert len(kept) == 1
+    assert json.loads(kept[0].read_text())["status"] == "finished"
+    assert flexmb.study(PENDULUM, {"step": STEPS}, output=tmp_path, **QUIET).reused == 1
+
+
+def test_another_machine_has_a_truth_of_its_own(tmp_path: Path) -> None:
+    """A pendulum four times as long is twice as slow, and no error of the short one."""
+    both = flexmb.study(
+        PENDULUM, {"L": [1.0, 4.0], "dynamics.step": ["period/200"]}, output=tmp_path, **QUIET
+    )
+    assert len(both.references) == 2
+    one, other = both.errors("positions")
+    assert one == pytest.approx(other, rel=1e-6)  # the same motion, scaled
+
+
+def test_units_of_the_scene_change_nothing(study: flexmb.Study, tmp_path: Path) -> None:
+    """The same pendulum in millimetres and milliseconds, and its steps in these."""
+    text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
+    for si, other in (("g = 9.80665", "g = 9.80665e-3"), ("L = 1.0 ", "L = 1000 "),
+                      ("[1e-4,", "[100,"), ("0.03, 0.03", "30, 30")):  # fmt: skip
+        assert si in text
+        text = text.replace(si, other, 1)
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'units = "mm-kg-ms"\n{text}', encoding="utf-8")
+    steps = [1e3 * step for step in STEPS]
+    found = flexmb.study(scene, {"step": steps}, output=tmp_path, sensors=["tip"], **QUIET)
+    for quantity in ("positions", "velocities", "reactions"):
+        assert found.errors(quantity) == pytest.approx(study.errors(quantity), rel=1e-3)
+
+
+def test_error_control_keeps_what_is_asked(tmp_path: Path) -> None:
+    """Accuracy asked and accuracy found differ by less than ten times."""
+    asked = [1e-3, 1e-5]
+    found = flexmb.study(PENDULUM, {"accuracy": asked}, output=tmp_path, **QUIET)
+    ratio = found.errors("positions") / asked
+    assert ((ratio > 0.1) & (ratio < 10.0)).all()
+
+
+def test_failed_and_refused_settings_are_rows_with_their_reason(tmp_path: Path) -> None:
+    """A driver that is not finite from half the run on, with every step; and a step below zero."""
+    text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
+    text = text.replace("period/4000", "period/400") + (
+        '[drivers.pull]\njoint = "pivot"\nangle = "-t + cut*sqrt(0.5 - t)"\n'
+        "[study]\nvary = { cut = [0, 1e-6], step = [1e-2, -1] }\nrepeats = 1\n"
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text.replace("[parameters]", "[parameters]\ncut = 0"), encoding="utf-8")
+    found = flexmb.study(scene, output=tmp_path / "out", workers=1)
+    status = {(row.values["cut"], row.values["dynamics.step"]): row for row in found.rows}
+    assert [row.status for row in status.values()] == ["failed", "refused"] * 2
+    assert "t = 0.5" in status[1e-6, 1e-2].reason
+    assert all("no two tight runs ended well" in told for told in found.references.values())
+    assert "no run ended" in found.summary()[-1]
+
+
+def test_a_model_from_python_is_studied_with_the_same_words(tmp_path: Path) -> None:
+    model = flexmb.Model("thrown")
+    model.add_body("stone", mass=1.0, inertia=[1, 2, 3], angular_velocity=[1.0, 0.2, 0.1])
+    model.add_marker("stone.edge", position=[0.1, 0, 0.2])
+    model.add_sensor("edge", "position", of="stone.edge")
+    model.set_dynamics(duration=1.0, step=1e-2, outputs=10)
+    found = flexmb.study(
+        model, {"method": ["generalized-alpha", "explicit-rk"]}, output=tmp_path, **QUIET
+    )
+    errors = found.errors("positions")
+    assert 0 < errors[1] < errors[0] < 1e-3
+    with pytest.raises(FlexmbError, match="overrides are for scene files"):
+        flexmb.study(model, {"step": [1]}, overrides={"a": "1"})
+
+
+def test_two_processes_give_the_same_errors(study: flexmb.Study, tmp_path: Path) -> None:
+    both = flexmb.study(
+        PENDULUM, {"step": STEPS}, output=tmp_path, sensors=["tip"], repeats=1, workers=2
+    )
+    assert both.errors("reactions") == pytest.approx(study.errors("reactions"), rel=1e-12)
+    assert all(row.cpu_seconds[0] > 0 for row in both.rows)
+
+
+def test_a_run_that_takes_too_long_is_given_up_and_tried_again_next_time(
+    study: flexmb.Study, tmp_path: Path
+) -> None:
+    scene = Result(Path(study.rows[0].folder) / "result.h5").model
+    slow = Job("slow", scene, str(tmp_path), str(tmp_path / "slow"), limit=1e-9)
+    for _ in range(2):
+        with workers_of(1, fresh=False) as pool:
+            (record,) = pool.run([slow], lambda *_: None)
+        assert record["status"] == "failed"
+        assert record["reason"].startswith("given up after 1e-09 s, at t = ")
+        assert pool.reused == 0
+
+
+class _Bomb(Job):
+    """A job that ends the process which unpacks it."""
+
+    def __reduce__(self) -> tuple[object, tuple[int]]:
+        return os._exit, (3,)
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_takes_no_other_run_with_it(
+    study: flexmb.Study, tmp_path: Path
+) -> None:
+    row = study.rows[0]
+    scene = Result(Path(row.folder) / "result.h5").model
+    good = Job("good", scene, str(tmp_path), str(tmp_path / "good"))
+    other = Job("other", scene, str(tmp_path), str(tmp_path / "other"))
+    bomb = _Bomb("bad", {}, "", str(tmp_path / "bad"))
+    with workers_of(2, fresh=False) as pool:
+        pool.run([good], lambda *_: None)
+        records = pool.run([good, bomb, other], lambda *_: None)
+    assert [record["status"] for record in records] == ["finished", "failed", "finished"]
+    assert "ended abruptly" in records[1]["reason"]
+    with pytest.raises(FlexmbError, match="__main__"), workers_of(2, fresh=True) as pool:
+        pool.run([bomb], lambda *_: None)
+
+
+def test_tight_runs_that_the_model_refuses_are_no_reference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the accuracy asked of them lies below round-off."""
+
+    def refuse(*_: object) -> None:
+        raise SceneError("dynamics.accuracy: below round-off")
+
+    monkeypatch.setattr("flexmb.studies.course.changed_model", refuse)
+    found = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=tmp_path, **QUIET)
+    assert found.rows[0].status == "finished"
+    assert found.compared == ()
+    (sentence,) = found.references.values()
+    assert "no errors are shown" in sentence
+    assert "below round-off" in sentence
+    assert found.markdown()
