@@ -1,7 +1,7 @@
 """Runs in memory for tests that compare with known truth: models in, arrays over time out.
 
-Every system gets tables of functions and sensors, empty where the model has none, so that all runs
-share the compiled time loop of the slider-crank cases; only springs and loads compile anew.
+Every system gets all tables, empty where the model has nothing for them, so that all runs share one
+compiled time loop for each method.
 """
 
 from __future__ import annotations
@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from enginekit import padded
 
 from flexmb.analysis.assembly import assemble
 from flexmb.analysis.dynamics import dynamics
 from flexmb.engine import march, method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.consistent import ACCELERATIONS, BEGIN, VELOCITIES, solve_level
-from flexmb.engine.functions import lower
-from flexmb.engine.tables import SENSOR
 from flexmb.engine.work import new_work
 
 _REFERENCES = Path(__file__).parent / "references"
@@ -31,16 +30,9 @@ def reference(file, name=None):
 
 
 def compiled(model):
-    """The compiled model, with functions and sensors even if it has none."""
+    """The compiled model, with tables of everything even if they are empty."""
     made = compile_system(model)
-    system = made.system
-    return replace(
-        made,
-        system=system._replace(
-            functions=lower([]) if system.functions is None else system.functions,
-            sensors=np.zeros(0, SENSOR) if system.sensors is None else system.sensors,
-        ),
-    )
+    return replace(made, system=padded(made.system))
 
 
 class Memory:
