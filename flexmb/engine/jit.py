@@ -13,11 +13,12 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import codegen
 from numba.core.dispatcher import Dispatcher
 
 from flexmb.cache import cache_root, writable
@@ -42,16 +43,18 @@ def source_hash(folder: Path = _ENGINE) -> str:
 def _forget_unused(root: Path, keep: Path) -> None:
     limit = time.time() - _UNUSED_DAYS * 86400.0
     for folder in root.iterdir():
-        if folder != keep and folder.is_dir() and folder.stat().st_mtime < limit:
-            shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # another process may be removing it as well
+            if folder != keep and folder.is_dir() and folder.stat().st_mtime < limit:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _open_cache() -> Path:
     folder = cache_root() / "kernels" / source_hash()
     if not writable(folder):
         return Path(tempfile.mkdtemp(prefix="flexmb-kernels-"))
-    os.utime(folder)
-    _forget_unused(folder.parent, keep=folder)
+    with suppress(OSError):  # a network disk may not keep times of folders
+        os.utime(folder)
+        _forget_unused(folder.parent, keep=folder)
     return folder
 
 
@@ -81,6 +84,43 @@ def light_compilation() -> Iterator[None]:
         numba.config.OPT = level
 
 
+class _Emission:
+    """Whether compiled code becomes machine code now."""
+
+    wanted = True
+
+
+def _skip_unless_wanted(cls: type, name: str) -> None:
+    """Let a method of the code generator do nothing while no machine code is wanted."""
+    method = getattr(cls, name, None)
+    if method is None:  # another version of Numba: all kernels become machine code, only slower
+        return
+
+    def guarded(*args: Any) -> Any:
+        return method(*args) if _Emission.wanted else None
+
+    setattr(cls, name, guarded)
+
+
+_skip_unless_wanted(codegen.JITCodeLibrary, "_finalize_specific")
+_skip_unless_wanted(codegen.JITCPUCodegen, "_add_module")
+_skip_unless_wanted(codegen.JITCPUCodegen, "set_env")
+
+
+@contextmanager
+def _without_machine_code() -> Iterator[None]:
+    """Stop at optimised intermediate code meanwhile: only entries run, with all they call linked.
+
+    Numba would make machine code of every kernel for its own, a quarter of all compile time, and
+    would bind it to an environment that only Python objects need.
+    """
+    before, _Emission.wanted = _Emission.wanted, False
+    try:
+        yield
+    finally:
+        _Emission.wanted = before
+
+
 entry = numba.njit(**_OPTIONS)
 """Decorator of the few functions that Python calls."""
 
@@ -106,9 +146,8 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _internal(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
     kernel_names.append(f"{function.__module__}.{function.__qualname__}")
-    compiled = numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True, **more)(
-        function
-    )
+    options = {**_OPTIONS, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled = numba.njit(**options, **more)(function)
     if isinstance(compiled, Dispatcher):
 
         def refuse(*_: Any, **__: Any) -> None:
@@ -116,7 +155,7 @@ def _internal(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
 
         def template(args: Any, kws: Any) -> Any:
             plain = tuple(numba.types.unliteral(arg) for arg in args)
-            with light_compilation():
+            with light_compilation(), _without_machine_code():
                 return Dispatcher.get_call_template(compiled, plain, kws)
 
         compiled._compile_for_args = refuse
