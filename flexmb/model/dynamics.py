@@ -10,7 +10,10 @@ from flexmb.errors import Problem
 from flexmb.model.quantities import Integer, Quantity, Time
 from flexmb.model.reading import Reader, Spec, fail
 
-__all__ = ["ACCURACY", "DynamicsSpec"]
+__all__ = ["ACCURACY", "INSTEAD", "DynamicsSpec"]
+
+INSTEAD = {"accuracy": "step", "step": "accuracy"}
+"""The choice that another one replaces where both are given, one after the other."""
 
 ACCURACY = 1e-4
 """What is asked for where a scene gives neither accuracy nor step."""

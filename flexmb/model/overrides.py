@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem, nearest
+from flexmb.model.dynamics import INSTEAD
 from flexmb.model.reading import given
 
 __all__ = ["override"]
 
-_INSTEAD = {"accuracy": "step", "step": "accuracy"}
 _MAKEABLE = ("dynamics", "view")  # tables whose fields all have defaults or will be missed
 
 
@@ -85,6 +85,6 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
     if parts[0] == "parameters" and key not in table:
         return Problem(where, f'unknown parameter "{key}"', tuple(table), nearest(key, table))
     table[key] = value
-    if parts[0] == "dynamics" and key in _INSTEAD:  # the new one replaces the scene's other choice
-        table.pop(_INSTEAD[key], None)
+    if parts[0] == "dynamics" and key in INSTEAD:  # the new one replaces the scene's other choice
+        table.pop(INSTEAD[key], None)
     return None

@@ -151,11 +151,14 @@ def simulate(
         Whatever is wrong, in one message.
     """
     from flexmb.results import Result
+    from flexmb.model.dynamics import INSTEAD
     from flexmb.results.scratch import Scratch
 
     if dynamics:
         spec = model.dynamics
         given = {} if spec is None else spec.model_dump(context=model.terms)
+        for new in dynamics:
+            given.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
     scratch = None if output is not None else Scratch()

@@ -28,7 +28,8 @@ def chain(n):
 
 def slider_crank(modes):
     """The case with a flexible rod of 6 + `modes` coordinates."""
-    made = load_scene(_SLIDER_CRANK, {"bodies.rod.modes": str(modes)})
+    fixed = {"dynamics.step": "1e-5", "dynamics.newton_tolerance": "1e-6"}
+    made = load_scene(_SLIDER_CRANK, {"bodies.rod.modes": str(modes), **fixed})
     rod = made.bodies["rod"]
     body = reduce(
         made.path(rod.mesh), units=rod.units, material=rod.material,
