@@ -195,6 +195,11 @@ def loop_settings(
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
+    stiff = bool(
+        system.springs is not None
+        or system.parts.coordinates is not None
+        or np.any(system.parts.bodies["m"] > 0)
+    )
     return method.Settings(
         start=0.0,
         end=spec.duration,
@@ -206,6 +211,7 @@ def loop_settings(
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         works=int(works),
+        stiff=int(stiff),
         determined=int(determined),
     )
 

@@ -14,6 +14,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import (
     AGE,
+    CALM,
     CONTRACTION,
     ERROR_SUM,
     FAILED,
@@ -44,6 +45,8 @@ _LEAST, _MOST, _KEEP, _SHRINK = 0.2, 2.0, 1.25, 0.8
 # Velocities, whose estimate rings after a change of the step, may be off by this many times more
 # before a step is rejected; the next one is shorter anyhow.
 _PATIENCE = 4.0
+# Steps after a rejection before the step grows again: until estimates have stopped to ring.
+_REST = 10.0
 # Error of the order-3 method over the 4/3 power of the measured one (oscillator, pendulum: 3 to 7).
 _THIRD = 4.0
 # From this share of the run on the error in the end is extrapolated; it reduces the tolerance to
@@ -115,6 +118,7 @@ def rejected(settings, st, error, status, h):
         memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / 3.0))
     memory[AGE] = -1.0
     memory[CONTRACTION] = 1.0
+    memory[CALM] = _REST
     smallest = _SMALLEST_PART * settings.step
     if settings.step == 0.0:
         smallest = _SMALLEST_SHARE * max(settings.end - settings.start, abs(st.t[0]))
@@ -169,7 +173,8 @@ def accepted(settings, st, error, h):
     _add_up(settings, st, error)
     ratio = max(_ratio(settings, memory, error, 1.0), 1e-9)
     factor = min(_MOST, _SAFETY * ratio ** (-1.0 / 3.0))
-    if factor > _KEEP:
+    memory[CALM] = max(memory[CALM] - 1.0, 0.0)
+    if factor > _KEEP and memory[CALM] == 0.0:
         memory[STEP] = max(memory[STEP], h * factor)
     elif factor < _SHRINK:
         memory[STEP] = h * factor

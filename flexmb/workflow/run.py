@@ -150,8 +150,8 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.results import Result
     from flexmb.model.dynamics import INSTEAD
+    from flexmb.results import Result
     from flexmb.results.scratch import Scratch
 
     if dynamics:

@@ -171,7 +171,8 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, study, view",
+        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, study, "
+        "view",
         id="unknown section",
     ),
     pytest.param(

@@ -150,8 +150,8 @@ def test_the_accuracy_asked_for_is_achieved(name):
         truth = run(make(), duration=duration, outputs=OUTPUTS, **judge).sensors
     error = worst(found.sensors, truth)
     assert 0.1 * ACCURACY < error < 10 * ACCURACY
-    # what the run itself says of its error is of that size too
-    assert 0.1 < error / found.statistics["estimated_error"] < 10
+    # what the run itself says of its error is no less; more where stiff modes still ring
+    assert 0.03 < error / found.statistics["estimated_error"] < 3
 
 
 @pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
