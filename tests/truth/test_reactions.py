@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femeshes import line
 from scipy.spatial.transform import Rotation
 from truthkit import run
 
+from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
 G = 9.81
@@ -256,6 +258,40 @@ def test_post_arm_and_tip(scene, slide):
     arm = frame.place["post.head"] - frame.place["ground.foot"]
     bent = np.cross(arm, frame.axes["post.head"] @ at["joints.slide"][0])
     assert np.linalg.norm(bent) > 1
+
+
+# --- a flexible cantilever: equilibrium in its bent shape ---
+
+
+def test_bent_cantilever():
+    """The weld bears −F and −r×F for the bent place r of the tip, and with weight its W/2 arm.
+
+    In equilibrium from the start, and it stays so.
+    """
+    bar = reduce(
+        line(8, end=(1.0, 0, 0)), material={"E": 2.1e11, "nu": 0.3, "density": 7800.0},
+        interfaces={"root": "root", "tip": "tip"}, modes=6,
+        sections={"all": rectangle(0.012, 0.02)},
+    )  # fmt: skip
+    made = Model("cantilever")
+    made.add_body("bar", bar)
+    made.add_joint("weld", "fixed", between=["ground", "bar.root"])
+    force = np.array([3.0, -5.0, 2.0])
+    made.add_force("tip", "force", at="bar.tip", value=force.tolist())
+    made.add_sensor("tip", "position", of="bar.tip")
+    knobs = {"duration": 0.01, "step": 1e-4, "outputs": 10, "start": "quasi-static"}
+    bent = run(made, newton_tolerance=1e-10, **knobs)
+    place = bent.vector("tip")
+    assert np.abs(place - [1, 0, 0]).max() > 1e-3
+    wanted = np.hstack([np.tile(-force, (11, 1)), -np.cross(place, force)])
+    np.testing.assert_allclose(bent.reactions[:, :6], wanted, rtol=0, atol=1e-8 * 5)
+    np.testing.assert_allclose(bent.reactions[:, 6:], -wanted, rtol=0, atol=1e-8 * 5)
+    made.set_gravity([0, -G, 0])
+    heavy = run(made, newton_tolerance=1e-10, **knobs).reactions[:, :6]
+    weight = bar.mass * G
+    np.testing.assert_allclose(heavy[:, :3], [0, weight, 0] + wanted[:, :3], atol=1e-8 * weight)
+    # Bent by some millimetres, its centre has come nearer by the square of that.
+    np.testing.assert_allclose(heavy[:, 5], weight / 2 + 5.0, rtol=2e-3)
 
 
 def close(found, wanted):
