@@ -40,6 +40,9 @@ from flexmb.engine.method import (
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
+# At a jump of forces the error of any step is of its own size: a step of this share of the run makes
+# it small enough.
+_JUMP_SHARE = 1e-9
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
 _LONGEST_SHARE = 0.01
@@ -117,7 +120,7 @@ def rejected(settings, st, error, status, h):
         memory[STEP] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
         ratio = _ratio(settings, memory, error, _PATIENCE)
-        if ratio <= 1.0:
+        if ratio <= 1.0 or (h <= _JUMP_SHARE * (settings.end - settings.start) and ratio < 1e9):
             return FINE
         count[REJECTED] += 1
         memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / 3.0))
