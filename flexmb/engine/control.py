@@ -40,8 +40,7 @@ from flexmb.engine.method import (
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
-# At a jump of forces the error of any step is of its own size; one of this share of the run makes it
-# small enough.
+# At a jump of forces the error of any step is of its own size; this share of the run will do.
 _JUMP_SHARE = 1e-9
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
