@@ -129,7 +129,8 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         **{
             "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
             "tolerance": 0.0, "accuracy": 0.0, "order": 2,
-            "newton_tolerance": 1e-10, "max_iterations": 15, "works": 1, "determined": 0,
+            "newton_tolerance": 1e-10, "max_iterations": 15, "works": 1, "stiff": 1,
+            "determined": 0,
             **settings,
         }
     )  # fmt: skip

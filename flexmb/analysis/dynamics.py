@@ -126,7 +126,7 @@ def prepare(
     """
     spec = model.dynamics
     if spec is None:
-        raise SceneError("the scene has no [dynamics]: give duration and step")
+        raise SceneError("the scene has no [dynamics]: give its duration")
     chosen = chosen_method(spec)
     clock = Clock()
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
@@ -170,8 +170,8 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
         notes.append(
-            f"{replaced} pivots without digits were replaced: a body has no inertia in some "
-            "direction that it can move in, or the pose is singular"
+            f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
+            "inertia in some direction that it can move in, or the pose is singular"
         )
     return Outcome(status, message, _statistics(run, clock), tuple(notes))
 
@@ -195,6 +195,11 @@ def loop_settings(
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
+    stiff = bool(
+        system.springs is not None
+        or system.parts.coordinates is not None
+        or np.any(system.parts.bodies["m"] > 0)
+    )
     return method.Settings(
         start=0.0,
         end=spec.duration,
@@ -206,6 +211,7 @@ def loop_settings(
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         works=int(works),
+        stiff=int(stiff),
         determined=int(determined),
     )
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flexmb.cli.guard import guarded
+from flexmb.errors import FlexmbError
 
 __all__ = ["register"]
 
@@ -81,11 +82,13 @@ def export(
         ),
     ] = None,
     what: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="All channels of a kind: sensors, reactions, energy, drift or coordinates."
+            help="All channels of a kind: sensors, reactions, energy, drift or coordinates; "
+            "sensors by default.",
+            show_default=False,
         ),
-    ] = "sensors",
+    ] = None,
 ) -> None:
     """Write channels over time to a table (CSV), with their units in the header.
 
@@ -96,8 +99,12 @@ def export(
     from flexmb.cli import show
     from flexmb.results import Result
 
+    if channels is not None and what is not None:
+        raise FlexmbError("give either --channels or --what: names of channels, or all of a kind")
     run = Result(result)
     names = [name.strip() for name in (channels or "").split(",") if name.strip()]
-    written = run.to_csv(output or run.path.with_suffix(".csv"), names, what=what)
-    columns = len(names) or len(run.channels(what))
-    show.line(f"written: {written} ({len(run.time)} rows of {columns} channels)")
+    kind = what or "sensors"
+    written = run.to_csv(output or run.path.with_suffix(".csv"), names, what=kind)
+    columns = len(names) or len(run.channels(kind))
+    of = "1 channel" if columns == 1 else f"{columns} channels"
+    show.line(f"written: {written} ({len(run.time)} rows of {of})")

@@ -21,8 +21,12 @@ def show_file(path: Path) -> None:
     """
     if not path.exists():
         raise FlexmbError(f"{path}: there is no such file")
+    if path.is_dir() and (path / "result.h5").is_file():
+        path = path / "result.h5"
     if path.is_dir():
-        raise FlexmbError(f"{path}: is a folder; give a result, flexible body, mesh or scene")
+        raise FlexmbError(
+            f"{path}: is a folder without a result.h5; give a result, flexible body, mesh or scene"
+        )
     if path.suffix == ".toml":
         from flexmb import workflow
 

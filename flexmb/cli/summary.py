@@ -39,7 +39,8 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
             share = float(known[key]) / max(float(known.get("steps", 0)), 1.0)
             rows.append((name, number(known[key]), f"{share:.3g} per step"))
     if known.get(_PIVOTS):
-        rows.append(("replaced pivots", number(known[_PIVOTS]), "inertia is missing somewhere"))
+        meaning = "long steps, or inertia is missing somewhere"
+        rows.append(("replaced pivots", number(known[_PIVOTS]), meaning))
     for key, (name, meaning) in _ERRORS.items():
         if key in known:
             rows.append((name, f"{float(known[key]):.2g}", meaning))

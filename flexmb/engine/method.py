@@ -55,6 +55,7 @@ class Settings(NamedTuple):
     newton_tolerance: float  # remaining Newton correction over h² v̇; 0: a share of `tolerance`
     max_iterations: int
     works: int  # 1: something does work (drivers, dampers, applied forces)
+    stiff: int  # 1: springs, flexible bodies or other stiffness
     determined: int  # 1: the constraints alone fix the motion (no free coordinate)
 
 
@@ -65,11 +66,11 @@ FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = ra
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
 # fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
 # least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
-# the share of the tolerance that leaves the accuracy in the end.
+# the share of the tolerance that leaves the accuracy in the end; steps to go before it may grow.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, ERROR_SUM, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10, 11
-SINCE, JERK_ERROR, SHARE = 12, 13, 14
-MEMORY = 15
+SINCE, JERK_ERROR, SHARE, CALM = 12, 13, 14, 15
+MEMORY = 16
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
 COUNTS = 8

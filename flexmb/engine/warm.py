@@ -57,7 +57,7 @@ def compile_kernels(
         Told the phase `compile`.
     """
     state, work = new_state(system, channels), new_work(system, channels, n_stages(method))
-    settings = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0)
+    settings = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0, 0)
     output = march.new_output(system, 1, channels)
     count = _Count(progress)
     progress("compile", 0.0)

@@ -10,13 +10,16 @@ from flexmb.errors import Problem
 from flexmb.model.quantities import Integer, Quantity, Time
 from flexmb.model.reading import Reader, Spec, fail
 
-__all__ = ["ACCURACY", "INSTEAD", "DynamicsSpec"]
+__all__ = ["ACCURACY", "INSTEAD", "ROUND_OFF", "DynamicsSpec"]
 
 INSTEAD = {"accuracy": "step", "step": "accuracy"}
 """The choice that another one replaces where both are given, one after the other."""
 
 ACCURACY = 1e-4
 """What is asked for where a scene gives neither accuracy nor step."""
+
+ROUND_OFF = 1e-12
+"""Accuracy below which the errors of a run are those of its arithmetic."""
 
 
 def _radius(value: Any, info: ValidationInfo) -> float:
@@ -30,6 +33,14 @@ def _tolerance(value: Any, info: ValidationInfo) -> float:
     number = Quantity("", "positive").read(value, info)
     if number >= 1:
         raise fail(Problem("", f"is relative and must be less than 1, is {number:g}"))
+    return number
+
+
+def _accuracy(value: Any, info: ValidationInfo) -> float:
+    number = _tolerance(value, info)
+    if number < ROUND_OFF:
+        what = f"must be at least {ROUND_OFF:g}, is {number:g}; smaller errors are round-off"
+        raise fail(Problem("", what))
     return number
 
 
@@ -47,7 +58,7 @@ class DynamicsSpec(Spec):
     """
 
     duration: Time
-    accuracy: Annotated[float, Reader(_tolerance)] | None = None
+    accuracy: Annotated[float, Reader(_accuracy)] | None = None
     step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
     method: Literal["generalized-alpha", "explicit-rk"] = "generalized-alpha"

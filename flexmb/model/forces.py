@@ -41,14 +41,14 @@ class LoadSpec(Spec):
 
 
 class ForceSpec(LoadSpec):
-    """A force."""
+    """A force on the marker ``at``; with ``axes = "body"`` it turns with the marker."""
 
     type: Literal["force"]
     value: tuple[_Force, _Force, _Force]
 
 
 class TorqueSpec(LoadSpec):
-    """A torque."""
+    """A torque on the body of the marker ``at``; with ``axes = "body"`` it turns with it."""
 
     type: Literal["torque"]
     value: tuple[_Torque, _Torque, _Torque]

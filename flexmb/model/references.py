@@ -119,7 +119,7 @@ def _channels(scope: Scope) -> Iterator[Problem]:
 def _judged(scope: Scope) -> Iterator[Problem]:
     """Sensors or channels that a study judges by."""
     study, broken = scope.model.study, scope.broken.get("sensors", {})
-    names = (*scope.model.sensors, *scope.model.channels())
+    names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
     for i, name in enumerate(study.sensors if study is not None else ()):
         if name not in names and name.partition(".")[0] not in broken:
             what = f'unknown sensor or channel "{name}"'

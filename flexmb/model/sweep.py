@@ -19,6 +19,7 @@ __all__ = ["sweep_values"]
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"\s*(?P<a>{_NUMBER})\s*\.\.\s*(?P<b>{_NUMBER})\s*(?::(?P<n>.*))?\Z")
+_HALF_RANGE = re.compile(rf"\s*(?:{_NUMBER}\s*\.\.|\.\.\s*{_NUMBER}\s*(?::|\Z))")
 _COARSE = 0.1  # relative distance of neighbours from which three digits are enough
 _MOST = 1000  # values of one knob; more is a slip of the keyboard
 
@@ -77,6 +78,8 @@ def _expanded(piece: Any) -> Iterator[Any]:
         raise _bad("a value between the commas is empty")
     found = _RANGE.match(piece)
     if found is None:
+        if _HALF_RANGE.match(piece):
+            raise _bad(f'the range "{piece.strip()}" must have two numbers: 1e-2..1e-6')
         yield _value(piece.strip())
         return
     a, b = found["a"], found["b"]

@@ -114,7 +114,7 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
 
 def _open(path: Path) -> h5py.File:
     if path.is_dir():
-        raise ResultFileError(f"{path}: is a folder; give the result file in it")
+        raise ResultFileError(f"{path}: is a folder without a result.h5")
     if not path.exists():
         raise ResultFileError(f"{path}: there is no such file")
     try:

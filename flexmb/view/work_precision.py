@@ -23,6 +23,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
 _ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
@@ -99,12 +100,8 @@ def pareto_figure(
             [point[0] for point in front], [point[1] for point in front],
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
         )  # fmt: skip
-        for second, error, word in front:
-            axes.annotate(
-                word, (second, error), xytext=(5, 5), textcoords="offset points",
-                fontsize=7, color=INK,
-            )  # fmt: skip
         _finish(axes, name, floors.get(name), target)
+        _label(axes, front, found)
     _legend(figure, grid)
     return figure
 
@@ -116,6 +113,41 @@ def _front(points: Sequence[tuple[float, float, str]]) -> list[tuple[float, floa
         if not front or point[1] < front[-1][1]:
             front.append(point)
     return front
+
+
+def _label(
+    axes: Any,
+    front: Sequence[tuple[float, float, str]],
+    points: Sequence[tuple[float, float, str]],
+) -> None:
+    """Words beside the points of the front, where they cover neither each other nor a point."""
+
+    def place(point: tuple[float, float, str]) -> tuple[float, float]:
+        x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
+        return float(x), float(y)
+
+    taken = [(x - 0.015, x + 0.015, y) for x, y in map(place, points)]
+    for point in front:
+        x, y = place(point)
+        width = _LETTER * len(point[2])
+        for ha, dx, dy in (("left", 6, 0), ("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
+            low = x + 0.02 if ha == "left" else x - 0.02 - width
+            box = (low, low + width, y + dy / 220)
+            if _free(box, taken):
+                axes.annotate(
+                    point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
+                    fontsize=7, color=INK, ha=ha, va="center",
+                )  # fmt: skip
+                taken.append(box)
+                break
+
+
+def _free(box: tuple[float, float, float], taken: Sequence[tuple[float, float, float]]) -> bool:
+    """Whether a line of text (left, right, height; shares of the axes) fits in."""
+    inside = box[0] >= 0 and box[1] <= 1
+    return inside and not any(
+        box[0] < right and left < box[1] and abs(box[2] - y) < _LINE for left, right, y in taken
+    )
 
 
 def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:

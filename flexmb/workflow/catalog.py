@@ -61,14 +61,15 @@ def _joints() -> Listing:
         (
             row.name,
             str(row.equations),
+            str(row.planar_equations),
             _free_motions(row.name, row.freedoms),
             ", ".join(row.coordinates),
             row.summary,
         )
         for row in JOINT_TYPES.values()
     ]
-    columns = ("joint", "equations", "leaves free", "driver", "what it does")
-    about = "In space; z is the joint's axis, driver the coordinates that a driver can prescribe:"
+    columns = ("joint", "equations", "in a plane", "leaves free", "driver", "what it does")
+    about = "z is the joint's axis, driver the coordinates that a driver can prescribe:"
     return Listing(
         "joints: [joints.name]", ((about, Table(columns, rows)), *_fields({"a joint": JointSpec}))
     )

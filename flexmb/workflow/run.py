@@ -92,7 +92,7 @@ def run_model(
 
     model.validate()
     if model.dynamics is None:
-        raise SceneError("the scene has no [dynamics]: give duration and step")
+        raise SceneError("the scene has no [dynamics]: give its duration")
     folder = _writable(Path(output))
     started = time.perf_counter()
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
@@ -116,7 +116,7 @@ def run_model(
         texts=texts,
     ) as writer:
         outcome = integrate(prepared, writer, progress=progress)
-        seconds = {"seconds_flexible_bodies": reduced - started}
+        seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
         writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
     return finish(model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress)
 
@@ -150,8 +150,8 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.results import Result
     from flexmb.model.dynamics import INSTEAD
+    from flexmb.results import Result
     from flexmb.results.scratch import Scratch
 
     if dynamics:

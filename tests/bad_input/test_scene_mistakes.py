@@ -122,6 +122,11 @@ ONE_LINE = [
         id="step longer than the run",
     ),
     pytest.param(
+        ("step = 1e-3", "accuracy = 1e-17"),
+        "dynamics.accuracy: must be at least 1e-12, is 1e-17; smaller errors are round-off",
+        id="accuracy below round-off",
+    ),
+    pytest.param(
         ("step = 1e-3", "step = -1e-3"),
         "dynamics.step: must be positive, is -0.001 s",
         id="negative step",
@@ -166,7 +171,8 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, study, view",
+        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, study, "
+        "view",
         id="unknown section",
     ),
     pytest.param(

@@ -14,10 +14,21 @@ def main():
         print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
     print("\nSlider-crank with a flexible rod, h = 10 us, no output")
     print(f"{'modes':>8} {'us/step':>10} {'iterations':>21} {'factors':>8}")
-    for modes in (14, 20):
+    for modes in (14, 20, 94):
         model, compiled, m = models.slider_crank(modes)
         seconds, iterations, factors = timing.per_step(model, compiled, 1e-5, 4000)
         print(f"{m:8} {1e6 * seconds:10.2f} {iterations:21.2f} {factors:8.2f}")
+    print("\nError control against as many fixed steps")
+    print(f"{'scene':>16} {'accuracy':>9} {'steps':>8} {'rejected':>9} {'ratio':>6}  iterations")
+    for name, (model, compiled) in {
+        "chain of 10": models.chain(10),
+        "chain of 100": models.chain(100),
+        "slider-crank": models.slider_crank(20)[:2],
+    }.items():
+        for accuracy in (1e-4, 1e-6):
+            ratio, steps, rejected, found = timing.control_overhead(model, compiled, accuracy)
+            both = f"{found[0]:.2f} {found[1]:.2f}"
+            print(f"{name:>16} {accuracy:9.0e} {steps:8} {rejected:9} {ratio:6.2f}  {both}")
     print(f"\nimport flexmb: {timing.import_time():.2f} s")
     fresh, warm = timing.whole_runs()
     print("\nSlider-crank case from mesh to picture [s]      fresh cache       again")

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from flexmb.analysis.assembly import assemble
 from flexmb.engine import march, method
 from flexmb.engine.work import new_work
@@ -38,7 +40,7 @@ def per_step(model, compiled, h, count):
     chosen = method.generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
-    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 2, tolerance, 15, 1, 0)
+    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 2, tolerance, 15, 1, 1, 0)
     seconds, state = [], first
     for k in range(_REPEATS + 1):
         state = type(first)(*(array.copy() for array in first))
@@ -54,6 +56,41 @@ def per_step(model, compiled, h, count):
         assert status == method.FINE, (model, status, state.t)
     share = state.count / count
     return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
+
+
+def control_overhead(model, compiled, accuracy):
+    """CPU time of a step with error control, rejected ones included, over that of as many fixed
+    steps with about as many iterations of Newton's method; steps, rejected ones, and iterations of
+    a step in both."""
+    chosen = method.generalized_alpha(0.8)
+    first = assemble(compiled, model, start=model.dynamics.start).state
+    duration, stiff = model.dynamics.duration, int(np.any(compiled.system.parts.bodies["m"] > 0))
+    controlled = method.Settings(
+        0.0, duration, duration, 0.0, 0.2 * accuracy**1.5, accuracy, 2, 0.0, 15, 1, stiff, 0
+    )
+    ratios, iterations = [], np.zeros(2)
+    for _ in range(_REPEATS + 1):
+        seconds, state = _march(compiled, chosen, controlled, first)
+        steps = int(state.count[method.STEPS])
+        fixed = method.Settings(
+            0.0, duration, duration, duration / steps, 0.0, 0.0, 2, 1e-8, 15, 1, stiff, 0
+        )
+        other, last = _march(compiled, chosen, fixed, first)
+        ratios.append(seconds / other)
+        iterations[:] = state.count[method.RESIDUALS], last.count[method.RESIDUALS]
+    return median(ratios[1:]), steps, int(state.count[method.REJECTED]), iterations / steps
+
+
+def _march(compiled, chosen, settings, first):
+    """CPU time of a whole run from the first state, and the last one."""
+    state = type(first)(*(array.copy() for array in first))
+    channels = len(compiled.layout.channels)
+    work = new_work(compiled.system, channels)
+    out = march.new_output(compiled.system, 4, channels)
+    begin = time.process_time()
+    status = march.march(compiled.system, chosen, settings, state, work, out, 10**9)
+    assert status == method.FINE, (status, state.t)
+    return time.process_time() - begin, state
 
 
 def import_time():

@@ -53,8 +53,9 @@ _GIVE_UP_ABOVE = 0.9
 _ROUND_OFF = 2e-15
 _LAST_PLACES = 1e-15
 _NOISE = 50.0
-# With error control Newton's method stops at this share of the local tolerance.
-_SHARE = 0.1
+# With error control Newton's method stops at these shares of the local tolerance of positions and
+# of velocities.
+_SHARE, _SPEED_SHARE = 0.05, 0.3
 # Steps of one size after which differences of accelerations are smooth.
 _SETTLED = 3
 # Refinements of a solve by a factor with replaced pivots.
@@ -70,14 +71,15 @@ def step(sys, alpha, settings, st, wk, h):
     cv = alpha.gamma / (alpha.beta * h)
     tr, memory, count = wk.trial, st.memory, st.count
     _predict(alpha, st, tr, h)
-    if memory[FACTOR_STEP] != h:
-        memory[AGE] = -1.0
+    if memory[FACTOR_STEP] != h and settings.stiff == 1:
+        memory[AGE] = -1.0  # without stiffness the matrix hardly knows the step
     if settings.newton_tolerance > 0.0:
         # Newton decides the accelerations: what it leaves is compared with their share of motion.
         tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
     else:
-        # A correction δ changes velocities by some δ/h.
-        tolerance = _SHARE * settings.tolerance * min(memory[MOTION], h * memory[SPEED])
+        # A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
+        allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
+        tolerance = settings.tolerance * allowed
     floor = _round_off(sys.parts.bodies, sys.weights, st.q)
     tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:

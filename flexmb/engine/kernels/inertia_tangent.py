@@ -72,6 +72,9 @@ def multiply_mass(parts, now, x, B, out, place):
     """out[place] = M x of all bodies and scalar coordinates; B is scratch."""
     for i in range(parts.bodies.shape[0]):
         body, o = parts.bodies[i], parts.bodies[i]["iv"]
+        if body["m"] == 0:
+            _multiply_rigid(body, now.body[i], x, o, out, place)
+            continue
         mass_block(body, now.body[i], parts.pool, now.Z, B)
         for r in range(6 + body["m"]):
             s = 0.0
@@ -79,6 +82,23 @@ def multiply_mass(parts, now, x, B, out, place):
                 s += B[r, c] * x[o + c]
             out[place[o + r]] = s
     coordinate.multiply_mass(parts.coordinates, x, out, place)
+
+
+@kernel
+def _multiply_rigid(body, bn, x, o, out, place):
+    """m a + A(α × c) and c × Aᵀa + J α of a rigid body with x = (a, α)."""
+    A, J, c = bn["A"], bn["J"], bn["c"]
+    fx, fy, fz = cross(x[o + 3], x[o + 4], x[o + 5], c[0], c[1], c[2])
+    fx, fy, fz = transform(A, fx, fy, fz)
+    ax, ay, az = transform_back(A, x[o], x[o + 1], x[o + 2])
+    tx, ty, tz = cross(c[0], c[1], c[2], ax, ay, az)
+    hx, hy, hz = transform(J, x[o + 3], x[o + 4], x[o + 5])
+    out[place[o]] = body["mass"] * x[o] + fx
+    out[place[o + 1]] = body["mass"] * x[o + 1] + fy
+    out[place[o + 2]] = body["mass"] * x[o + 2] + fz
+    out[place[o + 3]] = tx + hx
+    out[place[o + 4]] = ty + hy
+    out[place[o + 5]] = tz + hz
 
 
 @kernel

@@ -97,7 +97,7 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
     every = round(grid.interval / grid.step)
     duration, tolerance = model.dynamics.duration, model.dynamics.newton_tolerance or 1e-8
     settings = Settings(
-        0.0, duration, grid.interval, grid.step, 0.0, 0.0, 2, tolerance, 15, 1, determined
+        0.0, duration, grid.interval, grid.step, 0.0, 0.0, 2, tolerance, 15, 1, 0, determined
     )
     for chunk in range(20, 40):
         method = chosen_method(model.dynamics)

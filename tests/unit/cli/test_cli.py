@@ -197,6 +197,8 @@ def test_info_knows_results_bodies_meshes_and_scenes(
     workflow: Workflow, result: Path, project: Path
 ) -> None:
     assert "crank_angle" in call("info", str(result)).stdout
+    assert "crank_angle" in call("info", str(result.parent)).stdout
+    assert "is a folder without a result.h5" in call("info", str(project)).stderr
     assert "1.6 kg" in call("info", str(result.with_name("rod.flexbody.h5"))).stdout
     assert "bore_small" in call("info", str(project / "meshes" / "connecting_rod.msh")).stdout
     scene = result.with_name("scene.toml")

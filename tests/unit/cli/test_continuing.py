@@ -57,8 +57,10 @@ def test_export_names_what_there_is_not(result: Path, tmp_path: Path) -> None:
         "export", result, "--channels", "slidr.x"
     )
     assert "allowed: sensors, reactions, energy" in refused("export", result, "--what", "forces")
+    both = refused("export", result, "--what", "energy", "--channels", "slider.x")
+    assert "either --channels or --what" in both
     assert "there is no such file" in refused("export", tmp_path / "no.h5")
-    assert "is a folder" in refused("export", tmp_path)
+    assert "is a folder without a result.h5" in refused("export", tmp_path)
     (tmp_path / "file").write_text("")
     assert "cannot be written" in refused("export", result, "-o", tmp_path / "file" / "x.csv")
 
@@ -141,7 +143,7 @@ def test_what_is_not_known_is_left_out() -> None:
     assert summary.sentence({"steps": 7}) == "7 steps"
     assert summary.work({"steps": 7, "replaced_pivots": 2, "method": "x"}) == [
         ("steps", "7", ""),
-        ("replaced pivots", "2", "inertia is missing somewhere"),
+        ("replaced pivots", "2", "long steps, or inertia is missing somewhere"),
         ("method", "x", ""),
     ]
     for key in EVERYTHING:

@@ -79,7 +79,7 @@ def test_fields_come_with_their_defaults() -> None:
 
 def test_what_a_joint_leaves_free_is_as_many_motions_as_its_equations_leave() -> None:
     (_, table), *_ = workflow.listing("joints").tables
-    free = {row[0]: row[2] for row in table.rows}
+    free = {row[0]: row[3] for row in table.rows}
     assert (free["fixed"], free["revolute"], free["spherical"]) == (
         "nothing", "turn z", "turn x, y, z",
     )  # fmt: skip

@@ -129,7 +129,7 @@ def _folder(path: Path) -> None:
         (_no_q, "damaged result file .q is missing"),
         (_wrong_q, "damaged result file .q has shape"),
         (_half, "a damaged HDF5 file"),
-        (_folder, "is a folder"),
+        (_folder, "is a folder without a result.h5"),
         (Path.unlink, "there is no such file"),
     ],
 )

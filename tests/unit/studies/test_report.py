@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from flexmb.errors import FlexmbError, ViewError
 from flexmb.studies.conclusions import cost_of_a_digit
 from flexmb.studies.report import Error, Row, Study
 from flexmb.studies.words import error_text, headings, label
+from flexmb.view.work_precision import Curve, pareto_figure
 
 
 def row(step: float, modes: int, error: float, time: float, floor: float = 1e-12) -> Row:
@@ -110,6 +112,21 @@ def test_plots_have_a_panel_for_each_quantity(study: Study, tmp_path: Path) -> N
     assert drawn == pytest.approx(
         np.array([[r.time, r.errors["positions"].value] for r in study.rows[:4]])
     )
+
+
+def test_words_beside_the_front_never_cover_each_other() -> None:
+    """Twenty points on top of each other, at the right edge: few words, all inside."""
+    times = [1.0 + 0.001 * i for i in range(20)]
+    crowd = Curve("", times, [1e-3 / t for t in times], ["accuracy=1e-4"] * 20)
+    alone = Curve("", [0.01], [1.0], ["accuracy=1e-1"])
+    panels = {"positions": [crowd, alone]}
+    figure = pareto_figure(panels, {"positions": 1e-6}, target=0.01, title="t")
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert 2 <= len(boxes) < 6
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert all(axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 for box in boxes)
 
 
 def test_without_any_run_there_is_nothing_to_draw(tmp_path: Path) -> None:
