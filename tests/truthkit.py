@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from enginekit import padded
+from scipy.spatial.transform import Rotation
 
 from flexmb.analysis.assembly import assemble
 from flexmb.analysis.dynamics import dynamics
@@ -139,6 +140,26 @@ def steps(model, chosen, h, count, every, start=None, **settings):
     assert status == method.FINE, status
     tables = [np.array(table[1 : int(out.rows[0])]) for table in out[:-1]]
     return Run(made.layout, *tables, {}), state, work
+
+
+def momentum(clouds, result):
+    """(n, 6) momentum and moment of momentum about the global origin, (n, 3) centre of mass.
+
+    Summed over the point masses (`generators.Cloud`) of all bodies, in the model's order.
+    """
+    total, center = np.zeros((len(result.t), 6)), np.zeros((len(result.t), 3))
+    for cloud, body in zip(clouds, result.layout.bodies, strict=True):
+        q = result.q[:, body.iq : body.iq + 7 + body.m]
+        v = result.v[:, body.iv : body.iv + 6 + body.m]
+        A = Rotation.from_quat(q[:, [4, 5, 6, 3]]).as_matrix()
+        s = cloud.s + np.einsum("kam,nm->nka", cloud.N, q[:, 7:])
+        rate = np.einsum("kam,nm->nka", cloud.N, v[:, 6:])
+        x = q[:, None, :3] + s @ A.transpose(0, 2, 1)
+        speed = v[:, None, :3] + (np.cross(v[:, None, 3:6], s) + rate) @ A.transpose(0, 2, 1)
+        carried = cloud.mass[:, None] * speed
+        total += np.hstack([carried.sum(axis=1), np.cross(x, carried).sum(axis=1)])
+        center += cloud.mass @ x
+    return total, center / sum(cloud.mass.sum() for cloud in clouds)
 
 
 def order(h, errors):

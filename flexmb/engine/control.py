@@ -3,7 +3,8 @@
 Fixed: a step that fails is repeated in halves, quarters, ... until the next grid point is reached.
 Error control: the local error of a step, relative to the motion so far, is kept below a tolerance.
 Its third root rules the step, as the error of both methods is of order h³; the step grows only by a
-quarter at least, because each change costs a factorisation.
+quarter at least, because each change costs a factorisation, and not right after a rejection, while
+estimates still ring.
 """
 
 from __future__ import annotations
@@ -39,6 +40,11 @@ from flexmb.engine.method import (
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
+# At a jump of forces the error of any step is of its own size; this share of the run will do.
+_JUMP_SHARE = 1e-9
+# One under error control is at most this share of the run, so that what begins to happen to a scene
+# at rest is seen.
+_LONGEST_SHARE = 0.01
 _ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
 _SAFETY = 0.9
 _LEAST, _MOST, _KEEP, _SHRINK = 0.2, 2.0, 1.25, 0.8
@@ -94,6 +100,7 @@ def proposed(settings, st, room):
     if settings.step > 0.0:
         return h
     h = min(h, max(room - 2, 1) * settings.interval)
+    h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if settings.determined == 1 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
@@ -112,7 +119,7 @@ def rejected(settings, st, error, status, h):
         memory[STEP] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
         ratio = _ratio(settings, memory, error, _PATIENCE)
-        if ratio <= 1.0:
+        if ratio <= 1.0 or (h <= _JUMP_SHARE * (settings.end - settings.start) and ratio < 1e9):
             return FINE
         count[REJECTED] += 1
         memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / 3.0))

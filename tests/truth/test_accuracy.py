@@ -184,6 +184,17 @@ def test_outputs_between_steps_are_consistent():
     assert np.abs(slope - middle).max() < 1e-3 * np.abs(middle).max()
 
 
+def test_a_pulse_on_a_scene_at_rest_is_not_stepped_over():
+    """Nothing moves until a pulse of 2 % of the run: the momentum it gives, by hand."""
+    made = Model("hit")
+    made.add_body("m", mass=2, inertia=[1, 1, 1])
+    pulse = "30*(step(t, 0.6, 0, 0.601, 1) - step(t, 0.62, 0, 0.621, 1))"
+    made.add_force("hit", "force", at="m", value=[pulse, 0, 0])
+    made.add_sensor("m", "velocity", of="m")
+    found = run(made, duration=1.0, outputs=4, accuracy=1e-3)
+    assert found["m.x"][-1] == pytest.approx(30 * 0.02 / 2, rel=1e-2)
+
+
 def test_a_kink_is_met_with_small_steps():
     """A force that jumps: rejections there, the motion as by hand."""
     made = Model("pushed")

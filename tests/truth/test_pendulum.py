@@ -143,14 +143,14 @@ def test_iftomm_simple_pendulum():
         np.testing.assert_allclose(extrapolated(*got), wanted, rtol=0, atol=1e-8 * size)
 
 
-def test_double_pendulum():
-    """Two point masses on massless rods, released from the horizontal.
+@pytest.fixture(scope="module")
+def double():
+    """Two point masses on massless rods, released from the horizontal; the table's values.
 
     Angles and rates are those of any two bodies with the same m2 l1 d2, J2 + m2 d2², m2 d2,
     J1 + m1 d1² + m2 l1² and m1 d1 + m2 l1 (d to the centre of mass, J about it, l1 between pins).
     """
-    table = reference("rigid_bodies", "double_pendulum_point_masses")
-    times = [float(t) for t in table["values"]]
+    table = reference("rigid_bodies", "double_pendulum_point_masses")["values"]
     made = Model("double pendulum", gravity=[0, -G, 0])
     for k, m, d, J in ((1, 1.0, 0.5, 0.25), (2, 1.5, 2 / 3, 1 / 3)):
         made.add_body(
@@ -160,17 +160,48 @@ def test_double_pendulum():
         made.add_sensor(f"end{k}", "position", of=f"arm{k}.end")
     made.add_joint("first", "revolute", between=["ground", "arm1"], axis="z")
     made.add_joint("second", "revolute", between=["arm1.end", "arm2"], axis="z")
-    runs = [
-        run(made, duration=5.0, step=h, outputs=50, newton_tolerance=1e-11) for h in (2e-4, 1e-4)
-    ]
-    rows = runs[0].at(times)
-    angles = np.array([[v["theta1"], v["theta2"]] for v in table["values"].values()])
-    wanted = np.stack([np.sin(angles), -np.cos(angles)], axis=-1).cumsum(axis=1)
-    rates = np.array([[v["omega1"], v["omega2"]] for v in table["values"].values()])
-    ends = [np.stack([one.vector(f"end{k}")[rows, :2] for k in (1, 2)], axis=1) for one in runs]
-    speeds = [one.v[rows][:, [5, 11]] for one in runs]
-    # The motion multiplies errors by some hundreds: those of h² to 6e-7, those that Newton's method
-    # leaves of round-off, 2e-15/(β'h²) of every acceleration, to 1e-7.
-    np.testing.assert_allclose(ends[1], wanted, rtol=0, atol=3e-6)
-    np.testing.assert_allclose(extrapolated(*ends), wanted, rtol=0, atol=3e-7)
-    np.testing.assert_allclose(extrapolated(*speeds), rates, rtol=0, atol=3e-6)
+    angles = np.array([[v["theta1"], v["theta2"]] for v in table.values()])
+    places = np.stack([np.sin(angles), -np.cos(angles)], axis=-1).cumsum(axis=1)
+    rates = np.array([[v["omega1"], v["omega2"]] for v in table.values()])
+    return made, [float(t) for t in table], (places, rates)
+
+
+def at_times(result, times):
+    """Places of both ends (n, 2, 2) and rates (n, 2)."""
+    rows = result.at(times)
+    ends = np.stack([result.vector(f"end{k}")[rows, :2] for k in (1, 2)], axis=1)
+    return ends, result.v[rows][:, [5, 11]]
+
+
+@pytest.mark.parametrize(
+    ("method", "h", "p", "tolerance"),
+    [
+        # The motion multiplies errors by some hundreds: those of h³ or more to 2e-8, those that
+        # Newton's method leaves of round-off, 2e-15/(β'h²) of every acceleration, to 1e-8.
+        ("generalized-alpha", 4e-4, 2, 1e-7),
+        # No Newton's method, and O(h⁴).
+        ("explicit-rk", 2e-3, 3, 3e-9),
+    ],
+)
+def test_double_pendulum_with_fixed_steps(double, method, h, p, tolerance):
+    made, times, wanted = double
+    knobs = {"duration": 5.0, "outputs": 50, "newton_tolerance": 1e-12, "method": method}
+    steps = np.array([h, h / 2])
+    found = [at_times(run(made, step=step, **knobs), times) for step in steps]
+    for k in range(2):
+        errors = [np.abs(one[k] - wanted[k]).max() for one in found]
+        assert p - 0.1 < order(steps, errors) < p + 0.1, errors
+        best = extrapolated(*[one[k] for one in found], p)
+        size = np.abs(wanted[k]).max()
+        np.testing.assert_allclose(best, wanted[k], rtol=0, atol=tolerance * size)
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
+def test_double_pendulum_under_error_control(double, method, accuracy):
+    """Within a factor of ten, although the motion multiplies errors."""
+    made, times, (places, _) = double
+    result = run(made, duration=5.0, outputs=50, accuracy=accuracy, method=method)
+    error = np.abs(at_times(result, times)[0] - places).max() / np.ptp(result.sensors, axis=0).max()
+    assert 0.1 * accuracy < error < 10 * accuracy
+    assert 0.1 < error / result.statistics["estimated_error"] < 10

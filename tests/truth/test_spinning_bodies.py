@@ -93,8 +93,9 @@ def test_free_body_ends_where_the_reference_does(name, h, tolerance):
     np.testing.assert_allclose(sign * got, quaternion, rtol=0, atol=tolerance)
 
 
-def test_heavy_top():
-    """Spin 150 rad/s: h = 5e-5 turns it by 0.0075 rad a step."""
+@pytest.fixture(scope="module")
+def top():
+    """The heavy top of the reference, spun at 150 rad/s, and its table of values."""
     table = reference("rigid_bodies", "heavy_top_lie_group")
     params = table["params"]
     made = Model("heavy top", gravity=params["g"])
@@ -104,18 +105,53 @@ def test_heavy_top():
     )  # fmt: skip
     made.add_joint("pin", "spherical", between=["ground", "top"])
     made.add_sensor("centre", "position", of="top.center")
-    steps = np.array([2e-4, 1e-4, 5e-5])
-    runs = [run(made, duration=2.0, step=h, outputs=20, newton_tolerance=1e-11) for h in steps]
-    times = [float(t) for t in table["values"]]
-    rows = runs[0].at(times)
-    wanted = np.array([row["com"] for row in table["values"].values()])
-    quaternion = np.array([row["quaternion_wxyz"] for row in table["values"].values()])
-    places = [one.vector("centre")[rows] for one in runs]
-    errors = [np.abs(place - wanted).max() for place in places]
-    assert 1.8 < order(steps, errors) < 2.2, errors
-    assert errors[-1] < 1e-3
-    np.testing.assert_allclose(extrapolated(*places[1:]), wanted, rtol=0, atol=5e-6)
-    turns = [one.q[rows, 3:7] for one in runs]
-    signs = [np.sign(np.sum(turn * quaternion, axis=1, keepdims=True)) for turn in turns]
-    got = extrapolated(signs[1] * turns[1], signs[2] * turns[2])
-    np.testing.assert_allclose(got, quaternion, rtol=0, atol=1e-4)
+    return made, table
+
+
+def seen(result, table):
+    """Centres (n, 3) and Euler parameters (n, 4), in the reference's sign, and those wanted."""
+    rows = result.at([float(t) for t in table["values"]])
+    centers = np.array([row["com"] for row in table["values"].values()])
+    wanted = np.array([row["quaternion_wxyz"] for row in table["values"].values()])
+    turns = result.q[rows, 3:7]
+    turns = turns * np.sign(np.sum(turns * wanted, axis=1, keepdims=True))
+    return (result.vector("centre")[rows], turns), (centers, wanted)
+
+
+@pytest.mark.parametrize(
+    ("method", "h", "p", "tolerance"),
+    [
+        # A step of 4e-5 s turns it by 0.006 rad. Richardson's value leaves O(h³) of order 2 ...
+        ("generalized-alpha", 4e-5, 2, 5e-6),
+        # ... and O(h⁴) of order 3.
+        ("explicit-rk", 1e-4, 3, 5e-8),
+    ],
+)
+def test_heavy_top_with_fixed_steps(top, method, h, p, tolerance):
+    made, table = top
+    knobs = {"duration": 2.0, "outputs": 20, "newton_tolerance": 1e-11, "method": method}
+    steps = np.array([h, h / 2])
+    found = [seen(run(made, step=step, **knobs), table) for step in steps]
+    for k in range(2):
+        values, wanted = [one[0][k] for one in found], found[0][1][k]
+        errors = [np.abs(value - wanted).max() for value in values]
+        assert p - 0.2 < order(steps, errors) < p + 0.2, errors
+        np.testing.assert_allclose(extrapolated(*values, p), wanted, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_heavy_top_under_error_control(top, method):
+    """The error follows the accuracy asked for; it is larger by up to spin over precession.
+
+    Errors of velocities are judged over the largest speed, here the spin of 150 rad/s, while the
+    centre moves by the precession of 4.6 rad/s.
+    """
+    made, table = top
+    slower = 150 / 4.61538
+    errors = []
+    for accuracy in (1e-3, 1e-5):
+        result = run(made, duration=2.0, outputs=20, accuracy=accuracy, method=method)
+        (centers, _), (wanted, _) = seen(result, table)
+        errors.append(np.abs(centers - wanted).max() / np.ptp(result.vector("centre")[:, 0]))
+        assert 0.1 * accuracy < errors[-1] < slower * accuracy, errors
+    assert 30 < errors[0] / errors[1] < 300, errors
