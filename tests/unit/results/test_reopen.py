@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -107,6 +108,15 @@ def test_a_file_without_a_state_cannot_go_on(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]  # no lock is left behind
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C as at a terminal; what was started in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_waits_for_the_end_of_the_block() -> None:
     done = False
     with pytest.raises(KeyboardInterrupt), uninterrupted():
