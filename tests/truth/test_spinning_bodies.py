@@ -143,8 +143,8 @@ def test_heavy_top_with_fixed_steps(top, method, h, p, tolerance):
 def test_heavy_top_under_error_control(top, method):
     """The error follows the accuracy asked for, but is larger than it.
 
-    By a factor that was seen to grow with the turns of the spin (48 here), not derived: some 10 with
-    generalized-alpha and some 30 with the explicit pair. The number of turns bounds it in this test.
+    By a factor that was seen, not derived, to grow with the turns of the spin (48 here): some 10
+    with generalized-alpha and some 30 with the explicit pair. Their number is the bound here.
     """
     made, table = top
     turns = 150 * 2.0 / (2 * np.pi)
