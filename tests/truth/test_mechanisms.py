@@ -166,8 +166,8 @@ def crank_end(result, rows):
 def test_iftomm_four_bars_stay_on_their_branch(plane):
     """Ten turns through twenty flat positions, where the constraints lose rank.
 
-    A second-order method lags by what it lags in one turn, times ten; Richardson's value takes all
-    but the steps that meet a flat position, 1e-6 of a metre. In space 15 rows are redundant.
+    A mechanism that took the other branch once would be off by metres. In space six rows of 35 are
+    redundant: 30 coordinates, one freedom.
     """
     table = reference("mechanisms", "iftomm_A02_N_four_bar_N2")["values"]
     wanted = np.array([[row[c] for c in ("B0x", "B0y", "B0vx", "B0vy")] for row in table.values()])
@@ -185,8 +185,8 @@ def test_iftomm_four_bars_stay_on_their_branch(plane):
 def test_iftomm_many_four_bars(n):
     """One second, half a turn: O(h²) of it, some (7 rad/s h)² of 7 m/s.
 
-    In the flat position the n loops' forces cannot be told apart, and Newton's method finds the
-    accelerations to 1e-6 of them but not to much less.
+    In the flat position the constraints lose rank, and with many loops Newton's method was seen to
+    find the accelerations to 1e-6 of them but not always to the usual 1e-8.
     """
     table = reference("mechanisms", "iftomm_A02_N_four_bar_other_N")["values"][str(n)]["1"]
     result = run(four_bars(n), duration=1.0, step=1e-3, outputs=10, newton_tolerance=1e-6)
