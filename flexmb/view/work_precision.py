@@ -130,7 +130,7 @@ def _label(
     for point in front:
         x, y = place(point)
         width = _LETTER * len(point[2])
-        for ha, dx, dy in (("left", 6, 0), ("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
+        for ha, dx, dy in (("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
             low = x + 0.02 if ha == "left" else x - 0.02 - width
             box = (low, low + width, y + dy / 220)
             if _free(box, taken):
