@@ -11,9 +11,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmb.errors import MaterialError, Problem, nearest
 
-__all__ = ["COLUMNS", "LIBRARY", "Material", "material", "table"]
+__all__ = [
+    "COLUMNS",
+    "LIBRARY",
+    "AnyMaterial",
+    "Material",
+    "OrthotropicMaterial",
+    "material",
+    "table",
+]
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,112 @@ class Material:
             )
         if problems:
             raise MaterialError.from_problems(problems)
+
+    @property
+    def G(self) -> float:
+        """Shear modulus [Pa]."""
+        return self.E / (2 * (1 + self.nu))
+
+    def stiffness(self) -> FloatArray:
+        """(6, 6) stress per strain, order xx, yy, zz, yz, zx, xy, engineering shear strains."""
+        return _orthotropic_stiffness((self.E,) * 3, (self.nu,) * 3, (self.G,) * 3)
+
+    def plane_stress(self) -> FloatArray:
+        """(3, 3) stress per strain in a plane without stress across it, order xx, yy, xy."""
+        return _plane_stress(self.E, self.E, self.nu, self.G)
+
+    def transverse_shear(self) -> FloatArray:
+        """(2, 2) shear stress xz, yz per shear strain."""
+        return self.G * np.eye(2)
+
+
+@dataclass(frozen=True)
+class OrthotropicMaterial:
+    """Linear elastic material with three planes of symmetry, SI units, material axes 1, 2, 3.
+
+    Parameters
+    ----------
+    E : (E1, E2, E3)
+        Young's moduli [Pa].
+    nu : (nu12, nu23, nu13)
+        Poisson's ratios; nu12 is the contraction along 2 under stress along 1.
+    G : (G12, G23, G13)
+        Shear moduli [Pa].
+
+    Raises
+    ------
+    MaterialError
+        Constants that no material can have: the compliance must be positive definite.
+    """
+
+    name: str
+    E: tuple[float, float, float]
+    nu: tuple[float, float, float]
+    G: tuple[float, float, float]
+    density: float
+    source: str = "given by the user"
+
+    def __post_init__(self) -> None:
+        problems = [
+            Problem(f"material.{word}", f"must be positive, given {value:g} Pa")
+            for word in ("E", "G")
+            for value in getattr(self, word)
+            if not (isfinite(value) and value > 0)
+        ]
+        if not (isfinite(self.density) and self.density > 0):
+            what = f"must be positive, given {self.density:g} kg/m^3"
+            problems.append(Problem("material.density", what))
+        if not problems and not np.linalg.eigvalsh(_compliance(self.E, self.nu))[0] > 0:
+            what = f"are impossible with E = {self.E}: strain energy would be negative"
+            problems.append(Problem("material.nu", f"{what}, given {self.nu}"))
+        if problems:
+            raise MaterialError.from_problems(problems)
+
+    def stiffness(self) -> FloatArray:
+        """(6, 6) stress per strain, order 11, 22, 33, 23, 31, 12, engineering shear strains."""
+        return _orthotropic_stiffness(self.E, self.nu, self.G)
+
+    def plane_stress(self) -> FloatArray:
+        """(3, 3) stress per strain in the plane 1, 2 without stress across it: 11, 22, 12."""
+        return _plane_stress(self.E[0], self.E[1], self.nu[0], self.G[0])
+
+    def transverse_shear(self) -> FloatArray:
+        """(2, 2) shear stress 13, 23 per shear strain."""
+        return np.diag([self.G[2], self.G[1]])
+
+
+AnyMaterial = Material | OrthotropicMaterial
+
+Three = tuple[float, float, float]
+
+
+def _compliance(E: Three, nu: Three) -> FloatArray:
+    """(3, 3) strains 11, 22, 33 per stress."""
+    nu12, nu23, nu13 = nu
+    S = np.diag(1 / np.array(E))
+    S[0, 1] = S[1, 0] = -nu12 / E[0]
+    S[1, 2] = S[2, 1] = -nu23 / E[1]
+    S[0, 2] = S[2, 0] = -nu13 / E[0]
+    return S
+
+
+def _orthotropic_stiffness(E: Three, nu: Three, G: Three) -> FloatArray:
+    C = np.zeros((6, 6))
+    C[:3, :3] = np.linalg.inv(_compliance(E, nu))
+    C[3:, 3:] = np.diag([G[1], G[2], G[0]])
+    return 0.5 * (C + C.T)
+
+
+def _plane_stress(E1: float, E2: float, nu12: float, G12: float) -> FloatArray:
+    nu21 = nu12 * E2 / E1
+    share = 1 - nu12 * nu21
+    return np.array(
+        [
+            [E1 / share, nu12 * E2 / share, 0.0],
+            [nu12 * E2 / share, E2 / share, 0.0],
+            [0.0, 0.0, G12],
+        ]
+    )
 
 
 _EN1993 = "EN 1993-1-1:2005, 3.2.6 (E, nu); EN 1991-1-1:2002, table A.4 (density)"

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from flexmb.fe.assembly import FEMatrices, assemble
-from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
-from flexmb.fe.elements import ELEMENTS
-from flexmb.fe.integrals import Integrals, integrals
-from flexmb.fe.interface import RigidInterface, make_interfaces
+from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.checks.precheck import mesh_problems
+from flexmb.fe.elements.select import ELEMENTS
+from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
 from flexmb.fe.key import reduction_key
 from flexmb.fe.material import resolve
-from flexmb.fe.mesh import Mesh
-from flexmb.fe.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.precheck import mesh_problems
-from flexmb.fe.reader import read_mesh
-from flexmb.fe.recovery import node_modes, surface
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.reduce import make_body, reduce
-from flexmb.fe.section import Section, circle, rectangle, section_from, tube
+from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
+from flexmb.fe.reduction.integrals import Integrals, integrals
+from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.sections.beam import Section, circle, rectangle, section_from, tube
 
 __all__ = [
     "ELEMENTS",

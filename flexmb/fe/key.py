@@ -16,7 +16,7 @@ from typing import Any
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.section import Section, section_from
+from flexmb.fe.sections.beam import Section, section_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.units import unit_system
 

@@ -19,20 +19,20 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
-from flexmb.fe.assembly import FEMatrices, assemble
-from flexmb.fe.craig_bampton import CraigBampton, craig_bampton
-from flexmb.fe.free_modes import free_modes
-from flexmb.fe.integrals import integrals
-from flexmb.fe.interface import RigidInterface, make_interfaces
+from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
+from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.mesh import Mesh
-from flexmb.fe.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.planar import Mirror, make_mirror
-from flexmb.fe.quality import mode_infos, orphans, require_one_part, suspicions
-from flexmb.fe.reader import read_mesh
-from flexmb.fe.recovery import node_modes, surface
-from flexmb.fe.section import Section, section_from
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
+from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.reduction.integrals import integrals
+from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.reduction.planar import Mirror, make_mirror
+from flexmb.fe.sections.beam import Section, section_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar import check_shares, flattened

@@ -1,7 +1,7 @@
 """Cross-sections of the beams in a mesh: element group to a table of dimensions.
 
 In: ``{all = {type = "tube", radius = 0.02, inner = 0.015}}``. Out: the same in SI, in the
-words of ``flexmb.fe.section``. The key is an element group, or ``"all"``.
+words of ``flexmb.fe.sections.beam``. The key is an element group, or ``"all"``.
 """
 
 from __future__ import annotations

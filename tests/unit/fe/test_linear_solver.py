@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe import assemble, resolve
-from flexmb.fe.linear_solver import factor
+from flexmb.fe.solver.linear_solver import factor
 
 
 def test_solves_for_one_and_many_right_sides():

@@ -8,7 +8,7 @@ from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh
-from flexmb.fe.mesh import dimension
+from flexmb.fe.meshes.mesh import dimension
 
 
 def test_dimension_of_element_kinds():

@@ -13,7 +13,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.linalg import qr
 
-from flexmb.fe.assembly import FEMatrices
+from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["canonical_rotation", "polynomial_fields"]

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, qr
 
 from flexmb.errors import ReductionError
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.craig_bampton import SPATIAL, CraigBampton
-from flexmb.fe.eigen import dense_modes, lowest_modes, start_vector
-from flexmb.fe.linear_solver import factor
-from flexmb.fe.planar import Mirror, symmetric_modes
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.reduction.craig_bampton import SPATIAL, CraigBampton
+from flexmb.fe.reduction.eigen import dense_modes, lowest_modes, start_vector
+from flexmb.fe.reduction.planar import Mirror, symmetric_modes
+from flexmb.fe.solver.linear_solver import factor
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 

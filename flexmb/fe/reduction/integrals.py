@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flexmb.fe.assembly import FEMatrices
+from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["Integrals", "integrals"]

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.fe import tet10
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.interface import RigidInterface
-from flexmb.fe.surface import skin_triangles
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.elements import tet10
+from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.meshes.skin import skin_triangles
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.parts import NodeModes, Surface
 from flexmb.progress import Progress, silent

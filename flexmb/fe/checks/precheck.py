@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import MeshError, Problem, ReductionError
-from flexmb.fe.elements import select_elements
-from flexmb.fe.mesh import Mesh
-from flexmb.fe.reader import read_mesh
-from flexmb.fe.section import Section, section_from
+from flexmb.fe.elements.select import select_elements
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.sections.beam import Section, section_from
 
 __all__ = ["mesh_problems"]
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import MeshError
-from flexmb.fe.mesh import Mesh, dimension
+from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import IntArray
 
 __all__ = ["read_mesh"]

@@ -11,11 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from flexmb.errors import MeshError
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.craig_bampton import CraigBampton
-from flexmb.fe.interface import RigidInterface
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.material import plausibility
-from flexmb.fe.orthonormal import ReducedModes
+from flexmb.fe.reduction.craig_bampton import CraigBampton
+from flexmb.fe.reduction.orthonormal import ReducedModes
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import ModeInfo
 

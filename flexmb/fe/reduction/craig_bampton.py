@@ -16,12 +16,12 @@ from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.eigen import dense_modes, lowest_modes
-from flexmb.fe.interface import RigidInterface
-from flexmb.fe.linear_solver import Factor, factor
-from flexmb.fe.planar import Mirror, symmetric_modes
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
+from flexmb.fe.reduction.eigen import dense_modes, lowest_modes
+from flexmb.fe.reduction.planar import Mirror, symmetric_modes
+from flexmb.fe.solver.linear_solver import Factor, factor
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 

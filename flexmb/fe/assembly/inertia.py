@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from flexmb.fe.beam import BeamMass
-from flexmb.fe.scatter import scatter
+from flexmb.fe.assembly.scatter import scatter
+from flexmb.fe.elements.beam import BeamMass
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["Inertia", "beam_inertia", "inertia_sum", "solid_inertia"]

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.numbering import Numbering
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.numbering import Numbering
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["antisymmetric", "reflection"]

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from flexmb.errors import MeshError
-from flexmb.fe import beam, tet10
-from flexmb.fe.elements import Elements, orientations, select_elements
-from flexmb.fe.inertia import Inertia, beam_inertia, inertia_sum, solid_inertia
-from flexmb.fe.mesh import Mesh
-from flexmb.fe.numbering import Numbering, number_nodes, rigid_vectors
-from flexmb.fe.scatter import scatter
-from flexmb.fe.section import Section
+from flexmb.fe.assembly.inertia import Inertia, beam_inertia, inertia_sum, solid_inertia
+from flexmb.fe.assembly.numbering import Numbering, number_nodes, rigid_vectors
+from flexmb.fe.assembly.scatter import scatter
+from flexmb.fe.elements import beam, tet10
+from flexmb.fe.elements.select import Elements, orientations, select_elements
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.sections.beam import Section
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import Material
 from flexmb.progress import Progress, silent

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.errors import MeshError, Problem
-from flexmb.fe.beam import local_axes
-from flexmb.fe.mesh import Mesh
-from flexmb.fe.section import Section
+from flexmb.fe.elements.beam import local_axes
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.sections.beam import Section
 from flexmb.flexbody.arrays import IntArray
 
 __all__ = ["ELEMENTS", "Elements", "select_elements"]

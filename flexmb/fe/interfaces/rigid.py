@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.errors import MeshError, Problem
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.centroid import group_centroid
-from flexmb.fe.numbering import Numbering, skew
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.numbering import Numbering, skew
+from flexmb.fe.meshes.centroid import group_centroid
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["RigidInterface", "make_interfaces"]

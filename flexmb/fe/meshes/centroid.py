@@ -11,7 +11,7 @@ from skfem import ElementLineP1, ElementLineP2, ElementTriP1, ElementTriP2
 from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
-from flexmb.fe.mesh import Mesh, dimension
+from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["facet_moments", "group_centroid"]

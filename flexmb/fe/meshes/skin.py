@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.fe.tet10 import FACES
+from flexmb.fe.elements.tet10 import FACES
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["outer_faces", "skin_triangles"]

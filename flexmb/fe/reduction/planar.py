@@ -16,8 +16,8 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from flexmb.errors import Problem, ReductionError, nearest
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.reflection import antisymmetric, reflection
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.reduction.reflection import antisymmetric, reflection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.planes import PLANES
 

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 
 from flexmb.errors import ReductionError
-from flexmb.fe.assembly import FEMatrices
-from flexmb.fe.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.craig_bampton import CraigBampton
-from flexmb.fe.numbering import skew
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.numbering import skew
+from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
+from flexmb.fe.reduction.craig_bampton import CraigBampton
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["ReducedModes", "elastic_modes", "orthonormalise", "rigid_coordinates"]

@@ -1,0 +1,1 @@
+"""From elements to matrices: numbering, stiffness, mass, inertia, geometric stiffness, loads."""

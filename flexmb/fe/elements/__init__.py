@@ -1,0 +1,1 @@
+"""The element families: matrices of all elements of one kind at once."""

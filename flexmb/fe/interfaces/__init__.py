@@ -1,0 +1,1 @@
+"""Where a body takes loads and joints: groups of nodes tied to reference points."""

@@ -1,0 +1,1 @@
+"""Meshes: read from files or made of simple shapes, with their groups."""

@@ -1,0 +1,1 @@
+"""From modal coordinates back to the mesh: displacement, rotation, stress, section forces."""

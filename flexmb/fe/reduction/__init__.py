@@ -1,0 +1,1 @@
+"""From a finite-element model to a few modal coordinates."""

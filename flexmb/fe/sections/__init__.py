@@ -1,0 +1,1 @@
+"""Sections: what a mesh does not say of its elements, by group."""

@@ -1,0 +1,1 @@
+"""Solving with large sparse stiffness matrices."""
