@@ -58,16 +58,16 @@ class SolidSection:
             what = f"is parallel to axis1, {tuple(first)}: give another direction of their plane"
             raise ReductionError.from_problems([Problem("section.axis2", what)])
 
-    def with_material(self, default: AnyMaterial) -> SolidSection:
-        """The section with its material known; warns if it can hardly be compressed."""
+    def with_material(self, default: AnyMaterial | None) -> SolidSection:
+        """The section with its material known; warns if that can hardly be compressed."""
         known = self if self.material is not None else replace(self, material=default)
-        ratio = _bulk_over_shear(known.material)
+        ratio = 0.0 if known.material is None else _bulk_over_shear(known.material)
         if ratio > _LOCKING:
-            what = f"bulk modulus is {ratio:.3g} times the shear modulus"
             warnings.warn(
-                f'material "{known.material.name}": its {what}: solid elements, which interpolate '
-                "displacements alone, may be too stiff; use hexahedra of second order or with "
-                "incompatible modes and compare two meshes",
+                f'material "{known.material.name}": its bulk modulus is {ratio:.3g} times its '
+                "shear modulus, and solid elements that interpolate displacements alone may be too "
+                "stiff then: use hexahedra of second order or with incompatible modes, and compare "
+                "two meshes",
                 FlexmbWarning,
                 stacklevel=2,
             )
