@@ -66,8 +66,8 @@ class SolidSection:
             warnings.warn(
                 f'material "{known.material.name}": its bulk modulus is {ratio:.3g} times its '
                 "shear modulus, and solid elements that interpolate displacements alone may be too "
-                "stiff then: use hexahedra of second order or with incompatible modes, and compare "
-                "two meshes",
+                "stiff then: use first-order hexahedra, whose incompatible modes keep them soft, or "
+                "second-order tetrahedra, and compare two meshes",
                 FlexmbWarning,
                 stacklevel=2,
             )
