@@ -72,3 +72,11 @@ def node_at(mesh, point):
 SIMPLE = {"x0": (0, 1, 2, 3), "x1": (2, 3), "y0": (1, 2, 4), "y1": (2, 4)}
 """Hard simple support of a plate in the xy plane, in-plane rigid motion held too."""
 CLAMPED = {name: range(6) for name in ("x0", "x1", "y0", "y1")}
+
+
+def rigid_motions(x):
+    """(6 k, 6) unit translations and rotations about the origin of nodes (k, 3) with rotations."""
+    out = np.zeros((len(x), 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = np.eye(3)
+    out[:, :3, 3:] = np.cross(np.eye(3), x[:, None]).transpose(0, 2, 1)
+    return out.reshape(-1, 6)

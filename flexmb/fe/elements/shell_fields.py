@@ -27,7 +27,7 @@ from flexmb.flexbody.arrays import FloatArray
 __all__ = ["Fields", "Points", "make_fields", "make_points"]
 
 _LINEAR = {"triangle": 0.1**0.5, "quad": 1.0}
-"""Triangles keep a tenth of the energy of the linear part: all of it locks where they are curved."""
+"""Triangles keep a tenth of the energy of the linear part: with all of it curved meshes lock."""
 
 
 @dataclass(frozen=True, eq=False)
