@@ -106,7 +106,8 @@ class BeamSection:
         if self.orientation is not None:
             problems += _vector_problems("orientation", self.orientation, 3)
             if not problems and not np.linalg.norm(self.orientation) > 0:
-                problems.append(Problem("section.orientation", "must not be all zero"))
+                what = "must be three numbers, not all zero"
+                problems.append(Problem("section.orientation", what))
         if problems:
             raise ReductionError.from_problems(problems)
 

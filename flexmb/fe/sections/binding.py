@@ -47,9 +47,7 @@ class Releases:
 
     def __post_init__(self) -> None:
         problems = [
-            Problem(
-                f"section.releases.{end}", f'unknown "{name}"', MOTIONS, nearest(name, MOTIONS)
-            )
+            Problem(f"section.releases.{end}", f'unknown "{name}"', MOTIONS, nearest(name, MOTIONS))
             for end in ("start", "end")
             for name in getattr(self, end)
             if name not in MOTIONS

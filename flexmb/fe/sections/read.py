@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from flexmb.errors import Problem, ReductionError, nearest
@@ -64,12 +65,20 @@ def section_from(given: Any, where: str = "section") -> Any:
     for key in ("orientation", "offset", "shear_center"):
         if isinstance(words.get(key), list):
             words[key] = tuple(words[key])
+    missing = [name for name in needed if name not in words]
+    if missing:
+        what = f"a {kind} needs {', '.join(needed)}; {', '.join(missing)} is missing"
+        raise ReductionError.from_problems([Problem(where, what)])
     try:
         return SECTIONS[kind](**words)
-    except TypeError as error:
-        what = f"a {kind} needs {', '.join(needed)}: {error}"
-        if kind != "tapered":
-            what = f"a {kind} needs numbers for {', '.join(needed)}: {error}"
+    except ReductionError as error:
+        found = [
+            replace(problem, where=where + problem.where.removeprefix("section"))
+            for problem in error.problems
+        ]
+        raise ReductionError.from_problems(found) from error
+    except (TypeError, ValueError) as error:
+        what = f"a {kind} needs numbers for {', '.join(needed)}: {error}"
         raise ReductionError.from_problems([Problem(where, what)]) from error
 
 

@@ -151,9 +151,7 @@ def _mix(start: Any, end: Any, fraction: float) -> Any:
     return float((1 - fraction) * start + fraction * end)
 
 
-def _mixed_points(
-    start: BeamSection, end: BeamSection, fraction: float
-) -> tuple[StressPoint, ...]:
+def _mixed_points(start: BeamSection, end: BeamSection, fraction: float) -> tuple[StressPoint, ...]:
     """Stress points that both ends name."""
     others = {point.name: point for point in end.points}
     return tuple(

@@ -167,7 +167,10 @@ class Box:
     def shear(self, nu: float) -> tuple[float, float]:
         b, h = self.y - self.web, self.z - self.flange
         found = []
-        for along, across, wall, cap in ((b, h, self.flange, self.web), (h, b, self.web, self.flange)):
+        for along, across, wall, cap in (
+            (b, h, self.flange, self.web),
+            (h, b, self.web, self.flange),
+        ):
             m, n = across * cap / (along * wall), across / along
             found.append(_cowper(nu, m, 10 * n**2 * ((3 + nu) * m + 3 * m**2)))
         return found[0], found[1]
@@ -252,7 +255,11 @@ class Angle:
         (cy, cz), s = self._centroid(), 0.5 * (_GAUSS[0] + 1)
         heel = rotated((self.web / 2 - cy, self.flange / 2 - cz), turn)
         tips = (
-            (rotated((self.y - cy, self.flange / 2 - cz), turn), self.y - self.web / 2, self.flange),
+            (
+                rotated((self.y - cy, self.flange / 2 - cz), turn),
+                self.y - self.web / 2,
+                self.flange,
+            ),
             (rotated((self.web / 2 - cy, self.z - cz), turn), self.z - self.flange / 2, self.web),
         )
         A = sum(length * thick for _, length, thick in tips)
