@@ -18,10 +18,13 @@ from scipy.sparse import csr_array
 
 from flexmb.fe.solver.singular import NotPositive
 from flexmb.fe.solver.symbolic import Fronts, ranges
+from flexmb.fe.solver.threads import blas_threads, set_threads
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
 __all__ = ["Multifrontal"]
+
+_LARGE = 1e9  # operations of a front from which several threads are worth their waiting
 
 
 class _Update(NamedTuple):
@@ -54,15 +57,17 @@ class Multifrontal:
         self._below: list[FloatArray] = []
         place = np.empty(len(fronts.order), dtype=np.int64)
         place[fronts.order] = np.arange(len(place))
-        flops = np.cumsum(fronts.flops)
+        flops, done = fronts.flops, np.cumsum(fronts.flops)
         waiting: list[list[_Update]] = [[] for _ in fronts.borders]
         detail = f"{len(place)} unknowns, {self.nnz:.2g} entries"
-        for k, parent in enumerate(fronts.parents):
-            update = self._eliminate(k, _rows(K, fronts, k, place), waiting[k])
-            waiting[k] = []
-            if parent >= 0:
-                waiting[parent].append(update)
-            progress("factor", 0.99 * flops[k] / flops[-1], detail)
+        with blas_threads() as all_threads:
+            for k, parent in enumerate(fronts.parents):
+                set_threads(all_threads if flops[k] > _LARGE else (1,) * len(all_threads))
+                update = self._eliminate(k, _rows(K, fronts, k, place), waiting[k])
+                waiting[k] = []
+                if parent >= 0:
+                    waiting[parent].append(update)
+                progress("factor", 0.99 * done[k] / done[-1], detail)
 
     def _eliminate(
         self, k: int, entries: tuple[IntArray, IntArray, FloatArray], updates: list[_Update]
@@ -91,6 +96,10 @@ class Multifrontal:
 
     def solve(self, b: FloatArray) -> FloatArray:
         """Solution for ``b`` of shape (n,) or (n, k)."""
+        with blas_threads():
+            return self._solve(b)
+
+    def _solve(self, b: FloatArray) -> FloatArray:
         fronts = self._fronts
         x = b.reshape(len(b), -1)[fronts.order]
         for k, border in enumerate(fronts.borders):
