@@ -59,7 +59,7 @@ class Multifrontal:
         place[fronts.order] = np.arange(len(place))
         flops, done = fronts.flops, np.cumsum(fronts.flops)
         waiting: list[list[_Update]] = [[] for _ in fronts.borders]
-        detail = f"{len(place)} unknowns, {self.nnz:.2g} entries"
+        detail = f"{len(place)} unknowns, {self.nnz:.3g} entries"
         with blas_threads() as all_threads:
             for k, parent in enumerate(fronts.parents):
                 set_threads(all_threads if flops[k] > _LARGE else (1,) * len(all_threads))
