@@ -23,7 +23,8 @@ from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.reduce import make_body
 
 _PHASES = ("mesh", "assemble", "order", "factor", "modes", "rest")
-_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))  # fmt: skip
+_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
+_EDGES = (*_RING, *((a + 4, b + 4) for a, b in _RING), *((a, a + 4) for a in range(4)))
 _CORNERS = np.array(
     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2]]
 )
@@ -70,9 +71,9 @@ def tet10_plate(size):
 
 
 MODELS = {
-    "hex20-26k": lambda: hex20_block(8),
-    "hex20-104k": lambda: hex20_block(12),
-    "hex20-312k": lambda: hex20_block(18),
+    "hex20-30k": lambda: hex20_block(8),
+    "hex20-119k": lambda: hex20_block(13),
+    "hex20-307k": lambda: hex20_block(18),
     "tet10-110k": lambda: tet10_plate(0.0085),
     "tet10-247k": lambda: tet10_plate(0.006),
 }
