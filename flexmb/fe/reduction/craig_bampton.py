@@ -91,7 +91,7 @@ def craig_bampton(
     modes : int
         Number of fixed-interface modes.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
 
@@ -106,14 +106,11 @@ def craig_bampton(
     if modes > len(i):
         what = f"the model has only {len(i)} fixed-interface modes"
         raise ReductionError(f"modes: {modes} asked, but {what}")
-    K_i = fe.K[i]
-    interior = _Interior(i, K_i[:, i], fe.M[i][:, i])
-    progress("factor", 0.0, f"{len(i)} unknowns")
-    held = factor(interior.K) if len(i) else None
-    progress("factor", 1.0)
+    interior = _Interior(i, fe.K[i][:, i], fe.M[i][:, i])
+    held = factor(interior.K, fe.dof_points[i], progress) if len(i) else None
     basis = np.zeros((fe.numbering.n, T.shape[1] + modes))
     basis[b, : T.shape[1]] = T
-    coupling = K_i[:, b] @ T
+    coupling = fe.K[b][:, i].T @ T
     if held is not None:
         basis[i, : T.shape[1]] = -held.solve(coupling)
         omega2, V = _fixed_modes(fe, interior, held, modes, mirror, progress)

@@ -37,7 +37,7 @@ def free_modes(
     modes : int
         Number of elastic modes.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
 
@@ -79,9 +79,7 @@ def _sparse(
 ) -> tuple[FloatArray, FloatArray]:
     held = _determinate(R)
     left = np.setdiff1d(np.arange(fe.numbering.n), held)
-    progress("factor", 0.0, f"{len(left)} unknowns")
-    inner = factor(fe.K[left][:, left])
-    progress("factor", 1.0)
+    inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
     R_M = fe.M @ R
     gram = cho_factor(R.T @ R_M)
 
