@@ -19,7 +19,14 @@ from flexmb.model.bodies import COLORS, BodySpec
 from flexmb.model.flexible import FlexibleSource, UnitsName
 from flexmb.model.functions import FUNCTION_FORMS, Function
 from flexmb.model.inertia import Inertia
-from flexmb.model.interfaces import GroupName, Interfaces, InterfaceSpec, NodeOrGroup, Weights
+from flexmb.model.interfaces import (
+    GroupName,
+    Interfaces,
+    InterfaceSpec,
+    NodeOrGroup,
+    Stiffness,
+    Weights,
+)
 from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.material import MATERIAL_KINDS, MaterialField
 from flexmb.model.meshes import MESH_TYPES, Divisions, MeshSource
@@ -168,6 +175,10 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
         _reader(NodeOrGroup): lambda: _NAMED,
         _reader(Weights): lambda: {
             "anyOf": [{"enum": ["uniform", "area"]}, {"type": "array", "items": NUMBER}]
+        },
+        _reader(Stiffness): lambda: {
+            "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}],
+            "description": "[N/m, N m/rad]",
         },
         _reader(MeshSource): lambda: {
             "anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]

@@ -15,13 +15,24 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 from flexmb.errors import Problem
 from flexmb.model.inertia import Inertia
 from flexmb.model.names import bad_name
-from flexmb.model.quantities import Integer, Position, Quantity, Size, plain
+from flexmb.model.quantities import Axis, Integer, Position, Quantity, Size, plain
 from flexmb.model.reading import Reader, Spec, fail, given, names_of, read_entry, under
 
-__all__ = ["Interfaces", "InterfaceSpec", "MassSpec", "NodeOrGroup", "TieSpec", "group_name"]
+__all__ = [
+    "GroupName",
+    "InterfaceSpec",
+    "Interfaces",
+    "MassSpec",
+    "NodeChoice",
+    "NodeOrGroup",
+    "NodeSpringSpec",
+    "Stiffness",
+    "TieSpec",
+    "Weights",
+]
 
 
-def group_name(value: Any, info: ValidationInfo) -> str:
+def _group_name(value: Any, info: ValidationInfo) -> str:
     """The name of a mesh group; a number is the name of a group that a file only numbers."""
     if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
         raise fail(Problem("", f"the name of a mesh group is expected, given {given(value)}"))
@@ -45,7 +56,7 @@ def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
     return tuple(Quantity("", "positive").read(item, info) for item in value)
 
 
-GroupName = Annotated[str, Reader(group_name)]
+GroupName = Annotated[str, Reader(_group_name)]
 NodeOrGroup = Annotated[str | int, Reader(_node_or_group)]
 """A group of the mesh, or the number of a node."""
 
@@ -53,20 +64,14 @@ Nodes = Annotated[tuple[Annotated[int, Integer(0)], ...], BeforeValidator(plain)
 Weights = Annotated[Any, Reader(_weights)]
 
 
-class InterfaceSpec(Spec):
-    """Nodes that carry a marker: a group, one node, several, or all within a radius of a center.
-
-    They move rigidly with the marker (rbe2), or the marker with their weighted mean (rbe3);
-    `weights` are uniform, the area of each node, or one number for each. The marker lies in the
-    centroid of a group, or at `position`.
-    """
+class NodeChoice(Spec):
+    """Nodes of a mesh: a group, one node, several, or all within a radius of a center."""
 
     group: GroupName | None = None
     node: Annotated[int, Integer(0)] | None = None
     nodes: Nodes | None = None
     center: Position | None = None
     radius: Size | None = None
-    type: Literal["rbe2", "rbe3"] = "rbe2"
     weights: Weights | None = None
     position: Position | None = None
 
@@ -76,9 +81,24 @@ class InterfaceSpec(Spec):
         told = [key for key in words if getattr(self, key) is not None]
         if len(told) != 1:
             what = f"is told by {' and '.join(told)}" if told else "has no nodes"
-            raise fail(Problem("", f"{what}; give one of group, node, nodes, center", words))
+            raise fail(Problem("", f"{what}; give one of them", words))
         if (self.center is None) != (self.radius is None):
             raise fail(Problem("", '"center" and "radius" go together'))
+        return self
+
+
+class InterfaceSpec(NodeChoice):
+    """Nodes that carry a marker: a group, one node, several, or all within a radius of a center.
+
+    They move rigidly with the marker (rbe2), or the marker with their weighted mean (rbe3);
+    `weights` are uniform, the area of each node, or one number for each. The marker lies in the
+    centroid of a group, or at `position`.
+    """
+
+    type: Literal["rbe2", "rbe3"] = "rbe2"
+
+    @model_validator(mode="after")
+    def _weights_of_a_mean(self) -> Self:
         if self.weights is not None and self.type == "rbe2":
             raise fail(Problem("weights", 'are for type = "rbe3"; nodes of an rbe2 move rigidly'))
         return self
@@ -129,9 +149,60 @@ class TieSpec(Spec):
 
 
 class MassSpec(Spec):
-    """A mass at a node, or shared by the nodes of a group; with an inertia, and at an offset."""
+    """A mass at a node, with an inertia about its own center and an offset to that; or one spread
+    over the nodes of a group."""
 
     at: NodeOrGroup
-    mass: Annotated[float, Quantity("kg", "positive")]
+    mass: Annotated[float, Quantity("kg", "not negative")]
     inertia: Inertia | None = None
     offset: Position | None = None
+
+    @model_validator(mode="after")
+    def _has_mass(self) -> Self:
+        if self.mass == 0 and self.inertia is None:
+            raise fail(Problem("mass", "must be positive where there is no inertia, is 0"))
+        return self
+
+
+_UNITS = ("N/m", "N/m", "N/m", "N m/rad", "N m/rad", "N m/rad")
+
+
+def _read_stiffness(value: Any, info: ValidationInfo) -> float | tuple[float, ...]:
+    value = plain(value)
+    if not isinstance(value, list):
+        return Quantity("N/m", "positive").read(value, info)
+    if len(value) != len(_UNITS):
+        what = "one stiffness, or six along and about the axes are expected, given "
+        raise fail(Problem("", what + given(value)))
+    pairs = zip(_UNITS, value, strict=True)
+    found = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
+    if not any(found):
+        raise fail(Problem("", "one of the six must be positive"))
+    return found
+
+
+def _write_stiffness(value: Any, info: SerializationInfo) -> Any:
+    if not isinstance(value, tuple):
+        return Quantity("N/m").write(value, info)
+    return [Quantity(u).write(k, info) for u, k in zip(_UNITS, value, strict=True)]
+
+
+Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness)]
+"""One number [N/m], or six [N/m, N m/rad]."""
+
+
+class NodeSpringSpec(Spec):
+    """A spring between two nodes: along their line, or along and about axes halfway between them.
+
+    `axes` are the directions of the first and the second of them; the body's by default.
+    """
+
+    between: tuple[NodeOrGroup, NodeOrGroup]
+    stiffness: Stiffness
+    axes: tuple[Axis, Axis] | None = None
+
+    @model_validator(mode="after")
+    def _axes_of_six(self) -> Self:
+        if self.axes is not None and not isinstance(self.stiffness, tuple):
+            raise fail(Problem("axes", "belong to a spring with six stiffnesses"))
+        return self

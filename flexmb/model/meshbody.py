@@ -13,9 +13,10 @@ from pydantic import Field, model_validator
 from flexmb.errors import Problem
 from flexmb.model.bodies import BodySpec, FlexbodySpec, RigidBodySpec
 from flexmb.model.flexible import UnitsName
-from flexmb.model.interfaces import Interfaces, MassSpec, TieSpec
+from flexmb.model.interfaces import Interfaces, MassSpec, NodeSpringSpec, TieSpec
 from flexmb.model.material import MaterialField
 from flexmb.model.meshes import MeshSource, MeshTableSpec
+from flexmb.model.meshloads import MeshLoads
 from flexmb.model.quantities import Quantity
 from flexmb.model.reading import Entry, Spec, fail
 from flexmb.model.reduction import Method, Modes, mode_count
@@ -40,6 +41,8 @@ class MeshBodySpec(BodySpec):
     interfaces: Interfaces
     ties: dict[str, Annotated[TieSpec, Entry()]] = {}
     masses: dict[str, Annotated[MassSpec, Entry()]] = {}
+    springs: dict[str, Annotated[NodeSpringSpec, Entry()]] = {}
+    loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
