@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from flexmb.fe.elements.beam import LINE
 from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.shell import ADVICE as SHELL_ADVICE
+from flexmb.fe.elements.shell import QUAD, TRIANGLE
 from flexmb.fe.elements.tet10 import TETRA10
 
 __all__ = ["ADVICE", "ELEMENTS", "FAMILIES"]
@@ -13,6 +15,8 @@ FAMILIES: dict[str, Family] = {
     for family in (
         TETRA10,
         LINE,
+        TRIANGLE,
+        QUAD,
     )
 }
 """Family by kind of cells."""
@@ -23,5 +27,6 @@ ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.item
 ADVICE = {
     "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",
     "line3": "beams have two nodes: mesh them with first-order elements",
+    **SHELL_ADVICE,
 }
 """What to do about kinds that cannot be used."""
