@@ -1,26 +1,19 @@
-"""Interfaces: groups of nodes tied rigidly to a reference point with six degrees of freedom (RBE2).
+"""Rigid interfaces: nodes that move as one rigid body with a reference point (RBE2).
 
-In: a finite-element model and the group of each interface. Out: one :class:`RigidInterface` each,
-with u_slave = T q, q the displacement and rotation of the reference point. The point is the area
-centroid of a surface group (length centroid of a line group, mean of a group of nodes).
+In: the nodes and the reference point. Out: :class:`RigidInterface` with u_slave = T q, q the
+displacement and rotation of the point.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem
-from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.numbering import Numbering, skew
-from flexmb.fe.meshes.centroid import group_centroid
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["RigidInterface", "make_interfaces"]
-
-_COLLINEAR = 1e-6  # smallest over largest extent of a group that still defines a rotation
+__all__ = ["RigidInterface", "rigid_rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,64 +40,29 @@ class RigidInterface:
     dofs: IntArray
     T: FloatArray
 
+    def motion(self, U: FloatArray) -> FloatArray:
+        """(6, k) motion of the point in fields U (n, k) in which the nodes move rigidly."""
+        return np.linalg.lstsq(self.T, U[self.dofs], rcond=None)[0]
 
-def make_interfaces(fe: FEMatrices, groups: Mapping[str, str]) -> tuple[RigidInterface, ...]:
-    """Tie each group of nodes to a reference point.
+    def loads(self) -> tuple[IntArray, FloatArray]:
+        """Degrees of freedom (s,), and loads (s, 6) on them with unit force or moment each."""
+        return self.dofs, np.linalg.pinv(self.T).T
+
+
+def rigid_rows(
+    numbering: Numbering, nodes: IntArray, arms: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Degrees of freedom (s,) of nodes, and how they follow a rigid motion, (s, 6).
 
     Parameters
     ----------
-    fe : FEMatrices
-        The model.
-    groups : mapping of str to str
-        Mesh group by interface name.
-
-    Raises
-    ------
-    MeshError
-        All unknown or empty groups, groups whose nodes lie on a line, and pairs that share nodes.
+    numbering : Numbering
+        Of the model.
+    nodes : (k,) int
+        The nodes.
+    arms : (k, 3) float
+        Their positions from the reference point [m].
     """
-    found: list[RigidInterface] = []
-    problems: list[Problem] = []
-    for name, group in groups.items():
-        try:
-            found.append(_make(fe, name, group))
-        except MeshError as error:
-            problems += error.problems
-    for k, one in enumerate(found):
-        for other in found[:k]:
-            shared = np.intersect1d(one.nodes, other.nodes)
-            if len(shared):
-                what = f'shares {len(shared)} nodes with the interface "{other.name}"'
-                problems.append(Problem(f"interfaces.{one.name}", what))
-    if problems:
-        raise MeshError.from_problems(problems)
-    return tuple(found)
-
-
-def _make(fe: FEMatrices, name: str, group: str) -> RigidInterface:
-    where = f"interfaces.{name}"
-    nodes = np.intersect1d(fe.mesh.group_nodes(group, where), fe.numbering.nodes)
-    if not len(nodes):
-        what = f'the group "{group}" has no nodes of the body\'s elements'
-        raise MeshError.from_problems([Problem(where, what)])
-    position = group_centroid(fe.mesh, group, nodes)
-    if not np.isin(nodes, fe.numbering.rotating).any():
-        _require_spread(fe.mesh.points[nodes], where, group)
-    dofs, T = _rigid_rows(fe.numbering, nodes, fe.mesh.points[nodes] - position)
-    return RigidInterface(name, position, nodes, dofs, T)
-
-
-def _require_spread(points: FloatArray, where: str, group: str) -> None:
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) < 3 or extent[1] <= _COLLINEAR * extent[0]:
-        what = f'the {len(points)} nodes of the group "{group}" lie on a line or a point: '
-        what += "they cannot hold a rotation; choose a surface"
-        raise MeshError.from_problems([Problem(where, what)])
-
-
-def _rigid_rows(
-    numbering: Numbering, nodes: IntArray, arms: FloatArray
-) -> tuple[IntArray, FloatArray]:
     T = np.zeros((len(nodes), 6, 6))
     T[:] = np.eye(6)
     T[:, :3, 3:] = -skew(arms)
