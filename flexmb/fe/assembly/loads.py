@@ -17,11 +17,15 @@ import numpy as np
 
 from flexmb.errors import MeshError, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.surface_loads import line_load, pressure_load, traction_load
+from flexmb.fe.assembly.rigid_links import spread
+from flexmb.fe.assembly.surface_loads import (
+    condensed_load,
+    line_load,
+    pressure_load,
+    traction_load,
+)
 from flexmb.fe.interfaces.make import make_interface
-from flexmb.fe.interfaces.rigid import rigid_rows
 from flexmb.fe.interfaces.selectors import WORDS, choose
-from flexmb.fe.interfaces.weighted import on_a_line
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["LoadPattern", "make_loads"]
@@ -140,17 +144,17 @@ def _force(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
     moment = _vector(where, words, "moment") if "moment" in words else zero
     selected = {key: words[key] for key in _NODES if key in words} | {"type": "rbe3"}
     choice = choose(fe, where, selected)
-    f = np.zeros(fe.numbering.n)
+    f = np.zeros(fe.numbering.n_all)
     turning = np.isin(choice.nodes, fe.numbering.rotating).any()
-    if moment.any() or turning or not on_a_line(fe.mesh.points[choice.nodes]):
+    if moment.any() or turning or spread(fe.mesh.points[choice.nodes]):
         dofs, values = make_interface(fe, "", selected, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force
         weights = choice.weights
         share = np.ones(len(choice.nodes)) if not isinstance(weights, np.ndarray) else weights
-        dofs, G = rigid_rows(fe.numbering, choice.nodes, np.zeros((len(choice.nodes), 3)))
-        np.add.at(f, dofs, np.repeat(share / share.sum(), 3) * (G[:, :3] @ force))
-    return f
+        dofs = fe.numbering.table[choice.nodes, :3]
+        np.add.at(f, dofs, np.outer(share / share.sum(), force))
+    return condensed_load(fe, f)
 
 
 def _vector(where: str, words: Mapping[str, Any], key: str) -> FloatArray:

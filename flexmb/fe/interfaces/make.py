@@ -14,10 +14,11 @@ import numpy as np
 
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.interfaces.rigid import RigidInterface, rigid_rows
+from flexmb.fe.assembly.rigid_links import rigid_rows, spread
+from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.interfaces.selectors import Choice, choose, listed
 from flexmb.fe.interfaces.tributary import tributary
-from flexmb.fe.interfaces.weighted import WeightedInterface, on_a_line, weighted_rows
+from flexmb.fe.interfaces.weighted import WeightedInterface, weighted_rows
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["InterfaceLike", "ModelInterface", "make_interface", "make_interfaces"]
@@ -94,16 +95,16 @@ def _weights(fe: FEMatrices, choice: Choice) -> FloatArray:
 
 
 def _require_free(fe: FEMatrices, choice: Choice) -> None:
-    tied = choice.nodes[(fe.numbering.table[choice.nodes] >= fe.numbering.n).any(axis=1)]
-    if len(tied):
-        what = f"{len(tied)} of the nodes {choice.about} ({listed(tied)}) follow a tie of the body "
-        what += "already: take its reference node"
+    following = np.intersect1d(choice.nodes, fe.numbering.tied)
+    if len(following):
+        what = f"{len(following)} of its nodes ({listed(following)}) follow a tie of the body; use "
+        what += "the tie's reference node"
         raise MeshError.from_problems([Problem(choice.where, what)])
 
 
 def _require_spread(fe: FEMatrices, choice: Choice) -> None:
     turning = np.isin(choice.nodes, fe.numbering.rotating)
-    if turning.any() or not on_a_line(fe.mesh.points[choice.nodes]):
+    if turning.any() or spread(fe.mesh.points[choice.nodes]):
         return
     if len(choice.nodes) == 1:
         what = f"node {choice.nodes[0]} belongs to solids, which have no rotations: one such node "

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.fe.assembly.numbering import Numbering, skew
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["RigidInterface", "rigid_rows"]
+__all__ = ["RigidInterface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +46,3 @@ class RigidInterface:
     def loads(self) -> tuple[IntArray, FloatArray]:
         """Degrees of freedom (s,), and loads (s, 6) on them with unit force or moment each."""
         return self.dofs, np.linalg.pinv(self.T).T
-
-
-def rigid_rows(
-    numbering: Numbering, nodes: IntArray, arms: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Degrees of freedom (s,) of nodes, and how they follow a rigid motion, (s, 6).
-
-    Parameters
-    ----------
-    numbering : Numbering
-        Of the model.
-    nodes : (k,) int
-        The nodes.
-    arms : (k, 3) float
-        Their positions from the reference point [m].
-    """
-    T = np.zeros((len(nodes), 6, 6))
-    T[:] = np.eye(6)
-    T[:, :3, 3:] = -skew(arms)
-    numbers = numbering.table[nodes]
-    exists = numbers >= 0
-    return numbers[exists], T[exists]

@@ -16,12 +16,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.interfaces.rigid import rigid_rows
+from flexmb.fe.assembly.rigid_links import rigid_rows, spread
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["WeightedInterface", "on_a_line", "weighted_rows"]
-
-_COLLINEAR = 1e-6  # smallest over largest extent of a group that still defines a rotation
+__all__ = ["WeightedInterface", "weighted_rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +75,11 @@ def weighted_rows(
     exists = numbering.table[nodes] >= 0
     turning = np.broadcast_to(np.arange(6) >= 3, exists.shape)[exists]
     w = np.broadcast_to(weights[:, None], exists.shape)[exists]
-    if on_a_line(arms):
-        middle = weights @ arms / weights.sum()
-        spread = weights @ np.sum((arms - middle) ** 2, axis=1) / weights.sum()
-        w = np.where(turning, w * (spread if spread > 0 else 1.0), w)
-    else:
+    if spread(arms):
         dofs, G, w = dofs[~turning], G[~turning], w[~turning]
+    else:
+        middle = weights @ arms / weights.sum()
+        gyration = weights @ np.sum((arms - middle) ** 2, axis=1) / weights.sum()
+        w = np.where(turning, w * (gyration if gyration > 0 else 1.0), w)
     Q, R = np.linalg.qr(np.sqrt(w)[:, None] * G)
     return dofs, solve_triangular(R, Q.T * np.sqrt(w))
-
-
-def on_a_line(points: FloatArray) -> bool:
-    """Whether displacements of points (k, 3) cannot hold all three rotations."""
-    if len(points) < 3:
-        return True
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(extent[1] <= _COLLINEAR * extent[0])

@@ -69,7 +69,7 @@ class Held:
         self.M = csr_array(fe.M[self.dofs][:, self.dofs])
         self._W = self._means()
         R = np.zeros((len(self.dofs), 0)) if rigid else fe.rigid
-        points = dof_points(fe)[self.dofs]
+        points = fe.dof_points[self.dofs]
         try:
             self._bordered = Bordered(self._K, self._W, R, points, progress)
         except ReductionError as error:
@@ -163,12 +163,3 @@ class Held:
         modes[self._b] = T
         modes[self.dofs] = self._bordered.solve(-(K_ib @ T), g)
         return modes
-
-
-def dof_points(fe: FEMatrices) -> FloatArray:
-    """(n, 3) position of the node of each degree of freedom [m]."""
-    points = np.zeros((fe.numbering.n, 3))
-    for column in fe.numbering.table.T:
-        there = np.flatnonzero((column >= 0) & (column < fe.numbering.n))
-        points[column[there]] = fe.mesh.points[there]
-    return points
