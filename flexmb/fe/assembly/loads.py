@@ -1,10 +1,10 @@
 """Loads on a model: from what the user says to a vector over its degrees of freedom.
 
-In: a model and, by name, a table of words: a pressure or traction on a surface, a force along lines,
-a force and moment on nodes, the weight in a field of gravity. Out: :class:`LoadPattern`, work-
-equivalent nodal loads with their resultant. Facets are integrated with their own shape functions;
-forces on groups spread as those of a weighted interface. Source: Zienkiewicz, Taylor, The Finite
-Element Method, vol. 1 (consistent loads).
+In: a model and, by name, a table of words: a pressure or traction on a surface, a force along
+lines, a force and moment on nodes, the weight in a field of gravity. Out: :class:`LoadPattern`,
+work-equivalent nodal loads with their resultant. Facets are integrated with their own shape
+functions; forces on groups spread as those of a weighted interface. Source: Zienkiewicz, Taylor,
+The Finite Element Method, vol. 1 (consistent loads).
 """
 
 from __future__ import annotations
@@ -56,9 +56,7 @@ class LoadPattern:
     residual: bool = True
 
 
-def make_loads(
-    fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]
-) -> tuple[LoadPattern, ...]:
+def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[LoadPattern, ...]:
     """Nodal loads from what is said of each.
 
     Parameters

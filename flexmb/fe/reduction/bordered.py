@@ -4,8 +4,8 @@ In: K of a part of the model, and W whose rows are held or moved. Out: :class:`B
 solves K u + W^T l = f, W u = g. K and its factor stay sparse: only the small Schur complement W
 K^-1 W^T is full. Where nothing else holds the part, K has the rigid motions R as its null space;
 it is solved with as many well-spread degrees of freedom held, and the border says that f - W^T l
-has no resultant; that is exact. Source: Golub, Van Loan, Matrix Computations, 4th ed., section 2.1.4
-(bordering); the choice of degrees of freedom is a pivoted QR of R^T.
+has no resultant; that is exact. Source: Golub, Van Loan, Matrix Computations, 4th ed., section
+2.1.4 (bordering); the degrees of freedom are chosen by a pivoted QR of R^T.
 """
 
 from __future__ import annotations
@@ -59,11 +59,15 @@ class Bordered:
         w = self._W.shape[0]
         if not w:
             return u
-        gap = self._W @ u - (0.0 if g is None else g)
-        right = np.concatenate([gap, self._R.T @ f])
-        scale = self._scale if right.ndim == 1 else self._scale[:, None]
-        found = scale * lu_solve(self._small, scale * right)
-        return u - self._X @ found[:w] - self._R @ found[w:]
+        resultant = self._R.T @ f
+        for _ in range(2):  # once more, for what rounding leaves of the means
+            gap = self._W @ u - (0.0 if g is None else g)
+            right = np.concatenate([gap, resultant])
+            scale = self._scale if right.ndim == 1 else self._scale[:, None]
+            found = scale * lu_solve(self._small, scale * right)
+            u = u - self._X @ found[:w] - self._R @ found[w:]
+            resultant = np.zeros_like(resultant)
+        return u
 
     def _border(self) -> None:
         """Factor the small matrix [[W K^+ W^T, W R], [R^T W^T, 0]] of (l, -c)."""

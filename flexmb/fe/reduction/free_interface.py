@@ -104,7 +104,11 @@ def free_basis(
 
 
 def free_modes_of(
-    held: Held, relief: Relief, count: int, mirror: Mirror | None = None, progress: Progress = silent
+    held: Held,
+    relief: Relief,
+    count: int,
+    mirror: Mirror | None = None,
+    progress: Progress = silent,
 ) -> tuple[FloatArray, FloatArray]:
     """At least ``count`` elastic modes of the free tied model, or all, unique in direction.
 

@@ -23,7 +23,7 @@ from flexmb.fe.reduction.bordered import Bordered
 from flexmb.fe.reduction.eigen import dense_modes, lowest_modes, start_vector
 from flexmb.fe.reduction.loose import loose_part
 from flexmb.fe.reduction.mass import held_mass_solve
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
 __all__ = ["Held"]

@@ -46,7 +46,8 @@ def loose_part(fe: FEMatrices, K: csr_array, dofs: IntArray, error: ReductionErr
         u = shifted.solve(u / np.abs(u).max())
     whole = np.zeros((fe.numbering.n, 1))
     whole[dofs, 0] = u
-    return f"with all interfaces held, a part of the mesh still moves freely: {moving_nodes(fe, whole)}"
+    where = moving_nodes(fe, whole)
+    return f"with all interfaces held, a part of the mesh still moves freely: {where}"
 
 
 def moving_nodes(fe: FEMatrices, u: FloatArray) -> str:

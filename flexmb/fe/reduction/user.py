@@ -1,6 +1,6 @@
 """Modes that the user brings: from a measurement, another program, or a model of his own.
 
-In: displacement fields over the degrees of freedom, or over the nodes of the mesh, from Python or an
+In: displacement fields over the degrees of freedom or over the nodes of the mesh, from Python or an
 .npz file. Out: a basis of the rigid motions and these modes without their rigid part, after checks:
 shapes, numbers that are finite, modes that are wholly rigid, modes that depend on others, rigid
 interfaces whose nodes do not move rigidly.
@@ -54,10 +54,7 @@ def read_user_modes(given: UserModesLike, length: float = 1.0) -> FloatArray:
     ReductionError
         No such file, no array in it that is meant, not numbers.
     """
-    if isinstance(given, np.ndarray):
-        found = given
-    else:
-        found = _from_file(Path(given))
+    found = given if isinstance(given, np.ndarray) else _from_file(Path(given))
     try:
         modes = np.array(found, dtype=float)
     except (TypeError, ValueError) as error:
@@ -206,9 +203,7 @@ def _require_independent(fe: FEMatrices, V: FloatArray) -> None:
     raise ReductionError.from_problems([Problem("modes", what)])
 
 
-def _require_ties(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], V: FloatArray
-) -> None:
+def _require_ties(fe: FEMatrices, interfaces: tuple[ModelInterface, ...], V: FloatArray) -> None:
     problems = []
     for part in interfaces:
         if not isinstance(part, RigidInterface):
@@ -237,6 +232,4 @@ def _tell_idle(interfaces: tuple[ModelInterface, ...], motion: FloatArray) -> No
     for part, rows in zip(interfaces, motion, strict=True):
         if not np.linalg.norm(rows[:3]) > 1e-12 * np.linalg.norm(motion):
             what = f'the interface "{part.name}" moves in none of the given modes'
-            warnings.warn(
-                f"{what}: loads there deform nothing", FlexmbWarning, stacklevel=3
-            )
+            warnings.warn(f"{what}: loads there deform nothing", FlexmbWarning, stacklevel=3)
