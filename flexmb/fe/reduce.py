@@ -21,15 +21,16 @@ import numpy as np
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
-from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
+from flexmb.fe.interfaces.make import make_interfaces
+from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
-from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
-from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.integrals import integrals
+from flexmb.fe.reduction.methods import reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
 from flexmb.fe.sections.read import section_from
@@ -107,7 +108,7 @@ def reduce(
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
-    reduced = _basis(fe, ties, modes, mirror, progress)
+    reduced = reduce_model(fe, ties, modes=modes, progress=progress, mirror=mirror)
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
     options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
@@ -120,18 +121,6 @@ def reduce(
     return replace(body, provenance=told)
 
 
-def _basis(
-    fe: FEMatrices,
-    ties: tuple[RigidInterface, ...],
-    modes: int,
-    mirror: Mirror | None,
-    progress: Progress,
-) -> CraigBampton:
-    if ties:
-        return craig_bampton(fe, ties, modes, progress, mirror)
-    return free_modes(fe, modes, progress, mirror)
-
-
 def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedModes) -> FlexBody:
     """The body without what rounding and mesh leave of motion out of the plane, if it is little."""
     shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
@@ -142,7 +131,7 @@ def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedMo
 def make_body(
     name: str,
     fe: FEMatrices,
-    reduced: CraigBampton,
+    reduced: ReducedBasis,
     elastic: ReducedModes,
     damping: float = 0.0,
     progress: Progress = silent,
@@ -164,10 +153,10 @@ def make_body(
     ties = reduced.interfaces
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
-    motion = np.zeros((len(ties), 6, elastic.Z.shape[1]))
-    moving = (len(ties), len(reduced.directions), elastic.Z.shape[1])
-    motion[:, reduced.directions] = elastic.Z[: reduced.constraints].reshape(moving)
-    nodes = node_modes(fe, elastic.Phi, ties, motion[:, 3:], progress)
+    motion = reduced.motion @ elastic.Z
+    turning = [k for k, tie in enumerate(ties) if isinstance(tie, RigidInterface)]
+    rigid = tuple(ties[k] for k in turning)
+    nodes = node_modes(fe, elastic.Phi, rigid, motion[turning, 3:], progress)
     return FlexBody(
         name,
         **vars(inertia),

@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import connected_components
 
 from flexmb.errors import MeshError
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.interfaces.make import ModelInterface
 from flexmb.fe.material import plausibility
-from flexmb.fe.reduction.craig_bampton import CraigBampton
+from flexmb.fe.reduction.basis import STATIC, ReducedBasis
 from flexmb.fe.reduction.orthonormal import ReducedModes
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import ModeInfo
@@ -39,7 +39,7 @@ def orphans(fe: FEMatrices) -> int:
     return len(fe.mesh.points) - len(fe.numbering.nodes)
 
 
-def require_one_part(fe: FEMatrices, interfaces: tuple[RigidInterface, ...]) -> None:
+def require_one_part(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> None:
     """Refuse a mesh whose parts are joined neither by nodes nor by an interface.
 
     Raises
@@ -67,7 +67,7 @@ def require_one_part(fe: FEMatrices, interfaces: tuple[RigidInterface, ...]) -> 
 
 
 def mode_infos(
-    fe: FEMatrices, reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray
+    fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
 ) -> tuple[ModeInfo, ...]:
     """The six rigid motions, dropped, then the modal coordinates with their energy shares.
 
@@ -89,8 +89,8 @@ def mode_infos(
     return (*rigid, *_elastic_infos(reduced, modes, Mab))
 
 
-def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
-    c = reduced.constraints
+def _elastic_infos(reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
+    static = reduced.columns(*STATIC)
     strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
     largest = np.argmax(strain, axis=0)
     kinetic = np.einsum("bbjj->jb", Mab)
@@ -102,7 +102,7 @@ def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) 
             True,
             "",
             reduced.labels[largest[j]],
-            float(strain[:c, j].sum()),
+            float(strain[static, j].sum()),
             tuple(kinetic[j]),
         )
         for j, frequency in enumerate(modes.frequencies)
