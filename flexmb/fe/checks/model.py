@@ -50,6 +50,7 @@ def require_one_part(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> 
     groups = [block.nodes for block in fe.blocks]
     groups += [part.nodes[None] for part in interfaces]
     groups += [np.append(tie.nodes, tie.reference)[None] for tie in fe.ties]
+    groups += [spring.nodes[None] for spring in fe.springs]
     first = np.concatenate([np.repeat(nodes[:, 0], nodes.shape[1]) for nodes in groups])
     other = np.concatenate([nodes.ravel() for nodes in groups])
     size = len(fe.mesh.points)
