@@ -5,7 +5,8 @@ from __future__ import annotations
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.assembly.geometric import geometric_stiffness
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
-from flexmb.fe.checks.precheck import mesh_problems
+from flexmb.fe.checks.mesh import Finding, mesh_report
+from flexmb.fe.checks.survey import Survey, mesh_problems, survey
 from flexmb.fe.elements.registry import ELEMENTS
 from flexmb.fe.elements.select import Block
 from flexmb.fe.interfaces.make import make_interfaces
@@ -38,6 +39,7 @@ __all__ = [
     "BeamSection",
     "Block",
     "FEMatrices",
+    "Finding",
     "Integrals",
     "LoadPattern",
     "Mesh",
@@ -46,6 +48,7 @@ __all__ = [
     "ReducedModes",
     "RigidInterface",
     "SolidSection",
+    "Survey",
     "TaperedSection",
     "WeightedInterface",
     "angle_section",
@@ -63,6 +66,7 @@ __all__ = [
     "make_interfaces",
     "make_loads",
     "mesh_problems",
+    "mesh_report",
     "node_modes",
     "orthonormalise",
     "read_mesh",
@@ -73,6 +77,7 @@ __all__ = [
     "resolve",
     "section_from",
     "surface",
+    "survey",
     "tapered",
     "tube",
     "user_modes",

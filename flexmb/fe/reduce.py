@@ -20,20 +20,21 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
-from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
+from flexmb.fe.checks.mesh import Finding
+from flexmb.fe.checks.model import mode_infos, orphans, suspicions
 from flexmb.fe.interfaces.make import make_interfaces
 from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.integrals import integrals
 from flexmb.fe.reduction.methods import reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.sections.read import section_from
+from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar import check_shares, flattened
@@ -45,7 +46,7 @@ __all__ = ["reduce"]
 
 
 def reduce(
-    mesh: str | os.PathLike[str] | Mesh,
+    mesh: MeshLike,
     *,
     units: str = "SI",
     material: MaterialLike,
@@ -62,8 +63,9 @@ def reduce(
 
     Parameters
     ----------
-    mesh : path or Mesh
-        Volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
+    mesh : path, mapping or Mesh
+        A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. Its
+        volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
@@ -97,16 +99,16 @@ def reduce(
     _check_options(modes, damping)
     scale = unit_system(units).factor(L=1)
     matter = resolve(material)
-    chosen = {key: section_from(s, f"sections.{key}") for key, s in (sections or {}).items()}
+    chosen = sections_from(sections)
     progress("read", 0.0)
-    given = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
+    given = mesh_from(mesh)
     progress("read", 1.0)
     fe = assemble(given.scaled(scale), matter, chosen, progress, ties=ties)
     ties = make_interfaces(fe, interfaces or {})
-    require_one_part(fe, ties)
-    found = suspicions(fe)
-    for sentence in found:
-        warnings.warn(sentence, FlexmbWarning, stacklevel=2)
+    found = suspicions(fe, ties)
+    for finding in found:
+        if finding.level == "warning":
+            warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
     reduced = reduce_model(fe, ties, modes=modes, progress=progress, mirror=mirror)
     elastic = orthonormalise(fe, reduced)
@@ -188,7 +190,7 @@ def _provenance(
     options: Mapping[str, Any],
     interfaces: Mapping[str, str],
     sections: Mapping[str, Any],
-    found: list[str],
+    found: list[Finding],
 ) -> dict[str, str]:
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
@@ -199,13 +201,14 @@ def _provenance(
         **{name: str(value) for name, value in options.items()},
         "degrees of freedom": str(fe.numbering.n),
         "nodes outside the body": str(orphans(fe)),
-        "warnings": "\n".join(found),
+        "warnings": "\n".join(f.sentence for f in found if f.level == "warning"),
+        "notes": "\n".join(f.sentence for f in found if f.level == "note"),
         "versions": ", ".join(f"{package} {version(package)}" for package in packages),
     }
 
 
 def _file_provenance(
-    mesh: str | os.PathLike[str],
+    mesh: str | os.PathLike[str] | Mapping[str, Any],
     options: Mapping[str, Any],
     material: MaterialLike,
     interfaces: Mapping[str, str] | None,
@@ -215,4 +218,6 @@ def _file_provenance(
     key = reduction_key(
         mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options
     )
+    if isinstance(mesh, Mapping):
+        return {"key": key, "mesh": json.dumps(dict(mesh))}
     return {"key": key, "mesh sha256": mesh_hash(mesh)}
