@@ -31,7 +31,7 @@ from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
-__all__ = ["FEMatrices", "assemble"]
+__all__ = ["FEMatrices", "assemble", "number_model"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def assemble(
         raise ReductionError.from_problems([problem])
     blocks = select_elements(mesh, sections, material)
     tied = make_ties(mesh, ties or {})
-    numbering = _numbering(mesh, blocks, tied)
+    numbering = number_model(mesh, blocks, tied)
     points, lumped = mesh.points, mass_matrix == "hrz"
     stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, points)
     lumps = _add_elements(blocks, (stiffness, mass), (numbering, points), lumped, progress)
@@ -206,7 +206,8 @@ def _add_elements(
     return lumps.total()
 
 
-def _numbering(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+def number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+    """Degrees of freedom of the nodes of elements and of the references of ties."""
     references = [np.array([tie.reference]) for tie in ties]
     moving = np.unique(np.concatenate([*(block.nodes.ravel() for block in blocks), *references]))
     turning = [block.nodes.ravel() for block in blocks if block.family.rotations]
