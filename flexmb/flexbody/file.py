@@ -121,7 +121,7 @@ def _read(file: h5py.File, row: schema.Dataset, source: Path) -> Any:
     values = item.asstr()[()].tolist() if row.kind == "text" else item[()]
     if row.kind != "text":
         values = np.asarray(values, dtype=row.kind)
-        if row.kind == "f8" and not (np.isfinite(values).all() or schema.may_hold_nan(row.path)):
+        if row.kind in ("f8", "f4") and not (np.isfinite(values).all() or schema.may_hold_nan(row.path)):
             raise BodyFileError(f"{source}: the dataset {row.path} has entries that are not finite")
     return values
 
