@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.assembly.geometric import geometric_stiffness
 from flexmb.fe.checks.precheck import mesh_problems
-from flexmb.fe.elements.select import ELEMENTS
+from flexmb.fe.elements.registry import ELEMENTS
+from flexmb.fe.elements.select import Block
 from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
 from flexmb.fe.key import reduction_key
 from flexmb.fe.material import resolve
@@ -16,19 +18,23 @@ from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.sections.beam import Section, circle, rectangle, section_from, tube
+from flexmb.fe.sections.solid import SolidSection
 
 __all__ = [
     "ELEMENTS",
     "CraigBampton",
+    "Block",
     "FEMatrices",
     "Integrals",
     "Mesh",
     "ReducedModes",
     "RigidInterface",
     "Section",
+    "SolidSection",
     "assemble",
     "circle",
     "craig_bampton",
+    "geometric_stiffness",
     "integrals",
     "make_body",
     "make_interfaces",

@@ -22,7 +22,7 @@ from flexmb.units import unit_system
 
 __all__ = ["mesh_hash", "reduction_key"]
 
-_METHOD = 1  # raise it whenever the same input gives another body
+_METHOD = 2  # raise it whenever the same input gives another body
 
 
 def reduction_key(

@@ -55,6 +55,7 @@ def reduce(
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, SectionLike] | None = None,
+    ties: Mapping[str, Mapping[str, Any]] | None = None,
     plane: str | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -63,7 +64,7 @@ def reduce(
     Parameters
     ----------
     mesh : path or Mesh
-        Second-order tetrahedra, and line elements where ``sections`` says they are beams.
+        Volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
@@ -79,6 +80,8 @@ def reduce(
         Name of the body; the file's by default.
     sections : mapping of str to Section or mapping, optional
         Section [m] of beams by mesh group, or under ``"all"``.
+    ties : mapping of str to mapping, optional
+        ``{name: {type: "rbe2" or "rbe3", reference: node or group of one, nodes: group}}``.
     plane : str, optional
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
@@ -99,7 +102,7 @@ def reduce(
     progress("read", 0.0)
     given = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
     progress("read", 1.0)
-    fe = assemble(given.scaled(scale), matter, chosen, progress)
+    fe = assemble(given.scaled(scale), matter, chosen, progress, ties=ties)
     ties = make_interfaces(fe, interfaces or {})
     require_one_part(fe, ties)
     found = suspicions(fe)

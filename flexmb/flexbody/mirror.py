@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["mirrored"]
+__all__ = ["fit_weights", "mirrored"]
 
 _MOST = 2000  # points that are compared; more would tell the same
 _NEIGHBOURS = 24  # of a fit with ten coefficients
@@ -56,13 +56,13 @@ def _interpolated(points: FloatArray, motion: FloatArray, at: FloatArray) -> Flo
     weights[:, 0] = 1.0
     apart = np.flatnonzero(distance[:, 0] > _SAME * np.ptp(points, axis=0).max())
     if len(apart):
-        fitted = _fit_weights(points[near[apart]], at[apart])
+        fitted = fit_weights(points[near[apart]], at[apart])
         inside = np.abs(fitted).sum(axis=1) < _WILD
         weights[apart[inside]] = fitted[inside]
     return np.asarray(np.einsum("rk,rkam->ram", weights, motion[near]))
 
 
-def _fit_weights(near: FloatArray, at: FloatArray) -> FloatArray:
+def fit_weights(near: FloatArray, at: FloatArray) -> FloatArray:
     """(r, k) weights of the neighbours (r, k, 3) in the value at a place of a quadratic fit."""
     arms = near - at[:, None]
     size = np.linalg.norm(arms, axis=2).max(axis=1)

@@ -14,7 +14,7 @@ NO_POISSON = resolve({"E": 200e9, "nu": 0.0, "density": 8000})
 
 
 def boundary_nodes(fe):
-    return np.unique(outer_faces(fe.elements.tets, fe.mesh.points))
+    return np.unique(outer_faces(fe.blocks, fe.mesh.points)[0])
 
 
 def solve_inside(fe, u):

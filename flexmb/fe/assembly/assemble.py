@@ -1,33 +1,33 @@
 """From a mesh in SI units to its stiffness, mass and inertia.
 
-In: a mesh, a material and the sections of beams. Out: :class:`FEMatrices` with sparse K and M over
-the body's own numbering. Each element kind contributes batches of element matrices, so that solids
-and beams of one mesh add up in the same matrices.
+In: a mesh, a material, sections by group, ties. Out: :class:`FEMatrices` with sparse K and M over
+the body's own numbering. Every family contributes batches of element matrices, so that solids,
+shells and beams of one mesh add up in the same matrices; motions that follow others by a tie are
+left out.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, vstack
 
-from flexmb.errors import MeshError
-from flexmb.fe.assembly.inertia import Inertia, beam_inertia, inertia_sum, solid_inertia
+from flexmb.errors import FlexmbWarning
+from flexmb.fe.assembly.inertia import Inertia, MassSum, component_masses, reduced_components
 from flexmb.fe.assembly.numbering import Numbering, number_nodes, rigid_vectors
-from flexmb.fe.assembly.scatter import scatter
-from flexmb.fe.elements import beam, tet10
-from flexmb.fe.elements.select import Elements, orientations, select_elements
+from flexmb.fe.assembly.scatter import Accumulator
+from flexmb.fe.assembly.ties import Tie, dependence, followers, make_ties
+from flexmb.fe.elements.select import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.sections.beam import Section
-from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.materials import Material
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
 __all__ = ["FEMatrices", "assemble"]
-
-_CHUNK = 4000  # tetrahedra at once: 30 MB for one batch of their matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,25 +38,31 @@ class FEMatrices:
     ----------
     mesh : Mesh
         In metres.
-    material : Material
-        Of all elements.
-    elements : Elements
+    material : Material or OrthotropicMaterial
+        Of whatever has no other.
+    blocks : tuple of Block
         The elements of the body.
     numbering : Numbering
         Degrees of freedom of the nodes.
     K, M : (n, n) sparse
-        Stiffness and consistent mass.
+        Stiffness and mass over the independent degrees of freedom.
     inertia : Inertia
-        Rigid data and second-moment form of the mass.
+        Rigid data and second-moment form of the mass, over all degrees of freedom.
+    ties : tuple of Tie
+        Nodes that follow others.
+    follow : (n_all - n, n) sparse, optional
+        Their motion per unit of each independent degree of freedom; None without ties.
     """
 
     mesh: Mesh
-    material: Material
-    elements: Elements
+    material: AnyMaterial
+    blocks: tuple[Block, ...]
     numbering: Numbering
     K: csr_array
     M: csr_array
     inertia: Inertia
+    ties: tuple[Tie, ...] = ()
+    follow: csr_array | None = None
 
     @property
     def center(self) -> FloatArray:
@@ -66,14 +72,38 @@ class FEMatrices:
     @property
     def rigid(self) -> FloatArray:
         """(n, 6) rigid motions about the centre of mass."""
-        return rigid_vectors(self.numbering, self.mesh.points, self.center)
+        return rigid_vectors(self.numbering, self.mesh.points, self.center)[: self.numbering.n]
+
+    @property
+    def dof_points(self) -> FloatArray:
+        """(n, 3) position of the node of each independent degree of freedom [m]."""
+        table, n = self.numbering.table, self.numbering.n
+        nodes = np.zeros(n, dtype=np.int64)
+        node, motion = np.nonzero((table >= 0) & (table < n))
+        nodes[table[node, motion]] = node
+        return self.mesh.points[nodes]
+
+    def expand(self, V: FloatArray) -> FloatArray:
+        """(n_all, ...) all motions from the independent ones (n, ...)."""
+        return V if self.follow is None else np.concatenate([V, self.follow @ V])
+
+    def condensed(self, matrix: csr_array) -> csr_array:
+        """(n, n) a matrix over all motions (n_all, n_all) as one over the independent ones."""
+        return _condensed(matrix, self.follow)
+
+    def reduced_mass(self, Phi: FloatArray) -> FloatArray:
+        """(3, 3, m, m) Phi^T M_ab Phi for modes Phi (n, m), M_ab = int rho N_a^T N_b."""
+        masses = component_masses(self.blocks, self.numbering, self.mesh.points)
+        return reduced_components(self.inertia, masses, self.numbering, self.expand(Phi))
 
 
 def assemble(
     mesh: Mesh,
-    material: Material,
-    sections: Mapping[str, Section] | None = None,
+    material: AnyMaterial,
+    sections: Mapping[str, Any] | None = None,
     progress: Progress = silent,
+    *,
+    ties: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> FEMatrices:
     """Build stiffness, mass and inertia.
 
@@ -81,73 +111,56 @@ def assemble(
     ----------
     mesh : Mesh
         In metres.
-    material : Material
-        Of all elements.
-    sections : mapping of str to Section, optional
-        Section of the line elements by group, or under ``"all"``.
+    material : Material or OrthotropicMaterial
+        Of all sections that name none.
+    sections : mapping of str to section, optional
+        By mesh group, or under ``"all"``; lines and surfaces need one to belong to the body.
     progress : Progress
         Told the phase ``"assemble"``.
+    ties : mapping of str to mapping, optional
+        ``{name: {type: "rbe2" or "rbe3", reference: node or group, nodes: group}}``.
 
     Raises
     ------
     MeshError
-        No usable elements, unusable kinds, or elements turned inside out.
+        No usable elements, unusable kinds, elements turned inside out, or ties that cannot be.
     """
-    elements = select_elements(mesh, sections)
-    moving = np.union1d(elements.tets, elements.lines)
-    numbering = number_nodes(len(mesh.points), moving, np.unique(elements.lines))
-    K = csr_array((numbering.n, numbering.n))
-    solid = slender = None
-    if len(elements.tets):
-        K_solid, solid = _assemble_tets(mesh, elements.tets, numbering, material, progress)
-        K = K + K_solid
-    if len(elements.lines):
-        K_beam, slender = _assemble_beams(mesh, elements, numbering, material)
-        K = K + K_beam
-    inertia = inertia_sum(solid, slender)
+    blocks = select_elements(mesh, sections, material)
+    tied = make_ties(mesh, ties or {})
+    numbering = _numbering(mesh, blocks, tied)
+    stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, mesh.points)
+    total, done = sum(len(block.nodes) for block in blocks), 0
+    for block in blocks:
+        _warn(block)
+        for nodes in block.chunks(9 if block.family.rotations else 1):
+            dofs = numbering.of(nodes, 6 if block.family.rotations else 3)
+            stiffness.add(block.family.stiffness(mesh.points[nodes], block.section), dofs)
+            mass.add(block, nodes)
+            done += len(nodes)
+            progress("assemble", min(0.99, done / total))
+    inertia, M = mass.total()
+    follow = dependence(tied, numbering, mesh.points) if tied else None
+    K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
     progress("assemble", 1.0)
-    M = inertia.mass_matrix()
-    return FEMatrices(mesh, material, elements, numbering, K, M, inertia)
+    return FEMatrices(mesh, material, blocks, numbering, K, M, inertia, tied, follow)
 
 
-def _assemble_tets(
-    mesh: Mesh, tets: IntArray, numbering: Numbering, material: Material, progress: Progress
-) -> tuple[csr_array, Inertia]:
-    nodes, local = np.unique(tets, return_inverse=True)
-    local = local.reshape(tets.shape)
-    dofs = numbering.table[nodes, :3]
-    element_dofs = dofs[local].reshape(len(tets), 30)
-    lam = material.E * material.nu / ((1 + material.nu) * (1 - 2 * material.nu))
-    mu = material.E / (2 * (1 + material.nu))
-    K, scalar = csr_array((numbering.n, numbering.n)), csr_array((len(nodes), len(nodes)))
-    for start in range(0, len(tets), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        x = mesh.points[tets[part]]
-        _check_shape(mesh, x, tets[part])
-        K = K + scatter(tet10.stiffness(x, (lam, mu)), element_dofs[part], numbering.n)
-        scalar = scalar + scatter(tet10.mass(x, material.density), local[part], len(nodes))
-        progress("assemble", min(1.0, (start + _CHUNK) / len(tets)))
-    return K, solid_inertia(scalar, dofs, mesh.points[nodes], numbering.n)
+def _numbering(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+    references = [np.array([tie.reference]) for tie in ties]
+    moving = np.unique(np.concatenate([*(block.nodes.ravel() for block in blocks), *references]))
+    turning = [block.nodes.ravel() for block in blocks if block.family.rotations]
+    rotating = np.unique(np.concatenate([np.zeros(0, dtype=int), *turning, *references]))
+    return number_nodes(len(mesh.points), moving, rotating, followers(ties, len(mesh.points)))
 
 
-def _check_shape(mesh: Mesh, x: FloatArray, tets: IntArray) -> None:
-    bad = tet10.inverted(x)
-    if len(bad):
-        corners = ", ".join(str(node) for node in tets[bad[0], :4])
-        what = f"{len(bad)} tetrahedra are flat or turned inside out, the first with corner nodes"
-        raise MeshError(f"{mesh.source}: {what} {corners}; improve the mesh (gmsh: HighOrder)")
+def _warn(block: Block) -> None:
+    if block.family.warning:
+        told = f'{len(block.nodes)} elements of kind "{block.kind}": {block.family.warning}'
+        warnings.warn(told, FlexmbWarning, stacklevel=3)
 
 
-def _assemble_beams(
-    mesh: Mesh, elements: Elements, numbering: Numbering, material: Material
-) -> tuple[csr_array, Inertia]:
-    ends = mesh.points[elements.lines]
-    values = {
-        name: np.array([getattr(section, name) for section in elements.sections])
-        for name in ("A", "Iy", "Iz", "J", "ky", "kz")
-    }
-    axes = beam.local_axes(ends, orientations(elements))
-    beams = beam.Beams(ends, axes, **values, material=material)
-    dofs = numbering.table[elements.lines].reshape(-1, 12)
-    K = scatter(beam.stiffness(beams), dofs, numbering.n)
-    return K, beam_inertia(beam.mass(beams), dofs, numbering.n)
+def _condensed(matrix: csr_array, follow: csr_array | None) -> csr_array:
+    if follow is None:
+        return matrix
+    G = vstack([eye_array(follow.shape[1]), follow]).tocsr()
+    return csr_array(G.T @ matrix @ G)

@@ -1,25 +1,28 @@
 """The inertia of a finite-element model in second-moment form, before reduction.
 
-In: scalar mass of solids, mass components of beams. Out: :class:`Inertia`, which holds the rigid
-data and, over all degrees of freedom, p_b = int rho N_b, P_ab = int rho s_a N_b and M_ab = int rho
-N_a^T N_b. Solids store one scalar mass matrix for all nine M_ab; elements with nodal rotations
-store components.
+In: blocks of elements and the numbering. Out: :class:`Inertia`, which holds the rigid data and,
+over the degrees of freedom, p_b = int rho N_b and P_ab = int rho s_a N_b, and the mass matrix. The
+products M_ab = int rho N_a^T N_b are only ever needed reduced onto modes: solids keep one scalar
+mass matrix for all nine, elements with nodal rotations are gone through once more.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from flexmb.fe.assembly.scatter import scatter
-from flexmb.fe.elements.beam import BeamMass
+from flexmb.fe.assembly.numbering import Numbering
+from flexmb.fe.assembly.scatter import Accumulator
+from flexmb.fe.elements.family import ComponentMass, ScalarMass
+from flexmb.fe.elements.select import Block
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["Inertia", "beam_inertia", "inertia_sum", "solid_inertia"]
+__all__ = ["Inertia", "MassSum", "component_masses", "reduced_components"]
 
-Components = tuple[tuple[csr_array, ...], ...]
+_COMPONENTS = 9  # matrices of an element at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +37,8 @@ class Inertia:
         int rho N_b.
     P : (3, 3, n) float
         int rho s_a N_b.
-    scalar : (k, k) sparse, optional
-        int rho N_i N_j over the nodes whose displacement components are ``scalar_dofs`` (k, 3).
-    components : 3 x 3 of (n, n) sparse, optional
-        int rho N_a^T N_b of elements with nodal rotations.
+    scalar : (nodes, nodes) sparse
+        int rho N_i N_j of the solids over the nodes of the mesh.
     """
 
     mass: float
@@ -45,90 +46,95 @@ class Inertia:
     S0: FloatArray
     p: FloatArray
     P: FloatArray
-    scalar: csr_array | None = None
-    scalar_dofs: IntArray | None = None
-    components: Components | None = None
+    scalar: csr_array
 
-    def mass_matrix(self) -> csr_array:
-        """(n, n) the mass matrix, the sum of M_bb."""
-        n = self.p.shape[1]
-        M = csr_array((n, n))
-        if self.scalar is not None:
-            entries = self.scalar.tocoo()
-            for column in self.scalar_dofs.T:
-                rows, columns = column[entries.row], column[entries.col]
-                M = M + csr_array((entries.data, (rows, columns)), shape=(n, n))
-        if self.components is not None:
+
+class MassSum:
+    """The mass of all blocks, summed batch by batch."""
+
+    def __init__(self, numbering: Numbering, points: FloatArray) -> None:
+        n = numbering.n_all
+        self._numbering, self._points = numbering, points
+        self._scalar = Accumulator(len(points))
+        self._M = Accumulator(n)
+        self._mass, self._S1, self._S0 = 0.0, np.zeros(3), np.zeros((3, 3))
+        self._p, self._P = np.zeros((3, n)), np.zeros((3, 3, n))
+
+    def add(self, block: Block, nodes: IntArray) -> None:
+        """Add some elements of a block."""
+        mass = block.family.mass(self._points[nodes], block.section)
+        if isinstance(mass, ScalarMass):
+            self._scalar.add(mass.M, nodes)
+        else:
+            self.add_components(mass, self._numbering.of(nodes, 6))
+
+    def add_components(self, mass: ComponentMass, dofs: IntArray) -> None:
+        """Add mass whose degrees of freedom have these numbers (ne, d)."""
+        self._M.add(np.einsum("ebbij->eij", mass.Mab), dofs)
+        for a in range(3):
+            np.add.at(self._p[a], dofs, mass.p[:, a])
             for b in range(3):
-                M = M + self.components[b][b]
-        return M
+                np.add.at(self._P[a, b], dofs, mass.P[:, a, b])
+        self._mass += float(mass.mass.sum())
+        self._S1 += mass.S1.sum(axis=0)
+        self._S0 += mass.S0.sum(axis=0)
 
-    def reduced_components(self, Phi: FloatArray) -> FloatArray:
-        """(3, 3, m, m) Phi^T M_ab Phi for modes Phi (n, m)."""
-        m = Phi.shape[1]
-        Mab = np.zeros((3, 3, m, m))
-        if self.scalar is not None:
-            X = np.concatenate([Phi[column] for column in self.scalar_dofs.T], axis=1)
-            product = X.T @ (self.scalar @ X)
-            Mab += product.reshape(3, m, 3, m).transpose(0, 2, 1, 3)
-        if self.components is not None:
-            for a in range(3):
-                for b in range(3):
-                    Mab[a, b] += Phi.T @ (self.components[a][b] @ Phi)
-        return 0.5 * (Mab + Mab.transpose(1, 0, 3, 2))
-
-
-def solid_inertia(scalar: csr_array, dofs: IntArray, points: FloatArray, n: int) -> Inertia:
-    """Inertia of isoparametric solids: s and the displacement share one interpolation.
-
-    Parameters
-    ----------
-    scalar : (k, k) sparse
-        int rho N_i N_j.
-    dofs : (k, 3) int
-        Degrees of freedom of the k nodes.
-    points : (k, 3) float
-        Their positions.
-    n : int
-        Number of degrees of freedom.
-    """
-    moment = scalar @ points  # int rho s_a N_i
-    weight = scalar @ np.ones(len(points))
-    p, P = np.zeros((3, n)), np.zeros((3, 3, n))
-    for b in range(3):
-        p[b, dofs[:, b]] = weight
-        P[:, b, dofs[:, b]] = moment.T
-    S0 = points.T @ moment
-    return Inertia(weight.sum(), moment.sum(axis=0), 0.5 * (S0 + S0.T), p, P, scalar, dofs)
-
-
-def beam_inertia(elements: BeamMass, dofs: IntArray, n: int) -> Inertia:
-    """Inertia of beams from their mass components; ``dofs`` (ne, 12)."""
-    components = tuple(
-        tuple(scatter(elements.Mab[:, a, b], dofs, n) for b in range(3)) for a in range(3)
-    )
-    p, P = np.zeros((3, n)), np.zeros((3, 3, n))
-    for a in range(3):
-        np.add.at(p[a], dofs, elements.p[:, a])
+    def total(self) -> tuple[Inertia, csr_array]:
+        """The inertia, and the mass matrix over all degrees of freedom."""
+        scalar, points = self._scalar.matrix(), self._points
+        M = self._M.matrix()
+        solid = np.flatnonzero(np.diff(scalar.indptr))
+        entries = scalar.tocoo()
+        moment, weight = scalar @ points, scalar @ np.ones(len(points))
         for b in range(3):
-            np.add.at(P[a, b], dofs, elements.P[:, a, b])
-    S1, S0 = elements.S1.sum(axis=0), elements.S0.sum(axis=0)
-    return Inertia(elements.mass.sum(), S1, S0, p, P, components=components)
+            number = self._numbering.table[:, b]
+            data = (entries.data, (number[entries.row], number[entries.col]))
+            M = M + csr_array(data, shape=M.shape)
+            self._p[b, number[solid]] += weight[solid]
+            self._P[:, b, number[solid]] += moment[solid].T
+        S0 = self._S0 + points.T @ moment
+        found = Inertia(
+            self._mass + float(weight.sum()),
+            self._S1 + moment.sum(axis=0),
+            0.5 * (S0 + S0.T),
+            self._p,
+            self._P,
+            scalar,
+        )
+        return found, M
 
 
-def inertia_sum(solid: Inertia | None, beam: Inertia | None) -> Inertia:
-    """Inertia of a model with solids, beams or both."""
-    if solid is None or beam is None:
-        found = solid or beam
-        assert found is not None
-        return found
-    return Inertia(
-        solid.mass + beam.mass,
-        solid.S1 + beam.S1,
-        solid.S0 + beam.S0,
-        solid.p + beam.p,
-        solid.P + beam.P,
-        solid.scalar,
-        solid.scalar_dofs,
-        beam.components,
-    )
+def component_masses(
+    blocks: tuple[Block, ...], numbering: Numbering, points: FloatArray
+) -> Iterator[tuple[ComponentMass, IntArray]]:
+    """Mass of the elements with nodal rotations, in batches with their numbers (ne, d)."""
+    for block in blocks:
+        if block.family.rotations:
+            for nodes in block.chunks(_COMPONENTS):
+                mass = block.family.mass(points[nodes], block.section)
+                assert isinstance(mass, ComponentMass)
+                yield mass, numbering.of(nodes, 6)
+
+
+def reduced_components(
+    inertia: Inertia,
+    masses: Iterator[tuple[ComponentMass, IntArray]],
+    numbering: Numbering,
+    Phi: FloatArray,
+) -> FloatArray:
+    """(3, 3, m, m) Phi^T M_ab Phi for modes Phi (n_all, m)."""
+    m = Phi.shape[1]
+    Mab = np.zeros((3, 3, m, m))
+    solid = np.flatnonzero(np.diff(inertia.scalar.indptr))
+    if len(solid):
+        scalar = inertia.scalar[solid][:, solid]
+        X = Phi[numbering.table[solid, :3]].reshape(len(solid), 3 * m)
+        product = X.T @ (scalar @ X)
+        Mab += product.reshape(3, m, 3, m).transpose(0, 2, 1, 3)
+    for mass, dofs in masses:
+        local = Phi[dofs]
+        flat = local.reshape(-1, m)
+        for a in range(3):
+            for b in range(3):
+                Mab[a, b] += flat.T @ np.matmul(mass.Mab[:, a, b], local).reshape(-1, m)
+    return 0.5 * (Mab + Mab.transpose(1, 0, 3, 2))

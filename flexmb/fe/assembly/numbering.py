@@ -1,8 +1,9 @@
-"""Degrees of freedom of a mesh: three displacements a node, six where a beam ends.
+"""Degrees of freedom of a mesh: three displacements a node, six where beams or shells meet it.
 
-In: for each node, whether solids and beams touch it. Out: a table of degree-of-freedom numbers
-with -1 for those that do not exist. Order at a node: x, y, z displacement, then rotation about x,
-y, z, all in body axes.
+In: for each node, whether it moves, turns, and which of its motions follow others. Out: a table of
+degree-of-freedom numbers with -1 for those that do not exist; the independent ones come first, the
+tied ones after them. Order at a node: x, y, z displacement, then rotation about x, y, z, all in
+body axes.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
@@ -25,11 +27,14 @@ class Numbering:
     table : (nodes, 6) int
         Number of each degree of freedom, -1 where there is none.
     n : int
-        How many there are.
+        How many are independent: the numbers 0 to n - 1.
+    n_all : int
+        How many there are with those that follow others by ties: n to n_all - 1.
     """
 
     table: IntArray
     n: int
+    n_all: int
 
     @property
     def nodes(self) -> IntArray:
@@ -41,8 +46,19 @@ class Numbering:
         """Nodes that carry rotations, ascending."""
         return np.flatnonzero(self.table[:, 3] >= 0)
 
+    @property
+    def tied(self) -> IntArray:
+        """Nodes with a degree of freedom that follows others, ascending."""
+        return np.flatnonzero((self.table >= self.n).any(axis=1))
 
-def number_nodes(count: int, moving: IntArray, rotating: IntArray) -> Numbering:
+    def of(self, nodes: IntArray, width: int) -> IntArray:
+        """(ne, k * width) numbers of the first ``width`` motions of the nodes (ne, k)."""
+        return self.table[nodes, :width].reshape(len(nodes), -1)
+
+
+def number_nodes(
+    count: int, moving: IntArray, rotating: IntArray, tied: NDArray[np.bool_] | None = None
+) -> Numbering:
     """Number the degrees of freedom node by node.
 
     Parameters
@@ -51,18 +67,24 @@ def number_nodes(count: int, moving: IntArray, rotating: IntArray) -> Numbering:
         Nodes in the mesh.
     moving, rotating : (k,) int
         Nodes with displacements, and those that have rotations as well.
+    tied : (count, 6) bool, optional
+        Motions that follow others.
     """
     has = np.zeros((count, 6), dtype=bool)
     has[moving, :3] = True
     has[rotating] = True
+    follows = np.zeros_like(has) if tied is None else has & tied
     table = np.full((count, 6), -1)
-    table[has] = np.arange(has.sum())
-    return Numbering(table, int(has.sum()))
+    free = has & ~follows
+    n, n_all = int(free.sum()), int(has.sum())
+    table[free] = np.arange(n)
+    table[follows] = np.arange(n, n_all)
+    return Numbering(table, n, n_all)
 
 
 def rigid_vectors(numbering: Numbering, points: FloatArray, about: FloatArray) -> FloatArray:
-    """(n, 6) the three unit translations and the three unit rotations about a point, body axes."""
-    R = np.zeros((numbering.n, 6))
+    """(n_all, 6) the unit translations and the unit rotations about a point, body axes."""
+    R = np.zeros((numbering.n_all, 6))
     nodes, rotating = numbering.nodes, numbering.rotating
     arms = -skew(points[nodes] - about)
     for c in range(3):

@@ -47,9 +47,11 @@ def require_one_part(fe: FEMatrices, interfaces: tuple[RigidInterface, ...]) -> 
     MeshError
         With the size and place of the smallest part.
     """
-    groups = [*fe.elements.tets, *fe.elements.lines, *(part.nodes for part in interfaces)]
-    first = np.concatenate([np.full(len(nodes), nodes[0]) for nodes in groups])
-    other = np.concatenate(groups)
+    groups = [block.nodes for block in fe.blocks]
+    groups += [part.nodes[None] for part in interfaces]
+    groups += [np.append(tie.nodes, tie.reference)[None] for tie in fe.ties]
+    first = np.concatenate([np.repeat(nodes[:, 0], nodes.shape[1]) for nodes in groups])
+    other = np.concatenate([nodes.ravel() for nodes in groups])
     size = len(fe.mesh.points)
     graph = coo_array((np.ones(len(other)), (first, other)), shape=(size, size))
     _, part_of = connected_components(graph, directed=False)

@@ -13,14 +13,16 @@ mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.fe.elements.family import ComponentMass
+from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import Material
 
-__all__ = ["BeamMass", "Beams", "local_axes", "mass", "stiffness"]
+__all__ = ["LINE", "Beams", "local_axes", "mass", "stiffness"]
 
 _ORDER = 6  # products of two cubics
 
@@ -49,22 +51,6 @@ class Beams:
         E, G = self.material.E, self.material.E / (2 * (1 + self.material.nu))
         base = 12 * E / (G * self.A * self.length**2)
         return base * self.Iz / self.ky, base * self.Iy / self.kz
-
-
-@dataclass(frozen=True, eq=False)
-class BeamMass:
-    """Mass of the elements with its components, in body axes.
-
-    Mab (ne, 3, 3, 12, 12) = int rho N_a^T N_b; P (ne, 3, 3, 12) = int rho s_a N_b;
-    p (ne, 3, 12) = int rho N_b; mass (ne,); S1 (ne, 3); S0 (ne, 3, 3).
-    """
-
-    Mab: FloatArray
-    P: FloatArray
-    p: FloatArray
-    mass: FloatArray
-    S1: FloatArray
-    S0: FloatArray
 
 
 def local_axes(ends: FloatArray, orientation: FloatArray) -> FloatArray:
@@ -101,7 +87,7 @@ def stiffness(beams: Beams) -> FloatArray:
     return K
 
 
-def mass(beams: Beams) -> BeamMass:
+def mass(beams: Beams) -> ComponentMass:
     """Mass components of the elements in body axes."""
     rows = _Rows(beams)
     rho = beams.material.density
@@ -131,7 +117,7 @@ def mass(beams: Beams) -> BeamMass:
     P = np.einsum("eac,ebd,ecdi->eabi", R, R, first, optimize=True)
     P += origin[:, :, None, None] * p[:, None]
     Mab = np.einsum("eac,ebd,ecdij->eabij", R, R, local, optimize=True)
-    return BeamMass(Mab, P, p, *_rigid(beams))
+    return ComponentMass(Mab, P, p, *_rigid(beams))
 
 
 def _rigid(beams: Beams) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -205,3 +191,42 @@ class _Rows:
             found.append(self._local(shapes * signs, columns) + of_g[:, :, None] * g)
         deflection, slope, curvature = found
         return deflection, slope - g, curvature
+
+
+class Line:
+    """Beams as a family."""
+
+    kind = "line"
+    about = (
+        "beam: straight, two nodes with six motions each, Euler-Bernoulli or Timoshenko; "
+        "needs a section"
+    )
+    dimension = 1
+    rotations = True
+    warning = ""
+    faces = ()
+    edges = ((0, 1),)
+
+    def defects(self, x: FloatArray) -> IntArray:
+        """Elements without length."""
+        return np.flatnonzero(np.linalg.norm(x[:, 1] - x[:, 0], axis=1) == 0)
+
+    def stiffness(self, x: FloatArray, section: Any) -> FloatArray:
+        """(ne, 12, 12)."""
+        return stiffness(_beams(x, section))
+
+    def mass(self, x: FloatArray, section: Any) -> ComponentMass:
+        """Consistent mass."""
+        return mass(_beams(x, section))
+
+
+LINE = Line()
+
+
+def _beams(x: FloatArray, section: Any) -> Beams:
+    orientation = np.full(3, np.nan) if section.orientation is None else section.orientation
+    axes = local_axes(x, np.broadcast_to(np.asarray(orientation, float), (len(x), 3)))
+    values = {
+        name: np.full(len(x), getattr(section, name)) for name in ("A", "Iy", "Iz", "J", "ky", "kz")
+    }
+    return Beams(x, axes, **values, material=section.material)

@@ -1,124 +1,191 @@
-"""Which elements of a mesh form the body.
+"""Which elements of a mesh form the body, and which section each has.
 
-In: a mesh and the sections of its beams. Out: :class:`Elements`, the tetrahedra and the beams.
-Other elements only define groups (surfaces of solids, edges); a volume element that cannot be used
-is refused by name, never skipped.
+In: a mesh, sections by group, the material of the body. Out: :class:`Block` objects, the elements
+of one kind with one section. Volume elements always belong to the body; surfaces and lines do if a
+section names their group, else they only mark groups. An element that cannot be used is refused by
+name, never skipped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from flexmb.errors import MeshError, Problem
-from flexmb.fe.elements.beam import local_axes
+from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.registry import ADVICE, FAMILIES
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.sections.beam import Section
+from flexmb.fe.sections.solid import SolidSection
 from flexmb.flexbody.arrays import IntArray
+from flexmb.materials import AnyMaterial
 
-__all__ = ["ELEMENTS", "Elements", "select_elements"]
+__all__ = ["Block", "select_elements"]
 
-ELEMENTS = {
-    "tetra10": "solid: second-order tetrahedron, straight or curved, three displacements a node",
-    "line": "beam: straight, two nodes with six motions each, Euler-Bernoulli or Timoshenko; "
-    "needs a section",
-}
-"""Kinds of elements that make up a body, by their names in meshes."""
-
-_ADVICE = {
-    "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",
-    "line3": "beams have two nodes: mesh them with first-order elements",
-}
+_WORDS = {1: "line", 2: "surface", 3: "volume"}
+_CHUNK = 3e7  # bytes of one batch of element matrices
 
 
 @dataclass(frozen=True, eq=False)
-class Elements:
-    """The elements of the body.
+class Block:
+    """Elements of one kind with one section.
 
     Parameters
     ----------
-    tets : (nt, 10) int
-        Nodes of the tetrahedra.
-    lines : (nb, 2) int
-        Nodes of the beams.
-    sections : tuple of Section
-        Section of each beam element.
+    kind : str
+        Name of the cells in the mesh.
+    nodes : (ne, k) int
+        Mesh nodes of the elements.
+    rows : (ne,) int
+        Their rows among the mesh's cells of that kind.
+    section : SolidSection, ShellSection or BeamSection
+        With its material.
+    group : str
+        The group that gave it; ``"all"`` if none.
     """
 
-    tets: IntArray
-    lines: IntArray
-    sections: tuple[Section, ...]
+    kind: str
+    nodes: IntArray
+    rows: IntArray
+    section: Any
+    group: str
+
+    @property
+    def family(self) -> Family:
+        """The element family."""
+        return FAMILIES[self.kind]
+
+    @property
+    def width(self) -> int:
+        """Degrees of freedom of one element."""
+        return self.nodes.shape[1] * (6 if self.family.rotations else 3)
+
+    def chunks(self, matrices: int = 1) -> Iterator[IntArray]:
+        """Nodes of the elements in batches that keep ``matrices`` (d, d) each within memory."""
+        size = max(1, int(_CHUNK / (8 * matrices * self.width**2)))
+        for start in range(0, len(self.nodes), size):
+            yield self.nodes[start : start + size]
 
 
-def select_elements(mesh: Mesh, sections: Mapping[str, Section] | None) -> Elements:
-    """Choose the elements of the body; ``sections`` by group name, or under ``"all"``.
+def select_elements(
+    mesh: Mesh, sections: Mapping[str, Any] | None, material: AnyMaterial | None = None
+) -> tuple[Block, ...]:
+    """Choose the elements of the body.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres.
+    sections : mapping of str to section
+        By mesh group; ``"all"`` takes whatever elements of its dimension no other section names.
+    material : Material or OrthotropicMaterial, optional
+        Of all sections that name none.
 
     Raises
     ------
     MeshError
-        No volume elements and no beams with a section, an unusable kind, an unknown group, or a
-        beam element with two sections.
+        Unusable kinds, unknown groups, groups without such elements, elements with two sections,
+        elements turned inside out, or nothing to make a body of; all at once.
     """
-    problems = [_unusable(mesh, kind) for kind in mesh.kinds(3) if kind != "tetra10"]
-    lines, chosen = _beams(mesh, sections or {})
-    if sections and len(mesh.blocks.get("line3", ())):
-        problems.append(_unusable(mesh, "line3"))
-    tets = mesh.blocks.get("tetra10", np.zeros((0, 10), dtype=int))
-    if not problems and not len(tets) and not len(lines):
-        found = ", ".join(f"{len(c)} {kind}" for kind, c in mesh.blocks.items()) or "no elements"
-        what = f"has no volume elements, and no line elements with a section; it has {found}"
-        problems.append(Problem(mesh.source, what))
+    given = dict(sections or {})
+    if "all" in given and "all" not in mesh.element_sets:
+        given["all"] = given.pop("all")  # last: what is left
+    owners = {kind: np.full(len(cells), -1) for kind, cells in mesh.blocks.items()}
+    names, problems = list(given), []
+    for number, name in enumerate(names):
+        problems += _assign(mesh, owners, names, number, given[name].dimension)
+    problems += _unusable(mesh, owners)
+    if not problems and not _anything(mesh, owners):
+        problems.append(Problem(mesh.source, _nothing(mesh)))
     if problems:
         raise MeshError.from_problems(problems)
-    elements = Elements(tets, lines, chosen)
-    _check_beams(mesh, elements)
-    return elements
+    blocks = [
+        block
+        for kind in mesh.blocks
+        for block in _blocks(mesh, kind, owners[kind], given, material)
+    ]
+    _check_shapes(mesh, blocks)
+    return tuple(blocks)
 
 
-def _unusable(mesh: Mesh, kind: str) -> Problem:
-    what = f'has {len(mesh.blocks[kind])} elements of kind "{kind}", which cannot be used'
-    advice = _ADVICE.get(kind, "mesh with second-order tetrahedra")
-    return Problem(mesh.source, f"{what}; {advice}", allowed=("tetra10", "line with a section"))
-
-
-def _beams(mesh: Mesh, sections: Mapping[str, Section]) -> tuple[IntArray, tuple[Section, ...]]:
-    block = mesh.blocks.get("line", np.zeros((0, 2), dtype=int))
-    owner = np.full(len(block), -1)
-    names = list(sections)
-    for number, name in enumerate(names):
-        if name == "all" and name not in mesh.element_sets:
-            rows = np.flatnonzero(owner < 0) if len(names) > 1 else np.arange(len(block))
-        else:
-            rows = mesh.group_elements(name, f"sections.{name}").get("line", np.zeros(0, int))
-        if not len(rows) and not len(mesh.blocks.get("line3", ())):
-            raise MeshError(f"{mesh.source}: sections.{name}: the group has no line elements")
-        taken = rows[owner[rows] >= 0]
+def _assign(
+    mesh: Mesh, owners: dict[str, IntArray], names: list[str], number: int, dim: int
+) -> list[Problem]:
+    """Give a section its elements; what is wrong with it."""
+    name = names[number]
+    where = f"sections.{name}"
+    if name == "all" and name not in mesh.element_sets:
+        found = {kind: np.flatnonzero(owners[kind] < 0) for kind in mesh.kinds(dim)}
+    else:
+        try:
+            group = mesh.group_elements(name, where)
+        except MeshError as error:
+            return list(error.problems)
+        found = {kind: rows for kind, rows in group.items() if kind in mesh.kinds(dim)}
+    if not any(len(rows) for rows in found.values()):
+        return [Problem(where, f"the group has no {_WORDS[dim]} elements in {mesh.source}")]
+    problems = []
+    for kind, rows in found.items():
+        taken = rows[owners[kind][rows] >= 0]
         if len(taken):
-            other = names[owner[taken[0]]]
-            what = f"{len(taken)} line elements have a section from {other} already"
-            raise MeshError(f"{mesh.source}: sections.{name}: {what}")
-        owner[rows] = number
-    used = np.flatnonzero(owner >= 0)
-    return block[used], tuple(sections[names[number]] for number in owner[used])
+            other = names[owners[kind][taken[0]]]
+            what = f"{len(taken)} {_WORDS[dim]} elements have a section from {other} already"
+            problems.append(Problem(where, what))
+        owners[kind][rows] = number
+    return problems
 
 
-def _check_beams(mesh: Mesh, elements: Elements) -> None:
-    ends = mesh.points[elements.lines]
-    short = np.flatnonzero(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0)
-    if len(short):
-        a, b = elements.lines[short[0]]
-        raise MeshError(f"{mesh.source}: the line element between nodes {a} and {b} has no length")
-    wrong = np.flatnonzero(np.isnan(local_axes(ends, orientations(elements))).any(axis=(1, 2)))
-    if len(wrong):
-        a, b = elements.lines[wrong[0]]
-        what = f"the line element between nodes {a} and {b} is parallel to its section.orientation"
-        raise MeshError(f"{mesh.source}: {what}")
+def _unusable(mesh: Mesh, owners: Mapping[str, IntArray]) -> list[Problem]:
+    problems = []
+    for kind, owner in owners.items():
+        wanted = kind in mesh.kinds(3) or (owner >= 0).any()
+        if len(owner) and wanted and kind not in FAMILIES:
+            what = f'has {len(owner)} elements of kind "{kind}", which cannot be used'
+            advice = ADVICE.get(kind, "mesh with elements of an allowed kind")
+            problems.append(Problem(mesh.source, f"{what}; {advice}", allowed=tuple(FAMILIES)))
+    return problems
 
 
-def orientations(elements: Elements) -> np.ndarray:
-    """(nb, 3) the sections' orientations, NaN where none is given."""
-    none = (np.nan,) * 3
-    given = [none if s.orientation is None else s.orientation for s in elements.sections]
-    return np.array(given, dtype=float).reshape(-1, 3)
+def _anything(mesh: Mesh, owners: Mapping[str, IntArray]) -> bool:
+    return bool(mesh.kinds(3)) or any((owner >= 0).any() for owner in owners.values())
+
+
+def _nothing(mesh: Mesh) -> str:
+    found = ", ".join(f"{len(cells)} {kind}" for kind, cells in mesh.blocks.items())
+    what = "has no volume elements, and no lines or surfaces with a section"
+    return f"{what}; it has {found or 'no elements'}"
+
+
+def _blocks(
+    mesh: Mesh, kind: str, owner: IntArray, given: Mapping[str, Any], material: AnyMaterial | None
+) -> Iterator[Block]:
+    cells, names = mesh.blocks[kind], list(given)
+    plain = np.flatnonzero(owner < 0)
+    if kind in mesh.kinds(3) and len(plain):
+        yield Block(kind, cells[plain], plain, SolidSection().with_material(material), "all")
+    for number in np.unique(owner[owner >= 0]):
+        rows = np.flatnonzero(owner == number)
+        section = given[names[number]].with_material(material)
+        parts = [(np.arange(len(rows)), section)]
+        if section.dimension == 1:
+            parts = section.bind(mesh.points[cells[rows]], cells[rows])
+        for part, bound in parts:
+            yield Block(kind, cells[rows[part]], rows[part], bound, names[number])
+
+
+def _check_shapes(mesh: Mesh, blocks: list[Block]) -> None:
+    problems = []
+    for block in blocks:
+        bad = block.family.defects(mesh.points[block.nodes])
+        if len(bad):
+            nodes = ", ".join(str(node) for node in block.nodes[bad[0]][:4])
+            wrong = "flat, folded or turned inside out"
+            if block.family.dimension == 1:
+                wrong = "without length"
+            what = f'{len(bad)} of {len(block.nodes)} elements of kind "{block.kind}" are {wrong}'
+            what += f", the first with corner nodes {nodes}"
+            problems.append(Problem(mesh.source, what))
+    if problems:
+        raise MeshError.from_problems(problems)

@@ -10,14 +10,17 @@ Method, vol. 1.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from skfem import CellBasis, ElementTetP2, MappingIsoparametric, MeshTet1, MeshTet2
 
+from flexmb.fe.elements.family import ScalarMass
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["FACES", "inverted", "mass", "node_gradients", "stiffness"]
+__all__ = ["TETRA10", "inverted", "mass", "node_gradients", "stiffness"]
 
-FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
+FACES = ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6))
 _STIFFNESS_ORDER, _MASS_ORDER = 2, 4
 
 
@@ -81,3 +84,40 @@ def _basis(x: FloatArray, **rule: object) -> CellBasis:
 
 def _gradients(basis: CellBasis) -> FloatArray:
     return np.stack([field[0].grad.transpose(1, 0, 2) for field in basis.basis], axis=1)
+
+
+class Tetra10:
+    """Second-order tetrahedra as a family."""
+
+    kind = "tetra10"
+    about = "solid: second-order tetrahedron, straight or curved, three displacements a node"
+    dimension = 3
+    rotations = False
+    warning = ""
+    faces = FACES
+    edges = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+
+    def defects(self, x: FloatArray) -> IntArray:
+        """Flat or folded elements."""
+        return inverted(x)
+
+    def stiffness(self, x: FloatArray, section: Any) -> FloatArray:
+        """(ne, 30, 30)."""
+        E, nu = section.material.E, section.material.nu
+        return stiffness(x, (E * nu / ((1 + nu) * (1 - 2 * nu)), section.material.G))
+
+    def mass(self, x: FloatArray, section: Any) -> ScalarMass:
+        """Consistent mass."""
+        return ScalarMass(mass(x, section.material.density))
+
+    def rotation(self, x: FloatArray) -> FloatArray:
+        """(ne, 10, 3, 30) half the curl at the nodes."""
+        g = node_gradients(x).transpose(0, 3, 2, 1)  # element, node, derivative, shape
+        out = np.zeros((len(x), 10, 3, 10, 3))
+        for c, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+            out[:, :, c, :, b] = 0.5 * g[:, :, a]
+            out[:, :, c, :, a] = -0.5 * g[:, :, b]
+        return out.reshape(len(x), 10, 3, 30)
+
+
+TETRA10 = Tetra10()

@@ -14,13 +14,11 @@ import numpy as np
 
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.numbering import Numbering, skew
+from flexmb.fe.assembly.rigid_links import rigid_rows, spread
 from flexmb.fe.meshes.centroid import group_centroid
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["RigidInterface", "make_interfaces"]
-
-_COLLINEAR = 1e-6  # smallest over largest extent of a group that still defines a rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,27 +85,20 @@ def _make(fe: FEMatrices, name: str, group: str) -> RigidInterface:
     if not len(nodes):
         what = f'the group "{group}" has no nodes of the body\'s elements'
         raise MeshError.from_problems([Problem(where, what)])
+    following = np.intersect1d(nodes, fe.numbering.tied)
+    if len(following):
+        what = f"{len(following)} of its nodes follow a tie of the body, one of them node "
+        what += f"{following[0]}; use the tie's reference node"
+        raise MeshError.from_problems([Problem(where, what)])
     position = group_centroid(fe.mesh, group, nodes)
     if not np.isin(nodes, fe.numbering.rotating).any():
         _require_spread(fe.mesh.points[nodes], where, group)
-    dofs, T = _rigid_rows(fe.numbering, nodes, fe.mesh.points[nodes] - position)
+    dofs, T = rigid_rows(fe.numbering, nodes, fe.mesh.points[nodes] - position)
     return RigidInterface(name, position, nodes, dofs, T)
 
 
 def _require_spread(points: FloatArray, where: str, group: str) -> None:
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) < 3 or extent[1] <= _COLLINEAR * extent[0]:
+    if not spread(points):
         what = f'the {len(points)} nodes of the group "{group}" lie on a line or a point: '
         what += "they cannot hold a rotation; choose a surface"
         raise MeshError.from_problems([Problem(where, what)])
-
-
-def _rigid_rows(
-    numbering: Numbering, nodes: IntArray, arms: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    T = np.zeros((len(nodes), 6, 6))
-    T[:] = np.eye(6)
-    T[:, :3, 3:] = -skew(arms)
-    numbers = numbering.table[nodes]
-    exists = numbers >= 0
-    return numbers[exists], T[exists]

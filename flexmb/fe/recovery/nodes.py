@@ -10,16 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.elements import tet10
 from flexmb.fe.interfaces.rigid import RigidInterface
-from flexmb.fe.meshes.skin import skin_triangles
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.fe.meshes.skin import skin_lines, skin_triangles
+from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import NodeModes, Surface
 from flexmb.progress import Progress, silent
 
 __all__ = ["node_modes", "surface"]
-
-_CHUNK = 1000  # tetrahedra at once
 
 
 def node_modes(
@@ -43,49 +40,44 @@ def node_modes(
         Told the phase ``"recovery"``.
     """
     nodes, table = fe.numbering.nodes, fe.numbering.table
-    Phi_t = Phi[table[nodes, :3]]
-    everywhere = np.zeros((len(table), 3, Phi.shape[1]))
-    everywhere[nodes] = Phi_t
+    everywhere = fe.expand(Phi)
     rotation = _mean_rotation(fe, everywhere, progress)
     rotating = fe.numbering.rotating
-    rotation[rotating] = Phi[table[rotating, 3:]]
+    rotation[rotating] = everywhere[table[rotating, 3:]]
     for k, interface in enumerate(interfaces):
         if interface_rotations is not None:
             rotation[interface.nodes] = interface_rotations[k]
     progress("recovery", 1.0)
-    return NodeModes(nodes, fe.mesh.points[nodes], Phi_t, rotation[nodes])
+    return NodeModes(nodes, fe.mesh.points[nodes], everywhere[table[nodes, :3]], rotation[nodes])
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:
     """The skin of the body and the motion of its points per unit modal coordinate."""
-    triangles = skin_triangles(fe.elements.tets, fe.mesh.points)
-    used = np.union1d(triangles, fe.elements.lines)
+    triangles, lines = skin_triangles(fe.blocks, fe.mesh.points), skin_lines(fe.blocks)
+    used = np.union1d(triangles, lines)
     rows = np.searchsorted(nodes.ids, used)
     return Surface(
         fe.mesh.points[used],
         np.searchsorted(used, triangles),
-        np.searchsorted(used, fe.elements.lines),
+        np.searchsorted(used, lines),
         nodes.Phi_t[rows],
         used,
     )
 
 
 def _mean_rotation(fe: FEMatrices, u: FloatArray, progress: Progress) -> FloatArray:
-    """(nodes, 3, m) half the curl at each node, mean over its tetrahedra; zero without any."""
-    tets = fe.elements.tets
-    total = np.zeros_like(u)
-    count = np.bincount(tets.ravel(), minlength=len(u))
-    for start in range(0, len(tets), _CHUNK):
-        part = tets[start : start + _CHUNK]
-        np.add.at(total, part, _rotation(fe.mesh.points[part], u, part))
-        progress("recovery", min(1.0, (start + _CHUNK) / len(tets)))
-    return total / np.maximum(count, 1)[:, None, None]
-
-
-def _rotation(x: FloatArray, u: FloatArray, tets: IntArray) -> FloatArray:
-    """(ne, 10, 3, m) half the curl at the nodes of each tetrahedron."""
-    ne, m = len(tets), u.shape[2]
-    slope = tet10.node_gradients(x).transpose(0, 3, 2, 1).reshape(ne, 30, 10)
-    gradient = np.matmul(slope, u[tets].reshape(ne, 10, 3 * m)).reshape(ne, 10, 3, 3, m)
-    curl = [gradient[:, :, a, b] - gradient[:, :, b, a] for a, b in ((1, 2), (2, 0), (0, 1))]
-    return 0.5 * np.stack(curl, axis=2)
+    """(nodes, 3, m) half the curl at each node, mean over its solids; zero without any."""
+    count, m = len(fe.mesh.points), u.shape[1]
+    total, met = np.zeros((count, 3, m)), np.zeros(count)
+    solids = [block for block in fe.blocks if not block.family.rotations]
+    whole, done = sum(len(block.nodes) for block in solids), 0
+    for block in solids:
+        for nodes in block.chunks():
+            curl = block.family.rotation(fe.mesh.points[nodes])
+            ne, k, _, d = curl.shape
+            local = np.matmul(curl.reshape(ne, 3 * k, d), u[fe.numbering.of(nodes, 3)])
+            np.add.at(total, nodes, local.reshape(ne, k, 3, m))
+            met += np.bincount(nodes.ravel(), minlength=count)
+            done += len(nodes)
+            progress("recovery", min(0.99, done / whole))
+    return total / np.maximum(met, 1)[:, None, None]

@@ -35,12 +35,12 @@ def polynomial_fields(fe: FEMatrices) -> FloatArray:
         for degree in range(1, _DEGREE + 1)
         for powers in combinations_with_replacement(range(3), degree)
     ]
-    fields = np.zeros((fe.numbering.n, 3 * len(monomials)))
+    fields = np.zeros((fe.numbering.n_all, 3 * len(monomials)))
     for k, monomial in enumerate(monomials):
         for c in range(3):
             column = 3 * k + c
             fields[table[nodes, c], column] = monomial / (1 + 0.05 * column)
-    return fields
+    return fields[: fe.numbering.n]
 
 
 def canonical_rotation(omega2: FloatArray, products: FloatArray) -> FloatArray:

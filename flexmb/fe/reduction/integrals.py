@@ -1,4 +1,4 @@
-"""Inertia integrals of the model reduced onto its modes, exact for solids and beams.
+"""Inertia integrals of the model reduced onto its modes, exact for all families.
 
 In: the model's inertia and the modes. Out: :class:`Integrals` in the notation of the flexible
 body: p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T int rho N_a^T N_b Phi.
@@ -28,12 +28,12 @@ class Integrals:
 
 def integrals(fe: FEMatrices, Phi: FloatArray) -> Integrals:
     """Reduce the inertia of a model onto modes ``Phi`` (n, m)."""
-    inertia = fe.inertia
+    inertia, everywhere = fe.inertia, fe.expand(Phi)
     return Integrals(
         float(inertia.mass),
         inertia.S1,
         inertia.S0,
-        inertia.p @ Phi,
-        inertia.P @ Phi,
-        inertia.reduced_components(Phi),
+        inertia.p @ everywhere,
+        inertia.P @ everywhere,
+        fe.reduced_mass(Phi),
     )

@@ -16,12 +16,14 @@ from scipy.spatial import cKDTree
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mirror import fit_weights
 
 __all__ = ["antisymmetric", "reflection"]
 
 _SAME = 1e-6  # of the extent: nodes closer than that are each other's mirror image
 _CANDIDATES = 32  # elements by centroid among which the one around a point is looked for
 _CHUNK = 2000
+_NEIGHBOURS = 24  # of a fit with ten coefficients
 _EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of the middle nodes of a tetrahedron
 
 
@@ -40,9 +42,11 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
         rows.append(np.repeat(nodes[part], found.shape[1]))
         columns.append(found.ravel())
         weights.append(shares.ravel())
-    return _over_dofs(
+    S = _over_dofs(
         fe.numbering, normal, np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
     )
+    n = fe.numbering.n
+    return S if fe.follow is None else csr_array(S[:n, :n] + S[:n, n:] @ fe.follow)
 
 
 def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -78,24 +82,45 @@ def _over_dofs(
         there = (i >= 0) & (j >= 0)
         entries.append((i[there], j[there], sign * weights[there]))
     i, j, values = (np.concatenate(part) for part in zip(*entries, strict=True))
-    return csr_array(coo_array((values, (i, j)), shape=(numbering.n, numbering.n)))
+    return csr_array(coo_array((values, (i, j)), shape=(numbering.n_all,) * 2))
 
 
 def _interpolation(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Nodes (r, k) and their weights in the field at places (r, 3), by the nearest element."""
-    nodes = np.zeros((len(at), 10), dtype=np.int64)
-    weights = np.zeros((len(at), 10))
+    """Nodes (r, k) and their weights in the field at places (r, 3).
+
+    By the element around the place where that is a tetrahedron or a beam, else by a quadratic fit
+    through the nearest nodes.
+    """
+    nodes = np.full((len(at), _NEIGHBOURS), fe.numbering.nodes[0])
+    weights = np.zeros((len(at), _NEIGHBOURS))
     best = np.full(len(at), np.inf)
-    for elements, shapes in ((fe.elements.tets, _in_tets), (fe.elements.lines, _on_lines)):
-        if not len(elements):
+    others = False
+    for block in fe.blocks:
+        shapes = _SHAPES.get(block.kind)
+        if shapes is None:
+            others = True
             continue
-        chosen, N, distance = shapes(fe.mesh.points, elements, at)
-        closer = distance < best
-        width = elements.shape[1]
-        nodes[closer], weights[closer] = 0, 0.0
-        nodes[closer, :width], weights[closer, :width] = elements[chosen[closer]], N[closer]
+        chosen, N, distance = shapes(fe.mesh.points, block.nodes, at)
+        closer, width = distance < best, block.nodes.shape[1]
+        nodes[closer], weights[closer] = fe.numbering.nodes[0], 0.0
+        nodes[closer, :width], weights[closer, :width] = block.nodes[chosen[closer]], N[closer]
         best = np.minimum(best, distance)
-    nodes[weights == 0.0] = fe.numbering.nodes[0]
+    if others:
+        extent = np.ptp(fe.mesh.points, axis=0).max()
+        outside = np.flatnonzero(best > _SAME * extent)
+        nodes[outside], weights[outside] = _fitted(fe, at[outside])
+    return nodes, weights
+
+
+def _fitted(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The nearest nodes (r, k) of places (r, 3), and their weights in a quadratic fit."""
+    carrying = fe.numbering.nodes
+    points = fe.mesh.points[carrying]
+    count = min(_NEIGHBOURS, len(points))
+    near = cKDTree(points).query(at, count)[1].reshape(len(at), count)
+    nodes = np.full((len(at), _NEIGHBOURS), carrying[0])
+    weights = np.zeros((len(at), _NEIGHBOURS))
+    nodes[:, :count], weights[:, :count] = carrying[near], fit_weights(points[near], at)
     return nodes, weights
 
 
@@ -134,3 +159,6 @@ def _on_lines(
     row, chosen = np.arange(len(at)), gap.argmin(axis=1)
     x = share[row, chosen]
     return near[row, chosen], np.stack([1 - x, x], axis=1), gap[row, chosen]
+
+
+_SHAPES = {"tetra10": _in_tets, "line": _on_lines}

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.errors import MeshError, Problem, ReductionError, nearest
+from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.materials import AnyMaterial
 
 __all__ = ["Section", "circle", "rectangle", "section_from", "tube"]
 
@@ -49,6 +51,33 @@ class Section:
     ky: float = math.inf
     kz: float = math.inf
     orientation: Vector | None = None
+    material: AnyMaterial | None = None
+
+    dimension = 1
+
+    def with_material(self, default: AnyMaterial | None) -> Section:
+        """The section with its material known."""
+        return self if self.material is not None else replace(self, material=default)
+
+    def bind(self, points: FloatArray, lines: IntArray) -> list[tuple[IntArray, Section]]:
+        """The section of each element with end coordinates (nb, 2, 3): the same for all.
+
+        Raises
+        ------
+        MeshError
+            An element is parallel to the orientation.
+        """
+        if self.orientation is not None:
+            along = points[:, 1] - points[:, 0]
+            y = np.asarray(self.orientation, dtype=float)
+            across = np.linalg.norm(np.cross(along, y), axis=1)
+            size = np.linalg.norm(along, axis=1) * np.linalg.norm(y)
+            wrong = np.flatnonzero((across <= 1e-6 * size) & (size > 0))
+            if len(wrong):
+                a, b = lines[wrong[0]]
+                what = f"the line element between nodes {a} and {b} is parallel to its "
+                raise MeshError(f"{what}section.orientation")
+        return [(np.arange(len(points)), self)]
 
     def __post_init__(self) -> None:
         problems = [

@@ -100,8 +100,12 @@ def turned_inside_out():
     ("mesh", "sections", "sentence"),
     [
         (first_order(), None, 'box.msh: has 6 elements of kind "tetra".*second-order'),
-        (line(2), None, "no volume elements, and no line elements with a section; it has 2 line"),
-        (turned_inside_out(), None, "flat or turned inside out"),
+        (
+            line(2),
+            None,
+            "no volume elements, and no lines or surfaces with a section; it has 2",
+        ),
+        (turned_inside_out(), None, "flat, folded or turned inside out"),
         (line(2), {"rot": rectangle(1, 1)}, 'sections.rot: .* no group "rot"; nearest: root'),
         (line(2), {"root": rectangle(1, 1)}, "sections.root: the group has no line elements"),
         (
@@ -112,7 +116,7 @@ def turned_inside_out():
         (
             Mesh(np.zeros((2, 3)), {"line": np.array([[0, 1]])}),
             {"all": rectangle(1, 1)},
-            "has no length",
+            "without length",
         ),
         (
             Mesh(np.eye(3), {"line3": np.array([[0, 1, 2]])}),

@@ -60,10 +60,12 @@ def test_its_mass_is_that_of_the_volume_its_curved_faces_enclose(rod, project):
     from skfem.quadrature import get_quadrature
 
     from flexmb.fe import read_mesh
+    from flexmb.fe.elements.select import select_elements
     from flexmb.fe.meshes.skin import outer_faces
 
     mesh = read_mesh(project / "meshes" / "connecting_rod.msh").scaled(1e-3)
-    faces = mesh.points[outer_faces(mesh.blocks["tetra10"], mesh.points)]
+    (skin,) = outer_faces(select_elements(mesh, None), mesh.points)
+    faces = mesh.points[skin]
     element = ElementTriP2()
     points, weights = get_quadrature(element.refdom, 6)
     shapes = [element.lbasis(points, k) for k in range(6)]

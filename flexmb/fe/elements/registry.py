@@ -1,0 +1,27 @@
+"""All element families by the kind of their cells in a mesh."""
+
+from __future__ import annotations
+
+from flexmb.fe.elements.beam import LINE
+from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.tet10 import TETRA10
+
+__all__ = ["ADVICE", "ELEMENTS", "FAMILIES"]
+
+FAMILIES: dict[str, Family] = {
+    family.kind: family
+    for family in (
+        TETRA10,
+        LINE,
+    )
+}
+"""Family by kind of cells."""
+
+ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.items()}
+"""Kinds of elements that make up a body, by their names in meshes, and what they are."""
+
+ADVICE = {
+    "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",
+    "line3": "beams have two nodes: mesh them with first-order elements",
+}
+"""What to do about kinds that cannot be used."""
