@@ -152,6 +152,6 @@ class SectionForceModes:
         return replace(self, modes=self.modes @ Z)
 
 
-def _set(part: object, **fields: Any) -> None:
+def _set(part: object, /, **fields: Any) -> None:
     for name, value in fields.items():
         object.__setattr__(part, name, value)

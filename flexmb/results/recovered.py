@@ -62,7 +62,7 @@ class SectionForces(NamedTuple):
 class Recovered(Stored):
     """What follows from modal coordinates and the flexible bodies; see `Result`."""
 
-    _bodies: dict[str, FlexBody] | None = None
+    _bodies: dict[str, tuple[int, FlexBody]] | None = None
 
     def flexbody(self, name: str) -> FlexBody:
         """The flexible body of that name, from its file.
@@ -74,21 +74,22 @@ class Recovered(Stored):
         BodyFileError
             The file is missing or damaged.
         """
+        if name not in self.flexbodies:
+            names = tuple(self.flexbodies)
+            what = f'the result has no flexible body "{name}"'
+            raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
+        path, m = self.flexbodies[name], self.layout.body(name).m
+        stamp = path.stat().st_mtime_ns if path.exists() else 0
         self._bodies = self._bodies or {}
-        if name not in self._bodies:
-            if name not in self.flexbodies:
-                names = tuple(self.flexbodies)
-                what = f'the result has no flexible body "{name}"'
-                raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
-            path, m = self.flexbodies[name], self.layout.body(name).m
+        if self._bodies.get(name, (None,))[0] != stamp:
             body = load(path)
             if body.m != m:
                 raise ResultFileError(
                     f"{path}: has {body.m} modes, the run was made with {m}; "
                     "run the scene again, or bring back the flexible-body file of the run"
                 )
-            self._bodies[name] = body
-        return self._bodies[name]
+            self._bodies[name] = (stamp, body)
+        return self._bodies[name][1]
 
     def stress(
         self,
