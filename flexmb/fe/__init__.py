@@ -17,11 +17,16 @@ from flexmb.fe.reduce import make_body, reduce
 from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.sections.beam import Section, circle, rectangle, section_from, tube
+from flexmb.fe.sections.beam import BeamSection, general
+from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
+from flexmb.fe.sections.read import section_from
 from flexmb.fe.sections.solid import SolidSection
+from flexmb.fe.sections.taper import TaperedSection, tapered
+from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 
 __all__ = [
     "ELEMENTS",
+    "BeamSection",
     "CraigBampton",
     "Block",
     "FEMatrices",
@@ -29,12 +34,16 @@ __all__ = [
     "Mesh",
     "ReducedModes",
     "RigidInterface",
-    "Section",
     "SolidSection",
+    "TaperedSection",
+    "angle_section",
     "assemble",
+    "box_section",
     "circle",
     "craig_bampton",
     "geometric_stiffness",
+    "general",
+    "i_section",
     "integrals",
     "make_body",
     "make_interfaces",
@@ -48,5 +57,6 @@ __all__ = [
     "resolve",
     "section_from",
     "surface",
+    "tapered",
     "tube",
 ]

@@ -16,7 +16,7 @@ from typing import Any
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.sections.beam import Section, section_from
+from flexmb.fe.sections.read import section_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.units import unit_system
 
@@ -34,7 +34,7 @@ def reduction_key(
     modes: int = 20,
     damping: float = 0.0,
     name: str | None = None,
-    sections: Mapping[str, Section | Mapping[str, Any]] | None = None,
+    sections: Mapping[str, Any] | None = None,
     plane: str | None = None,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.

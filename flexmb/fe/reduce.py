@@ -32,7 +32,7 @@ from flexmb.fe.reduction.free_modes import free_modes
 from flexmb.fe.reduction.integrals import integrals
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.sections.beam import Section, section_from
+from flexmb.fe.sections.read import section_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar import check_shares, flattened
@@ -41,8 +41,6 @@ from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 
 __all__ = ["reduce"]
-
-SectionLike = Section | Mapping[str, Any]
 
 
 def reduce(
@@ -54,7 +52,7 @@ def reduce(
     modes: int = 20,
     damping: float = 0.0,
     name: str | None = None,
-    sections: Mapping[str, SectionLike] | None = None,
+    sections: Mapping[str, Any] | None = None,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
     plane: str | None = None,
     progress: Progress = silent,
@@ -78,8 +76,8 @@ def reduce(
         Damping ratio of every mode, 0 to 1. None by default.
     name : str, optional
         Name of the body; the file's by default.
-    sections : mapping of str to Section or mapping, optional
-        Section [m] of beams by mesh group, or under ``"all"``.
+    sections : mapping of str to section or mapping, optional
+        Section [m] by mesh group, or under ``"all"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group of one, nodes: group}}``.
     plane : str, optional
@@ -200,7 +198,7 @@ def _provenance(
     fe: FEMatrices,
     options: Mapping[str, Any],
     interfaces: Mapping[str, str],
-    sections: Mapping[str, Section],
+    sections: Mapping[str, Any],
     found: list[str],
 ) -> dict[str, str]:
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
@@ -223,7 +221,7 @@ def _file_provenance(
     material: MaterialLike,
     interfaces: Mapping[str, str] | None,
     name: str | None,
-    sections: Mapping[str, Section],
+    sections: Mapping[str, Any],
 ) -> dict[str, str]:
     key = reduction_key(
         mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options
