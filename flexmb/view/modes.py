@@ -2,8 +2,8 @@
 
 In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are held. Out: a PNG file:
 each mode deformed over the undeformed body, its number and frequency above it, coloured by its
-displacement over the largest. Without held interfaces the modes are the modal coordinates of the
-body, those of the free body, numbered as in its mode table.
+displacement over the largest. Modes are the natural ones of the reduced body, numbered from 1
+as in the checks of a scene; those of the free body are its modal coordinates, from eta.0 on.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ def render_modes(
     body : FlexBody or path
         The body, or its file.
     modes : int or sequence of int, optional
-        Which, from 0 as in the body's mode table; the first six by default.
+        Which, from 1; the first six by default.
     held : sequence of str, optional
-        Interfaces that are held while the body vibrates, such as ``("root",)``, or motions of them
-        such as ``"root.rz"``; by default the body is free.
+        Interfaces that are held while the body vibrates, such as ``("root",)``; by default the body
+        is free, and its rigid motions do not count.
     exaggeration : float or "auto"
         Factor on modes of unit modal mass; ``"auto"`` lets each move by a tenth of the body's size.
     direction : three floats, optional
@@ -96,8 +96,8 @@ def render_modes(
     panels = [
         _panel(
             found,
-            motion[:, :, k],
-            (f"mode {k}: {frequencies[k]:.4g} Hz", caption),
+            motion[:, :, k - 1],
+            (f"mode {k}: {frequencies[k - 1]:.4g} Hz", caption),
             exaggeration,
             camera,
         )
@@ -114,23 +114,19 @@ def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    if held:
-        found = held_modes(body, held)
-        return found.frequencies, found.shapes(points, shapes)
-    told = [mode.frequency for mode in body.modes if mode.kept]
-    ratio = np.diag(body.K) / np.diag(body.M_eta)
-    return np.array(told) if told else np.sqrt(np.maximum(ratio, 0.0)) / (2 * np.pi), shapes
+    found = held_modes(body, held)
+    return found.frequencies, found.shapes(points, shapes)
 
 
 def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> list[int]:
     if modes is None:
-        return list(range(min(_FIRST, count)))
+        return list(range(1, min(_FIRST, count) + 1))
     asked = [modes] if isinstance(modes, int) else list(modes)
-    wrong = [k for k in asked if not 0 <= k < count]
+    wrong = [k for k in asked if not 1 <= k <= count]
     if wrong or not asked:
         given = ", ".join(str(k) for k in wrong) or "none"
-        what = f"the body {body.name} has modes 0 to {count - 1}, given {given}"
-        raise ViewError(f"{what}; they are numbered from 0 as in its mode table")
+        what = f"the body {body.name} has the modes 1 to {count}, given {given}"
+        raise ViewError(what)
     return asked
 
 

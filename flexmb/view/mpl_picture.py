@@ -148,7 +148,13 @@ def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
             if content.scale is not None and body.values is not None:
                 share = body.values[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
                 color = colormaps[COLORMAP](share)
-            drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
+            drawn.append(
+                (
+                    (body.points @ view.T)[body.lines][:, :, :2],
+                    color,
+                    1.2 if len(body.faces) else 4.0,
+                )
+            )
     return drawn
 
 

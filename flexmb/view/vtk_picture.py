@@ -107,7 +107,7 @@ def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
         smooth_shading=True,
         split_sharp_edges=len(body.faces) > 0,
         feature_angle=_FEATURE_DEGREES,
-        line_width=6,
+        line_width=2 if len(body.faces) else 6,
         **_LIGHT,
         **look,
     )

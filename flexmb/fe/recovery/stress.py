@@ -2,9 +2,9 @@
 
 In: the model and its modes. Out: :class:`StressModes`. Each element's stress at its nodes is linear
 in its displacements; it is applied to the modes and averaged over the elements of one section that
-meet at a node, never across sections or layers, nor across a fold of a shell (:mod:`smooth`). Stress
-is largest at the skin of a solid, so that its inner nodes may be left out. Source: Hinton and
-Campbell (1974), Local and global smoothing of discontinuous finite element functions, IJNME 8.
+meet at a node, never across sections or layers, nor across a fold of a shell (:mod:`smooth`).
+Stress is largest at the skin of a solid, so that its inner nodes may be left out. Source: Hinton
+and Campbell (1974), Local and global smoothing of discontinuous finite element functions, IJNME 8.
 """
 
 from __future__ import annotations
