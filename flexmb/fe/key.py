@@ -16,6 +16,7 @@ from typing import Any
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
+from flexmb.fe.recovery.stress import stress_option
 from flexmb.fe.sections.read import section_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.units import unit_system
@@ -36,6 +37,7 @@ def reduction_key(
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     plane: str | None = None,
+    stress: bool | str = True,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
 
@@ -52,6 +54,7 @@ def reduction_key(
         "interfaces": list((interfaces or {}).items()),
         "modes": modes,
         "damping": float(damping),
+        "stress": stress_option(stress),
         "name": Path(mesh).stem if name is None else name,
         "sections": {key: asdict(section_from(s)) for key, s in (sections or {}).items()},
         "method": _METHOD,

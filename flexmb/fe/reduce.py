@@ -27,6 +27,7 @@ from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.stress import stress_option, with_recovery
 from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.free_modes import free_modes
 from flexmb.fe.reduction.integrals import integrals
@@ -55,6 +56,7 @@ def reduce(
     sections: Mapping[str, Any] | None = None,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
     plane: str | None = None,
+    stress: bool | str = True,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -84,6 +86,9 @@ def reduce(
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
         the body has 3*interfaces + modes - 3 coordinates.
+    stress : bool or str
+        Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
+        inside solids, ``"none"`` (or False) for a smaller file.
     progress : Progress
         Told the phases read, assemble, factor, modes, integrals, recovery.
 
@@ -110,7 +115,9 @@ def reduce(
     reduced = _basis(fe, ties, modes, mirror, progress)
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
+    body = with_recovery(body, fe, elastic.Phi, stress, progress)
     options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
+    options["stress"] = stress_option(stress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
         options["plane"] = plane

@@ -177,6 +177,7 @@ class MeshBodySpec(BodySpec):
     interfaces: Groups
     modes: Annotated[int, Integer(0)] = 20
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
+    stress: Literal["surface", "all", "none"] | bool = True
     sections: Sections = {}
 
 

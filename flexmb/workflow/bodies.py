@@ -175,6 +175,7 @@ def _reduced(
         "interfaces": dict(spec.interfaces),
         "modes": spec.modes,
         "damping": spec.damping,
+        "stress": spec.stress,
         "name": name,
         "sections": dict(spec.sections) or None,
     }

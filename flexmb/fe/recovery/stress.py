@@ -10,6 +10,7 @@ and Campbell (1974), Local and global smoothing of discontinuous finite element 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -17,12 +18,14 @@ from scipy.sparse import csr_array
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.select import Block
+from flexmb.fe.recovery.beams import section_force_modes
 from flexmb.fe.recovery.smooth import smooth_parts
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.recovery import StressModes
 from flexmb.progress import Progress, silent
 
-__all__ = ["STRESS_OPTIONS", "stress_modes", "stress_option"]
+__all__ = ["STRESS_OPTIONS", "stress_modes", "stress_option", "with_recovery"]
 
 STRESS_OPTIONS = ("surface", "all", "none")
 _CHUNK = 5e7  # bytes of one batch of stress matrices and their products
@@ -46,8 +49,8 @@ def stress_option(given: bool | str) -> str:
 
 def stress_modes(
     fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None, progress: Progress = silent
-) -> StressModes:
-    """Stress per unit modal coordinate at all places of some nodes.
+) -> StressModes | None:
+    """Stress per unit modal coordinate at all places of some nodes; None if no element tells any.
 
     Parameters
     ----------
@@ -77,6 +80,8 @@ def stress_modes(
         part = np.full(len(rows), parts.index(blocks[0].group))
         found.append((np.repeat(ids, len(names)), part, rows, values.reshape(-1, 6, U.shape[1])))
     progress("stress", 1.0)
+    if not found:
+        return None
     ids, part, layer, modes = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.argsort(ids, kind="stable")
     columns = (column[order] for column in (ids, part, layer))
@@ -140,3 +145,40 @@ def _element_stress(
         u = U[fe.numbering.of(nodes, 6 if block.family.rotations else 3)]
         values = np.matmul(S.reshape(len(part), k * layers * 6, d), u)
         yield part, values.reshape(len(part) * k, layers * 6 * m)
+
+
+def with_recovery(
+    body: FlexBody,
+    fe: FEMatrices,
+    Phi: FloatArray,
+    stress: bool | str = True,
+    progress: Progress = silent,
+) -> FlexBody:
+    """The body with its stress and the section forces of its beams.
+
+    Parameters
+    ----------
+    body : FlexBody
+        With a surface: its nodes are those of ``"surface"``.
+    fe, Phi
+        The model and its modes (n, m).
+    stress : bool or str
+        ``"surface"`` (or True): at the nodes of the skin, where stress is largest; ``"all"``: also
+        at the nodes inside solids; ``"none"`` (or False): neither stress nor section forces.
+    progress : Progress
+        Told the phase ``"stress"``.
+
+    Raises
+    ------
+    ReductionError
+        An unknown option.
+    """
+    where = stress_option(stress)
+    if where == "none":
+        return body
+    skin = None if where == "all" or body.surface is None else np.unique(body.surface.node_ids)
+    return replace(
+        body,
+        stress=stress_modes(fe, Phi, skin, progress),
+        section_forces=section_force_modes(fe, Phi),
+    )
