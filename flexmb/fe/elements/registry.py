@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from flexmb.fe.elements import solids
 from flexmb.fe.elements.beam import LINE
 from flexmb.fe.elements.family import Family
-from flexmb.fe.elements.tet10 import TETRA10
 
 __all__ = ["ADVICE", "ELEMENTS", "FAMILIES"]
 
 FAMILIES: dict[str, Family] = {
     family.kind: family
     for family in (
-        TETRA10,
+        solids.TETRA,
+        solids.TETRA10,
+        solids.HEXAHEDRON,
+        solids.HEXAHEDRON20,
+        solids.HEXAHEDRON27,
+        solids.WEDGE15,
         LINE,
     )
 }
@@ -20,8 +25,7 @@ FAMILIES: dict[str, Family] = {
 ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.items()}
 """Kinds of elements that make up a body, by their names in meshes, and what they are."""
 
-ADVICE = {
-    "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",
+ADVICE = solids.ADVICE | {
     "line3": "beams have two nodes: mesh them with first-order elements",
 }
 """What to do about kinds that cannot be used."""
