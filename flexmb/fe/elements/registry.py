@@ -5,6 +5,8 @@ from __future__ import annotations
 from flexmb.fe.elements import solids
 from flexmb.fe.elements.beam import LINE
 from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.shell import ADVICE as SHELL_ADVICE
+from flexmb.fe.elements.shell import QUAD, TRIANGLE
 
 __all__ = ["ADVICE", "ELEMENTS", "FAMILIES"]
 
@@ -18,6 +20,8 @@ FAMILIES: dict[str, Family] = {
         solids.HEXAHEDRON27,
         solids.WEDGE15,
         LINE,
+        TRIANGLE,
+        QUAD,
     )
 }
 """Family by kind of cells."""
@@ -27,5 +31,6 @@ ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.item
 
 ADVICE = solids.ADVICE | {
     "line3": "beams have two nodes: mesh them with first-order elements",
+    **SHELL_ADVICE,
 }
 """What to do about kinds that cannot be used."""
