@@ -70,7 +70,8 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
-    from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+    from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -117,7 +118,8 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 def body_problems(model: Model) -> list[Problem]:
     """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
     from flexmb import fe
-    from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+    from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
     for name, spec in model.bodies.items():
