@@ -90,7 +90,7 @@ def reduce(
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Told the phases read, assemble, factor, modes, integrals, recovery, stress.
 
     Raises
     ------

@@ -52,8 +52,8 @@ class StressModes:
     parts : tuple of str
         Sections, by the mesh group that gave them.
     layers : tuple of str
-        Places across a section: ``"bottom"`` and ``"top"`` of shells, stress points of beams, and
-        the empty name for solids.
+        Places across a section: ``"bottom"`` and ``"top"`` of shells, stress points of beams,
+        and ``"solid"``.
     modes : (k, 6, m) float32
         Stress per unit modal coordinate, xx yy zz yz zx xy in body axes [Pa].
     """
