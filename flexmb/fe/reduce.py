@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -57,6 +57,7 @@ def reduce(
     ties: Mapping[str, Mapping[str, Any]] | None = None,
     plane: str | None = None,
     stress: bool | str = True,
+    inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -89,6 +90,9 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
+    inspect : callable, optional
+        Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
+        mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
         Told the phases read, assemble, factor, modes, integrals, recovery, stress.
 
@@ -121,6 +125,8 @@ def reduce(
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
         options["plane"] = plane
+    if inspect is not None:
+        inspect(fe, reduced, elastic, body, mirror)
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)

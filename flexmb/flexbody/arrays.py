@@ -36,7 +36,7 @@ class Checker:
     ) -> NDArray[Any]:
         """A read-only, finite array of the given shape; notes a problem otherwise."""
         try:
-            array = np.array(value, dtype=dtype)
+            array: NDArray[Any] = np.array(value, dtype=dtype)
         except (TypeError, ValueError):
             self.add(field, f"must be an array of numbers of shape {_text(shape)}")
             return np.zeros([length or 0 for length in shape], dtype=dtype)

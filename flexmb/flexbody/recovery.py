@@ -104,7 +104,7 @@ class StressModes:
 
     def combined(self, Z: FloatArray) -> StressModes:
         """The same in modes made of these by Z (m, k)."""
-        return replace(self, modes=self.modes @ Z)
+        return replace(self, modes=(self.modes @ Z).astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
