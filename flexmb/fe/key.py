@@ -19,6 +19,7 @@ import numpy as np
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
+from flexmb.fe.recovery.stress import stress_option
 from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.materials import AnyMaterial
@@ -45,6 +46,7 @@ def reduction_key(
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
+    stress: bool | str = True,
     **options: Any,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
@@ -63,6 +65,7 @@ def reduction_key(
         "interfaces": list(_plain(interfaces or {}).items()),
         "modes": mesh_hash(modes) if isinstance(modes, str | Path) else _plain(modes),
         "damping": float(damping),
+        "stress": stress_option(stress),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,

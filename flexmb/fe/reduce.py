@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -31,6 +31,7 @@ from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.stress import stress_option, with_recovery
 from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.integrals import integrals
 from flexmb.fe.reduction.methods import reduce_model
@@ -66,6 +67,8 @@ def reduce(
     reduction: str = "craig-bampton",
     mass_matrix: str = "consistent",
     plane: str | None = None,
+    stress: bool | str = True,
+    inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -104,8 +107,14 @@ def reduce(
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
         the body has 3*interfaces + modes - 3 coordinates.
+    stress : bool or str
+        Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
+        inside solids, ``"none"`` (or False) for a smaller file.
+    inspect : callable, optional
+        Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
+        mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Told the phases read, assemble, factor, modes, integrals, recovery, stress.
 
     Raises
     ------
@@ -135,11 +144,14 @@ def reduce(
     )
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
+    body = with_recovery(body, fe, elastic.Phi, stress, progress)
     options: dict[str, Any] = {"units": units, "damping": damping, **joints, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
-    options |= {"reduction": reduction, "plane": plane}
+    options |= {"reduction": reduction, "plane": plane, "stress": stress_option(stress)}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
+    if inspect is not None:
+        inspect(fe, reduced, elastic, body, mirror)
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)

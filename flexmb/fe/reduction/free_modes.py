@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -26,6 +27,7 @@ from flexmb.fe.reduction.planar import Mirror, symmetric_modes
 from flexmb.fe.reduction.relief import Relief
 from flexmb.fe.reduction.residual import load_columns, residual_vectors
 from flexmb.fe.solver.linear_solver import factor
+from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -96,13 +98,11 @@ def relieved_inverse(
 ) -> Callable[[FloatArray], FloatArray]:
     """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
     left = np.setdiff1d(np.arange(fe.numbering.n), determinate(fe.rigid))
-    progress("factor", 0.0, f"{len(left)} unknowns")
-    K = fe.K[left][:, left]
+    K = csr_array(fe.K[left][:, left])
     try:
-        inner = factor(K)
-    except ReductionError as error:
-        raise ReductionError(loose_part(fe, K, left, error)) from error
-    progress("factor", 1.0)
+        inner = factor(K, fe.dof_points[left], progress)
+    except SingularMatrix as error:
+        raise ReductionError(loose_part(fe, left[error.dofs])) from error
 
     def inverse(f: FloatArray) -> FloatArray:
         u = np.zeros_like(f)
