@@ -138,7 +138,7 @@ def _checks(outcomes: Sequence[Any], unit: str) -> None:
         (
             "ok" if o.passed else "FAILED",
             o.sensor,
-            f"{o.time:g}",
+            "" if o.time is None else f"{o.time:g}",
             f"{o.value:.12g}",
             f"{o.expected:.12g}",
             f"{abs(o.value - o.expected):.2g}",
@@ -150,8 +150,7 @@ def _checks(outcomes: Sequence[Any], unit: str) -> None:
     table(columns, rows, right=(2, 3, 4, 5, 6))
     for o in outcomes:
         if not o.passed:
-            at = f"t = {o.time:g} {unit}"
-            line(f"failed: {o.sensor} at {at}; the expected value is from: {o.source}")
+            line(f"failed: {o.place(unit)}; the expected value is from: {o.source}")
 
 
 def _energies(run: Any) -> None:

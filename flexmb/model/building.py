@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import references
-from flexmb.model.checks import CheckSpec
+from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import SECTIONS, read_named
 from flexmb.model.head import read_gravity, read_units
@@ -126,6 +126,12 @@ class _Builder:
             self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
             checks = []
         for i, data in enumerate(checks):
+            if isinstance(data, Mapping) and "body" in data:
+                frequency, problems = read_entry(FrequencyCheckSpec, data, self.names)
+                self.problems += under(f"check[{i}]", problems)
+                if frequency is not None:
+                    self.model.frequency_checks.append(frequency)
+                continue
             channel = data.get("sensor") if isinstance(data, Mapping) else None
             slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
             terms = Terms(self.names, self.model.units, slot)

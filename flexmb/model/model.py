@@ -17,7 +17,7 @@ from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
-from flexmb.model.checks import CheckSpec
+from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
@@ -96,6 +96,7 @@ class Model:
         self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
+        self.frequency_checks: list[FrequencyCheckSpec] = []
         self.dynamics: DynamicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
@@ -167,12 +168,24 @@ class Model:
         """Add a sensor."""
         return self._add("sensors", name, {"type": type, **fields})
 
-    def add_check(self, **fields: Any) -> CheckSpec:
-        """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``."""
+    def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec:
+        """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
+
+        Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
+        """
+        if "body" in fields:
+            return self._add_frequency_check(fields)
         spec, problems = read_entry(CheckSpec, fields, self.check_terms(fields.get("sensor")))
         _raise(under(f"check[{len(self.checks)}]", problems))
         assert spec is not None
         self.checks.append(spec)
+        return spec
+
+    def _add_frequency_check(self, fields: Mapping[str, Any]) -> FrequencyCheckSpec:
+        spec, problems = read_entry(FrequencyCheckSpec, fields, self.terms)
+        _raise(under(f"check[{len(self.frequency_checks)}]", problems))
+        assert spec is not None
+        self.frequency_checks.append(spec)
         return spec
 
     def set_gravity(self, gravity: Any) -> None:

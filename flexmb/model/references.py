@@ -14,6 +14,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
+from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
@@ -33,7 +34,8 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    parts = (body_problems, _joints, _drivers, _forces, _sensors, _channels, _judged, _times)
+    named = (body_problems, _joints, _drivers, _forces, _sensors)
+    parts = (*named, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -114,6 +116,27 @@ def _channels(scope: Scope) -> Iterator[Problem]:
     for where, name in asked:
         if name not in channels and name.partition(".")[0] not in scope.broken.get("sensors", {}):
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def _frequencies(scope: Scope) -> Iterator[Problem]:
+    """Bodies and interfaces of natural frequencies that are known."""
+    for i, check in enumerate(scope.model.frequency_checks):
+        bodies = tuple(
+            name
+            for name, spec in scope.model.bodies.items()
+            if isinstance(spec, MeshBodySpec | FlexbodySpec)
+        )
+        if check.body not in bodies:
+            if check.body not in scope.broken.get("bodies", {}):
+                what = f'there is no flexible body "{check.body}"'
+                yield Problem(f"check[{i}].body", what, bodies, nearest(check.body, bodies))
+            continue
+        spec = scope.model.bodies[check.body]
+        known = tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else None
+        for name in check.held:
+            if known is not None and name not in known:
+                what = f'{check.body} has no interface "{name}"'
+                yield Problem(f"check[{i}].held", what, known, nearest(name, known))
 
 
 def _judged(scope: Scope) -> Iterator[Problem]:

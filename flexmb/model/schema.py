@@ -13,7 +13,7 @@ from typing import Any
 from flexmb.flexbody.planes import PLANES
 from flexmb.model.bodies import FlexbodySpec, MeshBodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
-from flexmb.model.checks import CheckSpec
+from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.flexible import UnitsName
@@ -60,7 +60,7 @@ def _top() -> dict[str, Form]:
         "drivers": _named(reference(DriverSpec)),
         "forces": _named(_one_of(FORCE_TYPES.values())),
         "sensors": _named(_one_of(SENSOR_TYPES.values())),
-        "check": {"type": "array", "items": reference(CheckSpec)},
+        "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
         "dynamics": reference(DynamicsSpec),
         "study": reference(StudySpec),
         "view": reference(ViewSpec),

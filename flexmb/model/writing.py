@@ -43,6 +43,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }
     scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
+    scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
     if model.dynamics is not None:
         scene["dynamics"] = _plain(model.dynamics, model.terms)
     if model.study is not None:

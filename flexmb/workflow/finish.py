@@ -10,10 +10,12 @@ import numpy as np
 
 from flexmb.errors import SolverError
 from flexmb.progress import Progress
+from flexmb.workflow.frequencies import frequency_outcomes
 from flexmb.workflow.reports import CheckOutcome, RunReport
 
 if TYPE_CHECKING:
     from flexmb.analysis.dynamics import Outcome
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -50,8 +52,15 @@ def finish(
         history,
         dict(run.statistics),
         told,
-        _checks(model, run),
+        [*_checks(model, run), *frequency_outcomes(model, _bodies(model, run))],
     )
+
+
+def _bodies(model: Model, run: Result) -> dict[str, FlexBody]:
+    """The bodies whose natural frequencies are to be compared."""
+    from flexmb.flexbody import load
+
+    return {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
 
 
 def _draw(

@@ -11,10 +11,14 @@ __all__ = ["CheckOutcome", "CheckReport", "RunReport"]
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """One known answer of a scene and what the run gave, in the scene's units."""
+    """One known answer of a scene and what came out, in the scene's units.
+
+    ``sensor`` is the channel, or says which natural frequency of which body it is; a frequency has
+    no time.
+    """
 
     sensor: str
-    time: float
+    time: float | None
     value: float
     expected: float
     tolerance: float
@@ -24,6 +28,10 @@ class CheckOutcome:
     def passed(self) -> bool:
         """Whether the value lies within the tolerance."""
         return abs(self.value - self.expected) <= self.tolerance
+
+    def place(self, unit: str) -> str:
+        """The sensor and its time, for a sentence."""
+        return self.sensor if self.time is None else f"{self.sensor} at t = {self.time:g} {unit}"
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def simulate(
         raise
     unit = model.units.label("s")
     failed = [
-        f"check of {c.sensor} at {c.time:g} {unit} failed: {c.value:.12g}, not {c.expected:.12g} "
+        f"check of {c.place(unit)} failed: {c.value:.12g}, not {c.expected:.12g} "
         f"within {c.tolerance:g} ({c.source})"
         for c in report.checks
         if not c.passed

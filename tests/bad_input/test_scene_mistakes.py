@@ -339,3 +339,25 @@ def test_python_calls_are_checked_alike():
         model.add_joint("j", "spherical", between=["ground", "b"], axis="z")
     with pytest.raises(SceneError, match="parameters.a: depends on itself: a -> a"):
         Model("m", parameters={"a": "a + 1"})
+
+
+FLEXIBLE = """
+[bodies.bar]
+mesh = "bar.msh"
+material = "steel"
+interfaces = { left = "x0", right = "x1" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("check", "sentence"),
+    [
+        ('body = "bat"', 'check[0].body: there is no flexible body "bat"; nearest: bar'),
+        ('body = "crank"', 'check[0].body: there is no flexible body "crank"'),
+        ('body = "bar"\nheld = ["lft"]', 'bar has no interface "lft"; nearest: left'),
+        ('body = "bar"\nmode = 0', "check[0].mode: "),
+    ],
+)
+def test_a_known_frequency_names_what_is_wrong(check, sentence, tmp_path):
+    known = f'[[check]]\n{check}\nvalue = 440\ntolerance = 1\nsource = "a tuning fork"\n'
+    assert sentence in message(tmp_path, text=GOOD + FLEXIBLE + known)

@@ -30,6 +30,9 @@ class Outcome:
     tolerance: float = 1e-9
     source: str = "both links in line"
 
+    def place(self, unit: str) -> str:
+        return f"{self.sensor} at t = {self.time:g} {unit}"
+
 
 @dataclass
 class Report:
