@@ -17,10 +17,12 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["WARP_LIMIT", "WARP_WARNING", "Flat", "crooked", "flatten", "warp"]
 
-WARP_WARNING = 1e-3
-"""Warp from which accuracy suffers noticeably: split such elements into triangles."""
-WARP_LIMIT = 0.1
-"""Warp beyond which an element should not be used."""
+WARP_WARNING = 0.05
+"""Warp from which a mesh is too coarse for its twist: the error is 2 % there (a twisted strip, thick
+or thin), grows to 5 % at 0.1 and 20 % at 0.14, and falls with the size of the elements. Splitting
+warped quadrilaterals into triangles is no remedy: those are far too stiff in thin twisted shells."""
+WARP_LIMIT = 0.15
+"""Warp beyond which a quadrilateral should not be used at all."""
 
 _STEEP = 0.9  # share of the normal along x from which the default axis 1 is y
 _ALONG = 1e-6  # least share of an orientation in the plane of an element
