@@ -11,7 +11,7 @@ from flexmb.fe.sections.shell import shell
 from flexmb.materials import Material
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
-SIZES = (8, 12, 24)
+SIZES = (8, 12, 18)
 ORDER = -1.7  # two, less the scatter of random meshes
 
 
@@ -31,7 +31,7 @@ def test_bending(kind, h):
     errors = [bending_frequencies(plate(n, kind, h), SIMPLE, 2) / unit / exact - 1 for n in SIZES]
     for error in np.transpose(errors):
         assert slope(SIZES, error) < ORDER
-    assert np.abs(errors[-1]).max() < 3e-3
+    assert np.abs(errors[-1]).max() < 6e-3
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -49,4 +49,4 @@ def test_waves_in_the_plane(kind, moving):
         root = held(fe, {"x0": (0, 1)})
         errors.append(held_frequencies(fe, np.union1d(out, root), 1)[0] / exact - 1)
     assert slope(SIZES, np.array(errors)) < ORDER
-    assert abs(errors[-1]) < 1e-3
+    assert abs(errors[-1]) < 2e-3

@@ -138,6 +138,45 @@ def test_thin_twisted_beam():
     assert np.abs(twisted((24, 4), "quad", 0.0032) / exact - 1).max() < 0.01
 
 
+PLAIN = Material("no contraction", 210e9, 0.0, 7850.0)
+QUARTER = {"x0": (0, 4, 5), "x1": (2, 3, 4)}  # symmetry of a barrel cut at 0 and 90 degrees
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_hoop_stress_of_a_spinning_ring(kind):
+    """rho w^2 R^2 and nothing else."""
+    radius, speed = 2.0, 100.0
+    mesh = sheet((16, 4), kind, DISTORT, barrel(radius, 0.5, np.pi / 2))
+    fe = model(mesh, shell(0.05), PLAIN)
+    pull = speed**2 * (fe.inertia.P[0, 0] + fe.inertia.P[2, 2])
+    u = static(fe, pull, held(fe, QUARTER | {"y0": (1,)}))
+    (block,) = fe.blocks
+    x = fe.mesh.points[block.nodes]
+    rows = block.family.stress(x, block.section)
+    s = np.einsum("eklid,ed->ekli", rows, u[block.nodes].reshape(len(x), -1))
+    hoop = s[..., 0] + s[..., 1] + s[..., 2]  # the trace: the other principal stresses vanish
+    exact = PLAIN.density * (speed * radius) ** 2
+    middle = hoop.mean(axis=2)
+    assert middle.mean() == pytest.approx(exact, rel=0.005)
+    assert middle == pytest.approx(np.full_like(middle, exact), rel=0.03)
+    assert hoop.mean(axis=(0, 1)) == pytest.approx([exact, exact], rel=0.02)  # facets bend
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ring_frequencies(kind):
+    """In-plane bending of a thin ring with n = 2 and 4 waves around: omega^2 =
+    n^2 (n^2 - 1)^2/(n^2 + 1) E I/(rho A R^4) (Love, Theory of Elasticity, section 293)."""
+    radius, h = 1.0, 0.01
+    mesh = sheet((24, 2), kind, DISTORT, barrel(radius, 0.08, np.pi / 2))
+    fe = model(mesh, shell(h), PLAIN)
+    plane = fe.numbering.table[:, [1, 3, 5]].ravel()
+    found = held_frequencies(fe, np.union1d(plane, held(fe, QUARTER)), 2)
+    n = np.array([2, 4])
+    unit = h / radius**2 * np.sqrt(PLAIN.E / 12 / PLAIN.density)
+    exact = n * (n**2 - 1) / np.sqrt(n**2 + 1) * unit
+    assert found == pytest.approx(exact, rel=0.01)
+
+
 ROTATING = (13.1702, 5.4271)  # out of the plane of rotation, in it; speed 12, no hub
 
 
@@ -147,15 +186,14 @@ def test_rotating_blade(kind, n, spin, exact):
     """A strip bends about its thin side at nondimensional speed 12, turning about its normal (flap)
     or about its width (lag): Wright et al. (1982), J. Appl. Mech. 49, 197."""
     width, h = 0.02, 0.002
-    steel = Material("steel without contraction", 210e9, 0.0, 7850.0)
     mesh = sheet(
         n,
         kind,
         DISTORT,
         lambda st: np.column_stack([st[:, 0], width * (st[:, 1] - 0.5), 0 * st[:, 0]]),
     )
-    fe = model(mesh, shell(h), steel)
-    unit = h * np.sqrt(steel.E / 12 / steel.density)
+    fe = model(mesh, shell(h), PLAIN)
+    unit = h * np.sqrt(PLAIN.E / 12 / PLAIN.density)
     speed, root = 12 * unit, held(fe, {"x0": range(6)})
     across = [axis for axis in range(3) if axis != spin]
     spinning = Accumulator(fe.numbering.n_all)
