@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from femeshes import held_frequencies
 from scipy.sparse.linalg import spsolve
 
 from flexmb.fe import Mesh, assemble
@@ -62,6 +63,12 @@ def static(fe, loads, dofs):
     u = np.zeros(fe.numbering.n)
     u[free] = spsolve(fe.K[free][:, free].tocsc(), loads[free])
     return u[fe.numbering.table]
+
+
+def bending_frequencies(fe, supports, count):
+    """Circular frequencies of out-of-plane motion of a plate in the xy plane."""
+    plane = fe.numbering.table[:, [0, 1, 5]].ravel()
+    return held_frequencies(fe, np.union1d(held(fe, supports), plane), count)
 
 
 def node_at(mesh, point):

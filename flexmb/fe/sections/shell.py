@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import isfinite
+from numbers import Real
 from typing import Any
-
-import numpy as np
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.material import MaterialLike, resolve
@@ -84,19 +83,21 @@ class ShellSection:
         problems = [] if self.layers else [Problem("section.layers", "has no layers")]
         for k, layer in enumerate(self.layers):
             where = "section" if len(self.layers) == 1 else f"section.layers[{k}]"
-            if not (isfinite(layer.thickness) and layer.thickness > 0):
-                what = f"must be positive, given {layer.thickness:g} m"
+            if not (_finite(layer.thickness) and layer.thickness > 0):
+                what = f"must be positive, in m, given {layer.thickness}"
                 problems.append(Problem(f"{where}.thickness", what))
-            if not isfinite(layer.angle):
-                problems.append(Problem(f"{where}.angle", f"must be finite, given {layer.angle}"))
-        if not isfinite(self.offset):
-            problems.append(Problem("section.offset", f"must be finite, given {self.offset} m"))
-        if not (isfinite(self.nonstructural) and self.nonstructural >= 0):
-            what = f"must not be negative, given {self.nonstructural:g} kg/m^2"
+            if not _finite(layer.angle):
+                what = f"must be a number, in rad, given {layer.angle}"
+                problems.append(Problem(f"{where}.angle", what))
+        if not _finite(self.offset):
+            what = f"must be a number, in m, given {self.offset}"
+            problems.append(Problem("section.offset", what))
+        if not (_finite(self.nonstructural) and self.nonstructural >= 0):
+            what = f"must not be negative, in kg/m^2, given {self.nonstructural}"
             problems.append(Problem("section.nonstructural", what))
         if self.orientation is not None:
-            direction = np.asarray(self.orientation, dtype=float)
-            if direction.shape != (3,) or not 0 < np.linalg.norm(direction) < np.inf:
+            numbers = len(self.orientation) == 3 and all(map(_finite, self.orientation))
+            if not (numbers and any(self.orientation)):
                 what = f"must be three numbers, not all zero, given {self.orientation}"
                 problems.append(Problem("section.orientation", what))
         if problems:
@@ -109,8 +110,19 @@ class ShellSection:
 
     @cached_property
     def laminate(self) -> Laminate:
-        """Stiffness and mass per area; every layer must have its material."""
-        return laminate(self.with_material(None).layers, self.nonstructural)
+        """Stiffness and mass per area.
+
+        Raises
+        ------
+        ReductionError
+            A layer without material.
+        """
+        layers = self.with_material(None).layers
+        missing = [k for k, layer in enumerate(layers) if layer.material is None]
+        if missing:
+            problems = [Problem(f"section.layers[{k}].material", "is missing") for k in missing]
+            raise ReductionError.from_problems(problems)
+        return laminate(layers, self.nonstructural)
 
     def with_material(self, default: AnyMaterial | None) -> ShellSection:
         """The section with the materials of all layers known."""
@@ -150,6 +162,10 @@ def shell(
     stack = [Layer(thickness)] if thickness is not None else _layers(layers or ())
     place = None if orientation is None else tuple(orientation)
     return ShellSection(tuple(stack), offset, place, nonstructural, _material(material), shear)
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
 
 
 def _layers(given: Sequence[Layer | Mapping[str, Any]]) -> list[Layer]:

@@ -265,6 +265,12 @@ def test_orientation_along_the_normal_is_refused():
         FAMILIES["quad"].stiffness(CORNERS[None], section)
 
 
+def test_strongly_warped_quadrilaterals_are_refused():
+    x = np.array([[0, 0, 0.5], [2, 0, -0.5], [2, 2, 0.5], [0, 2, -0.5]])[None]
+    with pytest.raises(MeshError, match="1 quadrilaterals are warped.*0.25 of their size.*finer"):
+        FAMILIES["quad"].mass(x, SECTIONS["thin"])
+
+
 def test_surfaces_with_mid_sides_are_refused_with_advice():
     assert not {"triangle6", "quad8", "quad9"} & set(FAMILIES)
     for kind in ("triangle6", "quad8", "quad9"):
