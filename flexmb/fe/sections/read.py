@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.fe.material import resolve
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
 from flexmb.fe.sections.taper import TaperedSection, tapered
@@ -62,6 +63,8 @@ def section_from(given: Any, where: str = "section") -> Any:
         for end in ("start", "end"):
             if end in words:
                 words[end] = section_from(words[end], f"{where}.{end}")
+    if words.get("material") is not None:
+        words["material"] = resolve(words["material"])
     for key in ("orientation", "offset", "shear_center"):
         if isinstance(words.get(key), list):
             words[key] = tuple(words[key])
