@@ -23,8 +23,7 @@ def test_nafems_fv2_double_cross():
 
     The closed roots are those of thin arms that do not stretch. Rotary inertia of arms with h/L =
     0.025 lowers a root by (beta L)^2 (h/L)^2/24, at most 1.3e-3; stretching arms let the middle
-    move in two modes of each cluster, which lowers these by up to 0.7 % (solutions with bars give
-    17.68 and 57.0).
+    move in two modes of each cluster, which lowers these by up to 0.7 %.
     """
     n, arms = 8, 8
     points, cells = [[0.0, 0.0, 0.0]], []
