@@ -2,10 +2,10 @@
 
 In: a stiffness matrix, and where its unknowns are. Out: a :class:`Factor` that solves for one or
 many right sides. Small models go to SuperLU, large ones to a multifrontal Cholesky factorisation
-on BLAS with nested dissection. A matrix that leaves a motion free is refused with the part that
-moves, and one whose factors do not fit into memory before they are computed. Elimination without
-pivoting is stable here: residuals are at rounding of |K| |x|, so that a step of refinement (tried)
-changes nothing.
+on BLAS with nested dissection, or to PARDISO if that is installed. A matrix that leaves a motion
+free is refused with the part that moves, and one whose factors do not fit into memory before they
+are computed. Elimination without pivoting is stable here: residuals are at rounding of |K| |x|, so
+that a step of refinement (tried) changes nothing.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from flexmb.fe.solver.dissection import dissect
 from flexmb.fe.solver.graph import matrix_graph
 from flexmb.fe.solver.memory import require_memory
 from flexmb.fe.solver.multifrontal import Multifrontal
+from flexmb.fe.solver.pardiso import FOUND, Pardiso
 from flexmb.fe.solver.singular import (
     SHIFT,
     NotPositive,
@@ -73,7 +74,10 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
     """
     K = _canonical(K)
     scale = stiffness_scale(K)
-    compute = _small(scale) if K.shape[0] <= _SMALL else _large(K, points, progress)
+    if K.shape[0] <= _SMALL:
+        compute = _small(scale)
+    else:
+        compute = _pardiso(progress) if FOUND else _large(K, points, progress)
     try:
         found = compute(K)
     except NotPositive as error:
@@ -93,6 +97,10 @@ def _canonical(K: csr_array) -> csr_array:
 
 def _small(scale: FloatArray) -> Compute:
     return lambda matrix: SuperLU(matrix, scale)
+
+
+def _pardiso(progress: Progress) -> Compute:
+    return lambda matrix: Pardiso(matrix, progress)
 
 
 def _large(K: csr_array, points: FloatArray | None, progress: Progress) -> Compute:
@@ -121,13 +129,14 @@ def _why(
     try:
         shifted = compute(K + SHIFT * diags_array(K.diagonal()))
     except NotPositive as worse:
-        at = (
-            ""
-            if points is None
-            else f" at ({', '.join(f'{v:.4g}' for v in points[worse.index])}) m"
-        )
-        return ReductionError(
-            f"the stiffness matrix is not positive definite: degree of freedom {worse.index}{at} "
-            "has a negative stiffness"
-        )
+        return ReductionError(f"the stiffness matrix is not positive definite{_at(worse, points)}")
     return free_part(K, softest(K, shifted.solve, 4)[1], points)
+
+
+def _at(error: NotPositive, points: FloatArray | None) -> str:
+    if error.index < 0:
+        return ""
+    what = f": degree of freedom {error.index}"
+    if points is not None:
+        what += f" at ({', '.join(f'{value:.4g}' for value in points[error.index])}) m"
+    return f"{what} has a negative stiffness"

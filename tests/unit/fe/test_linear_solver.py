@@ -9,13 +9,21 @@ from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 
 from flexmb.errors import ReductionError
 from flexmb.fe import assemble, craig_bampton, make_interfaces, resolve
+from flexmb.fe.solver import linear_solver
 from flexmb.fe.solver.dissection import dissect
 from flexmb.fe.solver.graph import matrix_graph
 from flexmb.fe.solver.linear_solver import factor
 from flexmb.fe.solver.multifrontal import Multifrontal
+from flexmb.fe.solver.pardiso import FOUND, Pardiso
 from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.fe.solver.symbolic import fronts
 from flexmb.fe.solver.threads import blas_threads
+
+
+@pytest.fixture(autouse=True)
+def without_pardiso(monkeypatch):
+    """The solver of flexmb is tested also where PARDISO is installed."""
+    monkeypatch.setattr(linear_solver, "FOUND", False)
 
 
 def chain(n, held=True):
@@ -234,3 +242,21 @@ def test_modes_of_a_large_model_are_the_same_to_the_last_bit():
     moved = first.basis[:, :12] @ rigid
     np.testing.assert_allclose(moved, fe.rigid[:, :3], atol=1e-11)
     assert np.abs(first.K[:12, :12] @ rigid).max() < 1e-11 * np.abs(first.K).max()
+
+
+@pytest.mark.skipif(not FOUND, reason="pypardiso is not installed")
+def test_pardiso_is_used_if_it_is_installed(monkeypatch):
+    monkeypatch.setattr(linear_solver, "FOUND", True)
+    K, points = grid((18, 18, 18))
+    found = factor(K, points)
+    assert isinstance(found, Pardiso)
+    wave, value = standing_wave((18, 18, 18))
+    np.testing.assert_allclose(found.solve(wave), wave / value, atol=1e-11 / value)
+    b = np.random.default_rng(0).normal(size=(len(points), 3))
+    assert np.linalg.norm(K @ found.solve(b) - b) < 1e-10 * np.linalg.norm(b)
+    free, others = grid((5, 5, 5), held=False)
+    with pytest.raises(SingularMatrix, match="125 nodes"):
+        factor(csr_array(block_diag([K, free])), np.vstack([points, others + 50]))
+    monkeypatch.setenv("FLEXMB_MEMORY", "2 MB")
+    with pytest.raises(ReductionError, match="FLEXMB_MEMORY allows 2 MB"):
+        factor(K, points)
