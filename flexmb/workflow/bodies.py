@@ -23,10 +23,12 @@ from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
+    from flexmb.fe import Survey
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
+__all__ = ["body_problems", "flexible_bodies", "reduce_mesh", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -117,22 +119,30 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 
 def body_problems(model: Model) -> list[Problem]:
     """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
+    return surveyed_bodies(model)[1]
+
+
+def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
+    """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb import fe
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
+    surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         found: list[Problem] = []
         if isinstance(spec, MeshBodySpec):
-            found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
+            mesh, options = _reduction(model, name, spec)
+            surveys[name] = fe.survey(mesh, **options)
+            found = surveys[name].problems
         elif isinstance(spec, FlexbodySpec):
             try:
                 _held(model, spec)
             except (BodyFileError, ReductionError) as error:
                 found = list(error.problems)
         problems += _under(name, found)
-    return problems
+    return surveys, problems
 
 
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
@@ -148,12 +158,28 @@ def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
+    from flexmb.model.meshbody import MeshBodySpec
+
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in ("interfaces", "sections", "material")
+        field = problem.where.split(".")[0] in MeshBodySpec.model_fields
         where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
         told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
     return told
+
+
+def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[str, Any]]:
+    """The mesh of a body, a path or a table, and the options of its reduction."""
+    from flexmb.model.plane import plane_in_body
+
+    options = spec.words() | {"name": name}
+    if model.plane is not None:
+        options["plane"] = plane_in_body(spec, model.plane)
+    if isinstance(spec.modes, str):
+        options["modes"] = str(model.path(spec.modes))
+    if isinstance(spec.mesh, str):
+        return model.path(spec.mesh), options
+    return spec.mesh.model_dump(exclude_none=True), options
 
 
 def _reduced(
@@ -168,19 +194,8 @@ def _reduced(
     """The body of a mesh, reused if its file was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load, save
-    from flexmb.model.plane import plane_in_body
 
-    options = {
-        "plane": None if model.plane is None else plane_in_body(spec, model.plane),
-        "units": spec.units,
-        "material": spec.material,
-        "interfaces": dict(spec.interfaces),
-        "modes": spec.modes,
-        "damping": spec.damping,
-        "name": name,
-        "sections": dict(spec.sections) or None,
-    }
-    mesh = model.path(spec.mesh)
+    mesh, options = _reduction(model, name, spec)
     if not fresh and file.exists():
         try:
             body = load(file)
