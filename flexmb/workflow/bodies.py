@@ -22,11 +22,13 @@ from flexmb.errors import (
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["body_problems", "flexible_bodies"]
+__all__ = ["body_problems", "flexible_bodies", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -79,9 +81,9 @@ def flexible_bodies(
         file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
-                options = _options(model, name, spec)
-                known = None if fresh or inspect else _reused(model, spec, options, file)
-                bodies[name] = known or _reduced(model, spec, options, inspect, notes, progress)
+                mesh, options = _reduction(model, name, spec)
+                known = None if fresh or inspect else _reused(mesh, options, file)
+                bodies[name] = known or _reduced(mesh, options, inspect, notes, progress)
                 if known is None:
                     save(bodies[name], file)
                 else:
@@ -121,22 +123,30 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 
 def body_problems(model: Model) -> list[Problem]:
     """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
+    return surveyed_bodies(model)[1]
+
+
+def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
+    """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb import fe
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
+    surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         found: list[Problem] = []
         if isinstance(spec, MeshBodySpec):
-            found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
+            mesh, options = _reduction(model, name, spec)
+            surveys[name] = fe.survey(mesh, **options)
+            found = surveys[name].problems
         elif isinstance(spec, FlexbodySpec):
             try:
                 _held(model, spec)
             except (BodyFileError, ReductionError) as error:
                 found = list(error.problems)
         problems += _under(name, found)
-    return problems
+    return surveys, problems
 
 
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
@@ -152,32 +162,31 @@ def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
+    from flexmb.model.meshbody import MeshBodySpec
+
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in ("interfaces", "sections", "material")
+        field = problem.where.split(".")[0] in MeshBodySpec.model_fields
         where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
         told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
     return told
 
 
-def _options(model: Model, name: str, spec: Any) -> dict[str, Any]:
-    """What `flexmb.reduce` is told besides the mesh."""
+def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[str, Any]]:
+    """The mesh of a body, a path or a table, and the options of its reduction."""
     from flexmb.model.plane import plane_in_body
 
-    return {
-        "plane": None if model.plane is None else plane_in_body(spec, model.plane),
-        "units": spec.units,
-        "material": spec.material,
-        "interfaces": dict(spec.interfaces),
-        "modes": spec.modes,
-        "damping": spec.damping,
-        "stress": spec.stress,
-        "name": name,
-        "sections": dict(spec.sections) or None,
-    }
+    options = spec.words() | {"name": name}
+    if model.plane is not None:
+        options["plane"] = plane_in_body(spec, model.plane)
+    if isinstance(spec.modes, str):
+        options["modes"] = str(model.path(spec.modes))
+    if isinstance(spec.mesh, str):
+        return model.path(spec.mesh), options
+    return spec.mesh.model_dump(exclude_none=True), options
 
 
-def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
+def _reused(mesh: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
     """The body in the file, if it was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load
@@ -188,13 +197,11 @@ def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> Fle
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: made anew
-    key = fe.reduction_key(model.path(spec.mesh), **options)
-    return body if body.provenance.get("key") == key else None
+    return body if body.provenance.get("key") == fe.reduction_key(mesh, **options) else None
 
 
 def _reduced(
-    model: Model,
-    spec: Any,
+    mesh: Any,
     options: dict[str, Any],
     inspect: Callable[..., None] | None,
     notes: list[str],
@@ -205,6 +212,6 @@ def _reduced(
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
-        body = fe.reduce(model.path(spec.mesh), **options, inspect=inspect, progress=progress)
+        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
     notes += [f"{options['name']}: {entry.message}" for entry in caught]
     return body
