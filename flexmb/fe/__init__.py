@@ -5,7 +5,10 @@ from __future__ import annotations
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.assembly.geometric import geometric_stiffness
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
+from flexmb.fe.checks.phases import Stopwatch
 from flexmb.fe.checks.precheck import mesh_problems
+from flexmb.fe.checks.quality import QualityReport, quality_report
+from flexmb.fe.checks.quality_text import report_tables, report_text
 from flexmb.fe.elements.registry import ELEMENTS
 from flexmb.fe.elements.select import Block
 from flexmb.fe.interfaces.make import make_interfaces
@@ -37,11 +40,13 @@ __all__ = [
     "LoadPattern",
     "Mesh",
     "ModeChoice",
+    "QualityReport",
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
     "Section",
     "SolidSection",
+    "Stopwatch",
     "WeightedInterface",
     "assemble",
     "circle",
@@ -56,11 +61,14 @@ __all__ = [
     "mesh_problems",
     "node_modes",
     "orthonormalise",
+    "quality_report",
     "read_mesh",
     "rectangle",
     "reduce",
     "reduce_model",
     "reduction_key",
+    "report_tables",
+    "report_text",
     "resolve",
     "section_from",
     "surface",

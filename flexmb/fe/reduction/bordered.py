@@ -84,6 +84,8 @@ class Bordered:
         self._small = lu_factor(scale[:, None] * small * scale)
 
     def _plain(self, f: FloatArray) -> FloatArray:
+        if self._factor is not None and len(self._left) == self._n:
+            return self._factor.solve(f)
         u = np.zeros_like(f)
         if self._factor is not None:
             u[self._left] = self._factor.solve(f[self._left])

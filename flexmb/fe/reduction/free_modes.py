@@ -29,7 +29,7 @@ from flexmb.fe.solver.linear_solver import factor
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
-__all__ = ["free_modes", "relieved_inverse"]
+__all__ = ["free_modes", "lowest_free", "relieved_inverse"]
 
 _DENSE = 300
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
@@ -122,7 +122,7 @@ def _chosen(
     limit = fe.numbering.n - 6
     count = _FIRST if choice.count is None else choice.count
     while True:
-        omega2, V = _lowest(fe, inverse, count, mirror, progress)
+        omega2, V = lowest_free(fe, inverse, count, mirror, progress)
         complete = len(omega2) < count or count >= limit
         if choice.count is not None:
             if choice.count > len(omega2):
@@ -136,13 +136,14 @@ def _chosen(
         count *= 2
 
 
-def _lowest(
+def lowest_free(
     fe: FEMatrices,
     inverse: Callable[[FloatArray], FloatArray],
     count: int,
     mirror: Mirror | None,
     progress: Progress,
 ) -> Modes:
+    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
     n, limit = fe.numbering.n, fe.numbering.n - 6
     if count == 0:
         return np.zeros(0), np.zeros((n, 0))

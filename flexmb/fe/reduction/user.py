@@ -126,9 +126,10 @@ def user_modes(
 
 def _from_file(path: Path) -> Any:
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            if not isinstance(stored, np.lib.npyio.NpzFile):
-                raise ReductionError(f"modes: {path} is no .npz file: write it with numpy.savez")
+        stored = np.load(path, allow_pickle=False)
+        if isinstance(stored, np.ndarray):
+            raise ReductionError(f"modes: {path} is no .npz file: write it with numpy.savez")
+        with stored:
             names = tuple(stored.files)
             name = "modes" if "modes" in names or len(names) != 1 else names[0]
             if name not in names:
@@ -137,7 +138,7 @@ def _from_file(path: Path) -> Any:
             return stored[name]
     except OSError as error:
         raise ReductionError(f"modes: {path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, zipfile.BadZipFile, AttributeError) as error:
+    except (EOFError, ValueError, zipfile.BadZipFile) as error:
         raise ReductionError(f"modes: {path} is no .npz file of arrays of numbers") from error
 
 
