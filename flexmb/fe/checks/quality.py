@@ -127,7 +127,7 @@ def quality_report(
     phases : sequence of Phase
         Time and memory of the reduction, from a :class:`Stopwatch`.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
 
     Raises
     ------

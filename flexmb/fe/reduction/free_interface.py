@@ -83,6 +83,7 @@ def free_basis(
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)
     M = basis.T @ (fe.M @ basis)
+    K = modes[1].T @ (fe.K @ modes[1])  # not omega^2: a motion without stiffness shall be seen
     r, m, k = R.shape[1], len(modes[0]), len(residual[0])
     motion = np.zeros((len(interfaces), 6, r + m + k))
     for number, interface in enumerate(interfaces):
@@ -90,7 +91,7 @@ def free_basis(
     name = "residual attachment" if kind == "attachment" else "load residual"
     return ReducedBasis(
         basis,
-        block_diag(np.zeros((r, r)), np.diag(modes[0]), np.diag(residual[0])),
+        block_diag(np.zeros((r, r)), 0.5 * (K + K.T), np.diag(residual[0])),
         0.5 * (M + M.T),
         np.eye(r + m + k)[:, :r],
         motion,

@@ -26,6 +26,7 @@ from flexmb.fe.reduction.planar import Mirror, symmetric_modes
 from flexmb.fe.reduction.relief import Relief
 from flexmb.fe.reduction.residual import load_columns, residual_vectors
 from flexmb.fe.solver.linear_solver import factor
+from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -57,7 +58,7 @@ def free_modes(
     modes : int, mapping or ModeChoice
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
@@ -96,13 +97,10 @@ def relieved_inverse(
 ) -> Callable[[FloatArray], FloatArray]:
     """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
     left = np.setdiff1d(np.arange(fe.numbering.n), determinate(fe.rigid))
-    progress("factor", 0.0, f"{len(left)} unknowns")
-    K = fe.K[left][:, left]
     try:
-        inner = factor(K)
-    except ReductionError as error:
-        raise ReductionError(loose_part(fe, K, left, error)) from error
-    progress("factor", 1.0)
+        inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
+    except SingularMatrix as error:
+        raise ReductionError(loose_part(fe, left[error.dofs])) from error
 
     def inverse(f: FloatArray) -> FloatArray:
         u = np.zeros_like(f)

@@ -7,7 +7,7 @@ import pytest
 from femeshes import block, line, mirrored_block, tied
 from scipy.linalg import eigh
 
-from flexmb.errors import FlexmbWarning, MeshError, ReductionError
+from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.fe import (
     Mesh,
     assemble,
@@ -256,13 +256,9 @@ def test_a_part_that_nothing_holds_is_named():
     with pytest.raises(ReductionError) as told:
         craig_bampton(fe, make_interfaces(fe, {"wall": "x0"}), 2)
     sentence = str(told.value)
-    assert (
-        "with all interfaces held, a part of the mesh still moves freely: 24 of 51 nodes"
-        in sentence
-    )
-    place = np.array([float(x) for x in sentence.split("(")[2].split(")")[0].split(",")])
-    np.testing.assert_allclose(place, [1.56, 1.56, 0.5], atol=0.1)
-    with pytest.raises((ReductionError, MeshError), match="of 51 nodes"):
+    assert "with all interfaces held, a part of the mesh still moves freely: 24 of 51" in sentence
+    assert "between (1, 1, 0) and (2, 2, 1) m" in sentence
+    with pytest.raises(ReductionError, match="of 51 nodes"):
         orthonormalise(fe, free_modes(fe, (), 4))
 
 
