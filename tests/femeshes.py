@@ -115,3 +115,52 @@ def tied(fe, interfaces):
 def slope(sizes, errors):
     """Observed order of convergence over a sequence of sizes."""
     return np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
+
+
+_CORNERS = {  # corners of the cells that fill a cube whose corners are numbered x + 2 y + 4 z
+    "tetra": ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7)),
+    "hexahedron": ((0, 1, 3, 2, 4, 5, 7, 6),),
+    "wedge": ((0, 1, 3, 4, 5, 7), (0, 3, 2, 4, 7, 6)),
+}
+_HEX_SIDES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))  # fmt: skip
+_HEX_FACES = ((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
+_BETWEEN = {  # corners whose mean each node above the corners is, VTK order
+    "tetra": (),
+    "tetra10": EDGES,
+    "hexahedron": (),
+    "hexahedron20": _HEX_SIDES,
+    "hexahedron27": (*_HEX_SIDES, *_HEX_FACES, tuple(range(8))),
+    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+}
+SOLIDS = tuple(_BETWEEN)
+
+
+def solid_box(kind, divisions, size=(1.0, 1.0, 1.0), distort=0.0, shape=None):
+    """Box from the origin of solids of one kind, with the node groups x0, x1, y0 ... z1.
+
+    ``distort`` moves inner corner nodes at random by that share of an element, the sides of
+    elements stay straight; ``shape`` maps all points (n, 3) after that.
+    """
+    counts, size = np.array(divisions), np.array(size, float)
+    grid = np.indices(counts + 1).reshape(3, -1).T
+    inner = ((grid > 0) & (grid < counts)).all(axis=1)
+    noise = np.random.default_rng(0).uniform(-1, 1, grid.shape)
+    corners = (grid + inner[:, None] * noise * distort) * size / counts
+    steps = np.array([1, counts[2] + 1, (counts[1] + 1) * (counts[2] + 1)])[::-1]
+    first = np.indices(counts).reshape(3, -1).T @ steps
+    cube = np.array([[b & 1, b >> 1 & 1, b >> 2] for b in range(8)]) @ steps
+    cells = np.array(_CORNERS[kind.rstrip("0123456789")])
+    rows = (first[:, None, None] + cube[cells]).reshape(-1, cells.shape[1])
+    middles = [corners[rows[:, list(some)]].mean(axis=1) for some in _BETWEEN[kind]]
+    x = np.concatenate([corners[rows], *(m[:, None] for m in middles)], axis=1)
+    _, kept, number = np.unique(
+        x.reshape(-1, 3).round(9), axis=0, return_index=True, return_inverse=True
+    )
+    points = x.reshape(-1, 3)[kept]
+    sets = {
+        f"{name}{side}": np.flatnonzero(np.abs(points[:, axis] - side * size[axis]) < 1e-9)
+        for axis, name in enumerate("xyz")
+        for side in (0, 1)
+    }
+    points = points if shape is None else shape(points)
+    return Mesh(points, {kind: number.reshape(len(rows), -1)}, sets)

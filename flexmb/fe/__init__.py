@@ -28,12 +28,17 @@ from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.methods import METHODS, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.user import user_modes
-from flexmb.fe.sections.beam import Section, circle, rectangle, section_from, tube
+from flexmb.fe.sections.beam import BeamSection, general
+from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
+from flexmb.fe.sections.read import section_from
 from flexmb.fe.sections.solid import SolidSection
+from flexmb.fe.sections.taper import TaperedSection, tapered
+from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 
 __all__ = [
     "ELEMENTS",
     "METHODS",
+    "BeamSection",
     "Block",
     "FEMatrices",
     "Integrals",
@@ -44,16 +49,20 @@ __all__ = [
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
-    "Section",
     "SolidSection",
     "Stopwatch",
+    "TaperedSection",
     "WeightedInterface",
+    "angle_section",
     "assemble",
+    "box_section",
     "circle",
     "craig_bampton",
     "free_interface",
+    "general",
     "geometric_stiffness",
     "guyan",
+    "i_section",
     "integrals",
     "make_body",
     "make_interfaces",
@@ -72,6 +81,7 @@ __all__ = [
     "resolve",
     "section_from",
     "surface",
+    "tapered",
     "tube",
     "user_modes",
 ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,22 +20,26 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.assembly.loads import make_loads
 from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
-from flexmb.fe.interfaces.make import make_interfaces
+from flexmb.fe.interfaces.make import InterfaceLike, make_interfaces
 from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.stress import stress_option, with_recovery
 from flexmb.fe.reduction.basis import ReducedBasis
+from flexmb.fe.reduction.choice import ModesLike
 from flexmb.fe.reduction.integrals import integrals
-from flexmb.fe.reduction.methods import reduce_model
+from flexmb.fe.reduction.methods import asked_modes, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.sections.beam import Section, section_from
+from flexmb.fe.reduction.user import UserModesLike, read_user_modes
+from flexmb.fe.sections.read import section_from
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar import check_shares, flattened
 from flexmb.flexbody.planes import PLANES
 from flexmb.progress import Progress, silent
@@ -43,21 +47,23 @@ from flexmb.units import unit_system
 
 __all__ = ["reduce"]
 
-SectionLike = Section | Mapping[str, Any]
-
 
 def reduce(
     mesh: str | os.PathLike[str] | Mesh,
     *,
     units: str = "SI",
     material: MaterialLike,
-    interfaces: Mapping[str, str] | None = None,
-    modes: int = 20,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    reduction: str = "craig-bampton",
+    modes: ModesLike | UserModesLike | None = None,
+    loads: Mapping[str, Mapping[str, Any]] | None = None,
     damping: float = 0.0,
     name: str | None = None,
-    sections: Mapping[str, SectionLike] | None = None,
+    sections: Mapping[str, Any] | None = None,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
     plane: str | None = None,
+    stress: bool | str = True,
+    inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -70,25 +76,39 @@ def reduce(
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
         A name in the library, or E [Pa], nu [-], density [kg/m^3].
-    interfaces : mapping of str to str, optional
-        Mesh group by interface name. Without any, free modes are taken.
-    modes : int
-        Number of fixed-interface modes; the body has 6*interfaces + modes - 6 coordinates
-        (``modes`` without interfaces).
+    interfaces : mapping of str to str or mapping, optional
+        Mesh group by interface name, or a table of words: see :func:`flexmb.fe.make_interfaces`.
+        Without any, free modes are taken.
+    reduction : str
+        ``"craig-bampton"``, ``"free-interface"``, ``"guyan"`` or ``"user"``.
+    modes : int, mapping, array or path, optional
+        Number of fixed-interface modes, 20 by default; the body has 6*interfaces + modes - 6
+        coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
+        ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
+        the mesh's unit of length.
+    loads : mapping of str to mapping, optional
+        Loads on the mesh, see :func:`flexmb.fe.make_loads`: each becomes a modal load of the body,
+        and its static response is added to the basis unless it says ``residual = false``.
     damping : float
         Damping ratio of every mode, 0 to 1. None by default.
     name : str, optional
         Name of the body; the file's by default.
-    sections : mapping of str to Section or mapping, optional
-        Section [m] of beams by mesh group, or under ``"all"``.
+    sections : mapping of str to section or mapping, optional
+        Section [m] by mesh group, or under ``"all"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group of one, nodes: group}}``.
     plane : str, optional
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
         the body has 3*interfaces + modes - 3 coordinates.
+    stress : bool or str
+        Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
+        inside solids, ``"none"`` (or False) for a smaller file.
+    inspect : callable, optional
+        Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
+        mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Told the phases read, assemble, factor, modes, integrals, recovery, stress.
 
     Raises
     ------
@@ -96,7 +116,7 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    _check_options(modes, damping)
+    asked = _check_options(reduction, modes, damping)
     scale = unit_system(units).factor(L=1)
     matter = resolve(material)
     chosen = {key: section_from(s, f"sections.{key}") for key, s in (sections or {}).items()}
@@ -104,19 +124,28 @@ def reduce(
     given = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
     progress("read", 1.0)
     fe = assemble(given.scaled(scale), matter, chosen, progress, ties=ties)
-    ties = make_interfaces(fe, interfaces or {})
-    require_one_part(fe, ties)
+    points = make_interfaces(fe, interfaces or {})
+    patterns = make_loads(fe, loads or {})
+    require_one_part(fe, points)
     found = suspicions(fe)
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
-    reduced = reduce_model(fe, ties, modes=modes, progress=progress, mirror=mirror)
+    if reduction == "user":
+        asked = read_user_modes(asked, scale)
+    reduced = reduce_model(
+        fe, points, reduction, asked, progress=progress, mirror=mirror, loads=patterns
+    )
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
-    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
+    body = with_recovery(body, fe, elastic.Phi, stress, progress)
+    options: dict[str, Any] = {"units": units, "reduction": reduction, "damping": damping}
+    options |= {"modes": modes, "loads": loads, "stress": stress_option(stress)}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
         options["plane"] = plane
+    if inspect is not None:
+        inspect(fe, reduced, elastic, body, mirror)
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
@@ -171,34 +200,43 @@ def make_body(
         modes=mode_infos(fe, reduced, elastic, inertia.Mab),
         surface=surface(fe, nodes),
         nodes=nodes,
+        loads=tuple(
+            LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
+            for load in reduced.loads
+        ),
     )
 
 
-def _check_options(modes: int, damping: float) -> None:
-    problems = []
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 0:
-        problems.append(Problem("modes", f"must be a whole number >= 0, given {modes!r}"))
+def _check_options(reduction: str, modes: Any, damping: float) -> Any:
+    """The modes that are asked for."""
+    problems: list[Problem] = []
+    asked = None
+    try:
+        asked = asked_modes(reduction, modes)
+    except ReductionError as error:
+        problems += error.problems
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
         what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
         problems.append(Problem("damping", what))
     if problems:
         raise ReductionError.from_problems(problems)
+    return asked
 
 
 def _provenance(
     fe: FEMatrices,
     options: Mapping[str, Any],
-    interfaces: Mapping[str, str],
-    sections: Mapping[str, Section],
+    interfaces: Mapping[str, InterfaceLike],
+    sections: Mapping[str, Any],
     found: list[str],
 ) -> dict[str, str]:
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
         "mesh": fe.mesh.source,
         "material": json.dumps(asdict(fe.material)),
-        "interfaces": json.dumps(dict(interfaces)),
+        "interfaces": json.dumps(dict(interfaces), default=str),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
-        **{name: str(value) for name, value in options.items()},
+        **{name: _told(value) for name, value in options.items()},
         "degrees of freedom": str(fe.numbering.n),
         "nodes outside the body": str(orphans(fe)),
         "warnings": "\n".join(found),
@@ -206,13 +244,20 @@ def _provenance(
     }
 
 
+def _told(value: Any) -> str:
+    """An option as text: arrays by their shape."""
+    if isinstance(value, np.ndarray):
+        return f"array {value.shape}"
+    return json.dumps(value, default=str) if isinstance(value, Mapping) else str(value)
+
+
 def _file_provenance(
     mesh: str | os.PathLike[str],
     options: Mapping[str, Any],
     material: MaterialLike,
-    interfaces: Mapping[str, str] | None,
+    interfaces: Mapping[str, InterfaceLike] | None,
     name: str | None,
-    sections: Mapping[str, Section],
+    sections: Mapping[str, Any],
 ) -> dict[str, str]:
     key = reduction_key(
         mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options

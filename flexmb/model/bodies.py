@@ -1,4 +1,4 @@
-"""Bodies: rigid by their mass properties or a shape, flexible by a mesh or a reduced body.
+"""Bodies: rigid by their mass properties or a shape, flexible by a reduced body.
 
 Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
 the global one. Initial velocities are asked at markers: ``velocity`` and ``angular_velocity`` at
@@ -11,23 +11,21 @@ import re
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
-from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
+from flexmb.model.flexible import FlexibleSource
 from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
+from flexmb.model.material import MaterialField
 from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import (
     AngularVelocity,
-    Integer,
     Position,
     Quantity,
-    Text,
     Velocity,
 )
 from flexmb.model.reading import Entry, Reader, Spec, fail, given
-from flexmb.model.sections import Sections
 from flexmb.model.shapes import Shape
 
 __all__ = [
@@ -35,9 +33,7 @@ __all__ = [
     "BodySpec",
     "FlexbodySpec",
     "InitialVelocity",
-    "MeshBodySpec",
     "RigidBodySpec",
-    "body_kind",
 ]
 
 COLORS = (
@@ -164,35 +160,7 @@ class RigidBodySpec(BodySpec):
         return MassProperties(mass, np.array(self.center), inertia)
 
 
-class MeshBodySpec(BodySpec):
-    """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
-
-    ``units`` are those of the mesh's coordinates, by default the scene's; sections and material are
-    told in the scene's.
-    """
-
-    mesh: Text
-    units: UnitsName = Field("scene", validate_default=True)
-    material: MaterialField
-    interfaces: Groups
-    modes: Annotated[int, Integer(0)] = 20
-    damping: Annotated[float, Quantity("", "not negative")] = 0.0
-    sections: Sections = {}
-
-
 class FlexbodySpec(BodySpec):
     """A flexible body that is already reduced: its file, or the object itself."""
 
     flexbody: FlexibleSource
-
-
-def body_kind(keys: Any) -> type[BodySpec] | Problem:
-    """Which kind of body a table with these keys is."""
-    flexible = [key for key in ("mesh", "flexbody") if key in keys]
-    rigid = [key for key in ("mass", "inertia", "shape", "density", "center") if key in keys]
-    if len(flexible) > 1 or (flexible and rigid):
-        several = " and ".join(f'"{key}"' for key in (*flexible, *rigid))
-        return Problem("", f"is either rigid, or from a mesh, or a reduced body; given {several}")
-    if not flexible:
-        return RigidBodySpec
-    return MeshBodySpec if flexible == ["mesh"] else FlexbodySpec

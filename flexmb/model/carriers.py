@@ -11,8 +11,10 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
-from flexmb.model.bodies import BodySpec, FlexbodySpec, MeshBodySpec
+from flexmb.model.bodies import BodySpec, FlexbodySpec
 from flexmb.model.markers import MarkerSpec, place
+from flexmb.model.meshbody import MeshBodySpec
+from flexmb.model.meshes import MeshTableSpec
 from flexmb.model.names import GROUND
 from flexmb.model.scope import Scope
 
@@ -48,6 +50,8 @@ def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Pr
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
     key, given = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
+    if isinstance(given, MeshTableSpec):
+        return
     if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
         key, given = "flexbody", spec.flexbody
     if given is None:

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem
-from flexmb.model.bodies import body_kind
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import MarkerSpec
+from flexmb.model.meshbody import body_kind
 from flexmb.model.names import GROUND, bad_name
 from flexmb.model.reading import Names, Spec, given, read_entry, read_variant, under
 from flexmb.model.sensors import SENSOR_TYPES

@@ -7,7 +7,6 @@ the annotations that also validate scenes, so that it cannot say anything else t
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import types
 from collections.abc import Callable, Iterable, Mapping
@@ -15,16 +14,26 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic.fields import FieldInfo
 
-from flexmb.materials import LIBRARY, Material
+from flexmb.materials import LIBRARY
 from flexmb.model.bodies import COLORS, BodySpec
-from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
+from flexmb.model.flexible import FlexibleSource, UnitsName
 from flexmb.model.functions import FUNCTION_FORMS, Function
 from flexmb.model.inertia import Inertia
+from flexmb.model.interfaces import (
+    GroupName,
+    Interfaces,
+    InterfaceSpec,
+    NodeOrGroup,
+    Stiffness,
+    Weights,
+)
 from flexmb.model.joints import JOINT_TYPES, JointSpec
+from flexmb.model.material import MATERIAL_KINDS, MaterialField
+from flexmb.model.meshes import MESH_TYPES, Divisions, MeshSource
 from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import Axis, Integer, Quantity
 from flexmb.model.reading import Entry, Reader, Spec, Variant
-from flexmb.model.sections import SECTION_TYPES, Sections
+from flexmb.model.reduction import Modes, ModesSpec
 from flexmb.model.study import StudySpec
 from flexmb.units import UNIT_SYSTEMS
 
@@ -35,6 +44,8 @@ Form = dict[str, Any]
 NUMBER: Form = {"type": ["number", "string"]}  # a string is an expression
 VECTOR: Form = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3}
 _MATRIX: Form = {"type": "array", "items": VECTOR, "minItems": 3, "maxItems": 3}
+_NAMED: Form = {"type": ["string", "integer"]}
+_COUNT: Form = {"type": ["integer", "string"], "minimum": 1}
 _SIGNS: dict[str, Form] = {
     "positive": {"minimum": 0, "exclusiveMinimum": True},
     "not negative": {"minimum": 0},
@@ -152,17 +163,29 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
         _field_reader(BodySpec, "color"): lambda: _choice(COLORS),
         _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
         _reader(UnitsName): lambda: _choice(UNIT_SYSTEMS),
-        _reader(MaterialField): _material,
-        _reader(Groups): lambda: {
+        _reader(MaterialField): lambda: {
+            "anyOf": [*_choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]
+        },
+        _reader(Interfaces): lambda: {
             "type": "object",
-            "additionalProperties": {"type": ["string", "integer"]},
+            "additionalProperties": {"anyOf": [_NAMED, reference(InterfaceSpec)]},
             "minProperties": 1,
         },
-        _reader(FlexibleSource): lambda: {"type": "string"},
-        _reader(Sections): lambda: {
-            "type": "object",
-            "additionalProperties": _either([reference(s) for s in SECTION_TYPES.values()]),
+        _reader(GroupName): lambda: _NAMED,
+        _reader(NodeOrGroup): lambda: _NAMED,
+        _reader(Weights): lambda: {
+            "anyOf": [{"enum": ["uniform", "area"]}, {"type": "array", "items": NUMBER}]
         },
+        _reader(Stiffness): lambda: {
+            "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}],
+            "description": "[N/m, N m/rad]",
+        },
+        _reader(MeshSource): lambda: {
+            "anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]
+        },
+        _reader(Divisions): lambda: {"anyOf": [_COUNT, {"type": "array", "items": _COUNT}]},
+        _reader(Modes): lambda: {"anyOf": [{**_COUNT, "minimum": 0}, reference(ModesSpec)]},
+        _reader(FlexibleSource): lambda: {"type": "string"},
         _reader(Axis): lambda: {"anyOf": [_choice(_signed("xyz")), VECTOR]},
         _reader(Inertia): lambda: {
             "anyOf": [VECTOR, _MATRIX, _table(("xx", "yy", "zz"), ("xy", "xz", "yz"))],
@@ -185,15 +208,6 @@ def _signed(letters: str) -> list[str]:
 def _choice(names: Iterable[str]) -> Form:
     """One of these names, which an editor offers; other spellings of them pass as well."""
     return {"anyOf": [{"enum": list(names)}, {"type": "string"}]}
-
-
-def _material() -> Form:
-    values = dataclasses.fields(Material)
-    texts = {f.name: {"type": "string"} for f in values if f.type in ("str", str)}
-    numbers = [f.name for f in values if f.name not in texts]
-    table = _table(tuple(numbers), ())
-    table["properties"].update(texts)
-    return {"anyOf": [*_choice(LIBRARY)["anyOf"], table]}
 
 
 def _table(required: tuple[str, ...], optional: tuple[str, ...]) -> Form:

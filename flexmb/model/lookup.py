@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.bodies import BodySpec, FlexbodySpec, MeshBodySpec, RigidBodySpec
+from flexmb.model.bodies import BodySpec, FlexbodySpec, RigidBodySpec
 from flexmb.model.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.orientation import rotation_matrix, triad
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
-from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
+from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from flexmb.flexbody.planes import PLANES
-from flexmb.model.bodies import FlexbodySpec, MeshBodySpec, RigidBodySpec
+from flexmb.model.bodies import FlexbodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.drivers import DriverSpec
@@ -21,6 +21,7 @@ from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, form_of, reference
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec
+from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import SENSOR_TYPES
 from flexmb.model.study import StudySpec

@@ -1,117 +1,71 @@
-"""Cross-sections of the beams in a mesh: element group to a table of dimensions.
+"""Sections of the elements in a mesh: a table of dimensions for each element group.
 
-In: ``{all = {type = "tube", radius = 0.02, inner = 0.015}}``. Out: the same in SI, in the
-words of ``flexmb.fe.sections.beam``. The key is an element group, or ``"all"``.
+In: ``{all = {type = "tube", radius = 0.02, inner = 0.015}}``; the key is an element group, or
+``"all"`` for whatever no other section names. Out: specifications in SI, in the words of
+``flexmb.fe.sections``: of beams, of shells, of solids.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import SerializationInfo, ValidationInfo, model_validator
+from pydantic import BeforeValidator
 
-from flexmb.errors import Problem
-from flexmb.model.quantities import Axis, Quantity, Size
-from flexmb.model.reading import (
-    Reader,
-    Spec,
-    fail,
-    given,
-    names_of,
-    read_variant,
-    under,
-    units_of,
-)
+from flexmb.model.beam_sections import BEAM_SECTIONS, TaperedSection
+from flexmb.model.material import MaterialField
+from flexmb.model.quantities import Angle, Axis, Length, Quantity, Size, plain
+from flexmb.model.reading import Entry, Spec, Variant
 
 __all__ = ["SECTION_TYPES", "Sections"]
 
-Area = Annotated[float, Quantity("m^2", "positive")]
-Moment = Annotated[float, Quantity("m^4", "positive")]
-Coefficient = Annotated[float, Quantity("", "positive")]
 
+class ShellSpec(Spec):
+    """What all shells have: place of the middle along the normal, direction of material axis 1."""
 
-class RectangleSection(Spec):
-    """Solid rectangle, y by z; ``orientation`` is the direction of y; without shear: Euler."""
-
-    type: Literal["rectangle"]
-    y: Size
-    z: Size
-    shear: bool = True
+    offset: Length = 0.0
     orientation: Axis | None = None
+    material: MaterialField | None = None
+    nonstructural: Annotated[float, Quantity("kg/m^2", "not negative")] = 0.0
 
 
-class CircleSection(Spec):
-    """Solid round bar."""
+class ShellSection(ShellSpec):
+    """A shell or plate of one thickness."""
 
-    type: Literal["circle"]
-    radius: Size
-    shear: bool = True
-
-
-class TubeSection(Spec):
-    """Round tube, outer and inner radius."""
-
-    type: Literal["tube"]
-    radius: Size
-    inner: Size
-    shear: bool = True
-
-    @model_validator(mode="after")
-    def _hollow(self, info: ValidationInfo) -> Self:
-        if self.inner >= self.radius:
-            units = units_of(names_of(info))
-            radius, inner = units.say(self.radius, "m"), units.say(self.inner, "m")
-            what = f"must be less than the outer radius {radius}, is {inner}"
-            raise fail(Problem("inner", what))
-        return self
+    type: Literal["shell"]
+    thickness: Size
 
 
-class GeneralSection(Spec):
-    """Area, second moments, torsion constant; shear coefficients left out: no shear."""
+class LayerSpec(Spec):
+    """A layer of a shell; its material axis 1 is turned by `angle` about the normal."""
 
-    type: Literal["general"]
-    A: Area
-    Iy: Moment
-    Iz: Moment
-    J: Moment
-    ky: Coefficient | None = None
-    kz: Coefficient | None = None
-    orientation: Axis | None = None
+    thickness: Size
+    material: MaterialField | None = None
+    angle: Angle = 0.0
+
+
+class LayeredSection(ShellSpec):
+    """A shell of layers, the first one lowest along the normal."""
+
+    type: Literal["layered"]
+    layers: Annotated[tuple[Annotated[LayerSpec, Entry()], ...], BeforeValidator(plain)]
+
+
+class SolidSection(Spec):
+    """Solids: their material, its axis 1 and a direction in the plane of its axes 1 and 2."""
+
+    type: Literal["solid"]
+    material: MaterialField | None = None
+    axis1: Axis | None = None
+    axis2: Axis | None = None
 
 
 SECTION_TYPES: dict[str, type[Spec]] = {
-    "rectangle": RectangleSection,
-    "circle": CircleSection,
-    "tube": TubeSection,
-    "general": GeneralSection,
+    **BEAM_SECTIONS,
+    "tapered": TaperedSection,
+    "shell": ShellSection,
+    "layered": LayeredSection,
+    "solid": SolidSection,
 }
 
-
-def _read(value: Any, info: ValidationInfo) -> dict[str, dict[str, Any]]:
-    if not isinstance(value, Mapping):
-        raise fail(
-            Problem("", f"a table {{group = section, ...}} is expected, given {given(value)}")
-        )
-    problems: list[Problem] = []
-    sections: dict[str, dict[str, Any]] = {}
-    for group, table in value.items():
-        spec, found = read_variant("section", SECTION_TYPES, table, names_of(info))
-        problems += under(str(group), found)
-        if spec is not None:
-            sections[str(group)] = spec.model_dump(exclude_none=True)
-    if problems:
-        raise fail(*problems)
-    return sections
-
-
-def _write(value: dict[str, dict[str, Any]], info: SerializationInfo) -> dict[str, Any]:
-    return {
-        group: SECTION_TYPES[table["type"]]
-        .model_construct(**table)
-        .model_dump(exclude_none=True, context=info.context)
-        for group, table in value.items()
-    }
-
-
-Sections = Annotated[dict[str, dict[str, Any]], Reader(_read, _write)]
+Sections = dict[str, Annotated[Any, Variant("section", lambda: SECTION_TYPES)]]
+"""Element group, or ``"all"``, to its section."""

@@ -73,8 +73,10 @@ def _body(
             f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
         )
     table = _plain(spec, model.terms)
-    for key in ("mesh", "flexbody"):
-        if key in table and folder is not None:
+    if isinstance(table.get("mesh"), dict):
+        del table["units"]  # of mesh files
+    for key in ("mesh", "flexbody", "modes"):
+        if isinstance(table.get(key), str) and folder is not None:
             table[key] = _relative(model.path(table[key]), Path(folder))
     return table
 

@@ -12,7 +12,8 @@ from typing import Any
 
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.model import Model
-from flexmb.model.bodies import MeshBodySpec
+from flexmb.model.bodies import BodySpec
+from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.study import StudySpec
 from flexmb.progress import Progress
 from flexmb.studies.base import Base
@@ -28,7 +29,7 @@ from flexmb.studies.worker import Job
 __all__ = ["Course"]
 
 Record = dict[str, Any]
-_REDUCED = ("mesh", "units", "material", "interfaces", "modes", "damping", "sections")
+_REDUCED = tuple(key for key in MeshBodySpec.model_fields if key not in BodySpec.model_fields)
 _FAILED: Record = {"status": "failed", "reason": "its result cannot be read", "seconds": []}
 
 

@@ -4,8 +4,8 @@ In: a scene or a model, and knobs with values. Out: settings, each with its mode
 the model refuses it. What a knob changes decides what its error is measured against:
 
 - numbers of the integration (accuracy, step, method, ...) leave the model as it is;
-- modes, meshes and body files say how well one and the same machine is described: their settings
-  form one group, whose truth is the finest model of the group;
+- modes, meshes, divisions of a mesh and body files say how well one and the same machine is
+  described: their settings form one group, whose truth is the finest model of the group;
 - anything else (a speed, a mass, a damping) makes another machine: a group and a truth of its own.
 """
 
@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import Model
-from flexmb.model.bodies import MeshBodySpec
 from flexmb.model.knobs import resolve_knob
+from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.overrides import override
 from flexmb.model.reading import under
 from flexmb.studies.sensing import with_velocities
@@ -35,7 +35,8 @@ __all__ = ["NUMERICAL", "Setting", "changed_model", "is_numerical", "settings_of
 NUMERICAL = ("accuracy", "step", "method", "spectral_radius", "newton_tolerance")
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
 
-_FIDELITY = ("modes", "mesh", "flexbody")
+_FIDELITY = ("modes", "mesh", "flexbody", "reduction", "mass_matrix", "stress")
+_FINENESS = ("divisions", "elements")  # of the table of a mesh
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _MOST = 10_000  # runs of one study
 
@@ -154,23 +155,32 @@ def _setting(base: Base, values: dict[str, Any], chosen: tuple[tuple[int, Any], 
     machine, fidelity = _parts(model, base.folder)
     places = (i for i, value in chosen if isinstance(value, str))  # later in the list: finer
     specs = model.bodies.values()
-    modes = sum(spec.modes for spec in specs if isinstance(spec, MeshBodySpec))
+    meshed = [spec for spec in specs if isinstance(spec, MeshBodySpec)]
+    rank = (sum(spec.cells for spec in meshed), sum(spec.mode_count for spec in meshed))
     group = content_key(machine)
     physics = content_key([group, fidelity])
-    return Setting(values, model, scene, dynamics, "", group, physics, (*places, modes))
+    return Setting(values, model, scene, dynamics, "", group, physics, (*places, *rank))
 
 
 def _parts(model: Model, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """The scene that says which machine it is, and what says how finely it is described."""
     scene = model.to_scene_dict(folder)
     fidelity = {
-        name: {key: body.pop(key) for key in _FIDELITY if key in body}
+        name: {key: _taken(body, key) for key in _FIDELITY if key in body}
         for name, body in scene["bodies"].items()
     }
     for name in NUMERICAL:
         scene["dynamics"].pop(name, None)
     scene["parameters"] = _used(scene)
     return scene, fidelity
+
+
+def _taken(body: dict[str, Any], key: str) -> Any:
+    """An entry of a body, taken out of it; of the table of a mesh only how it is divided."""
+    value = body[key]
+    if not isinstance(value, dict) or key != "mesh":
+        return body.pop(key)
+    return {word: value.pop(word) for word in _FINENESS if word in value}
 
 
 def _used(scene: Mapping[str, Any]) -> dict[str, Any]:

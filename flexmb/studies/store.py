@@ -99,7 +99,7 @@ def run_key(model: Model, scene: Mapping[str, Any]) -> str:
     """Key of a run: its scene as resolved, the files that it reads, the code that runs it."""
     contents = {}
     for name, spec in model.bodies.items():
-        for source in ("mesh", "flexbody"):
+        for source in ("mesh", "flexbody", "modes"):
             given = getattr(spec, source, None)
             if isinstance(given, str):
                 contents[f"{name}.{source}"] = _file_key(model.path(given))

@@ -6,7 +6,7 @@ A mistake in one body does not hide those of the others: all are told, each unde
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,43 +26,38 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
 
-__all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
+__all__ = ["body_problems", "flexible_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
-def reduce_mesh(
-    mesh: str | Path,
-    *,
-    material: Any,
-    interfaces: Mapping[str, str] | None = None,
-    sections: Mapping[str, Any] | None = None,
-    output: str | Path | None = None,
-    progress: Progress = silent,
-    **options: Any,
-) -> tuple[FlexBody, Path]:
-    """Reduce a mesh to a flexible body and save it (`<mesh>.flexbody.h5` by default)."""
-    from flexmb import fe
-    from flexmb.flexbody import save
-
-    body = fe.reduce(
-        mesh,
-        material=material,
-        interfaces=interfaces or {},
-        sections=sections or None,
-        progress=progress,
-        **options,
-    )
-    path = Path(output) if output is not None else Path(f"{Path(mesh).stem}.flexbody.h5")
-    return body, save(body, path)
-
-
 def flexible_bodies(
-    model: Model, folder: Path, *, fresh: bool = False, progress: Progress = silent
+    model: Model,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    only: Collection[str] | None = None,
+    inspect: Callable[..., None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:
     """The reduced bodies of a model by name, their files in `folder`, and notes for the user.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    folder : Path
+        Where the files are, and go.
+    fresh : bool
+        Reduce meshes anew even if an equal reduction is there.
+    only : collection of str, optional
+        Bodies to take; all by default.
+    inspect : callable, optional
+        Called with all that a reduction makes, as `flexmb.reduce` does; meshes are reduced anew.
+    progress : Progress
+        Told every phase.
 
     Raises
     ------
@@ -70,7 +65,8 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
-    from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+    from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -78,11 +74,20 @@ def flexible_bodies(
     errors: list[tuple[str, FlexmbError]] = []
 
     names = _file_names(model.bodies)
-    for name, spec in model.bodies.items():
+    taken = {name: spec for name, spec in model.bodies.items() if only is None or name in only}
+    for name, spec in taken.items():
         file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
-                bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
+                options = _options(model, name, spec)
+                known = None if fresh or inspect else _reused(model, spec, options, file)
+                bodies[name] = known or _reduced(model, spec, options, inspect, notes, progress)
+                if known is None:
+                    save(bodies[name], file)
+                else:
+                    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
+                    warned = known.provenance["warnings"].splitlines()
+                    notes += [f"{name}: {sentence}" for sentence in warned]
             elif isinstance(spec, FlexbodySpec):
                 bodies[name] = _held(model, spec)
                 save(bodies[name], file)
@@ -117,7 +122,8 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 def body_problems(model: Model) -> list[Problem]:
     """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
     from flexmb import fe
-    from flexmb.model.bodies import FlexbodySpec, MeshBodySpec
+    from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
     for name, spec in model.bodies.items():
@@ -154,43 +160,51 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     return told
 
 
-def _reduced(
-    model: Model,
-    name: str,
-    spec: Any,
-    file: Path,
-    fresh: bool,
-    notes: list[str],
-    progress: Progress,
-) -> FlexBody:
-    """The body of a mesh, reused if its file was made from the same input."""
-    from flexmb import fe
-    from flexmb.flexbody import load, save
+def _options(model: Model, name: str, spec: Any) -> dict[str, Any]:
+    """What `flexmb.reduce` is told besides the mesh."""
     from flexmb.model.plane import plane_in_body
 
-    options = {
+    return {
         "plane": None if model.plane is None else plane_in_body(spec, model.plane),
         "units": spec.units,
         "material": spec.material,
         "interfaces": dict(spec.interfaces),
         "modes": spec.modes,
         "damping": spec.damping,
+        "stress": spec.stress,
         "name": name,
         "sections": dict(spec.sections) or None,
     }
-    mesh = model.path(spec.mesh)
-    if not fresh and file.exists():
-        try:
-            body = load(file)
-        except BodyFileError:
-            body = None  # of another version, or cut off: made anew
-        if body is not None and body.provenance.get("key") == fe.reduction_key(mesh, **options):
-            notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
-            notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
-            return body
+
+
+def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
+    """The body in the file, if it was made from the same input."""
+    from flexmb import fe
+    from flexmb.flexbody import load
+
+    if not file.exists():
+        return None
+    try:
+        body = load(file)
+    except BodyFileError:
+        return None  # of another version, or cut off: made anew
+    key = fe.reduction_key(model.path(spec.mesh), **options)
+    return body if body.provenance.get("key") == key else None
+
+
+def _reduced(
+    model: Model,
+    spec: Any,
+    options: dict[str, Any],
+    inspect: Callable[..., None] | None,
+    notes: list[str],
+    progress: Progress,
+) -> FlexBody:
+    """The body of a mesh, reduced."""
+    from flexmb import fe
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
-        body = fe.reduce(mesh, **options, progress=progress)
-    notes += [f"{name}: {entry.message}" for entry in caught]
-    save(body, file)
+        body = fe.reduce(model.path(spec.mesh), **options, inspect=inspect, progress=progress)
+    notes += [f"{options['name']}: {entry.message}" for entry in caught]
     return body

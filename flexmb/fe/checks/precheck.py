@@ -14,7 +14,7 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.elements.select import select_elements
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
-from flexmb.fe.sections.beam import Section, section_from
+from flexmb.fe.sections.read import section_from
 
 __all__ = ["mesh_problems"]
 
@@ -22,7 +22,7 @@ __all__ = ["mesh_problems"]
 def mesh_problems(
     mesh: str | os.PathLike[str] | Mesh,
     interfaces: Mapping[str, str] | None = None,
-    sections: Mapping[str, Section | Mapping[str, Any]] | None = None,
+    sections: Mapping[str, Any] | None = None,
 ) -> list[Problem]:
     """Everything that keeps a mesh from becoming the body, as far as reading it can tell.
 
@@ -32,8 +32,8 @@ def mesh_problems(
         The mesh.
     interfaces : mapping of str to str, optional
         Mesh group by interface name.
-    sections : mapping of str to Section or mapping, optional
-        Section of beams by mesh group.
+    sections : mapping of str to section or mapping, optional
+        By mesh group.
     """
     problems: list[Problem] = []
     try:

@@ -102,7 +102,6 @@ def quality_report(
     body: FlexBody | None = None,
     up_to: float | None = None,
     *,
-    loads: Sequence[LoadPattern] = (),
     nodes: Sequence[int] = (),
     mirror: Mirror | None = None,
     phases: Sequence[Phase] = (),
@@ -118,10 +117,8 @@ def quality_report(
         The body, to take the modes' mass components from; else they are integrated again.
     up_to : float, optional
         Compare frequencies up to this one [Hz]; without it as many as the body has, twenty at most.
-    loads : sequence of LoadPattern
-        Loads whose missing compliance is told.
     nodes : sequence of int
-        Mesh nodes where unit forces are tried.
+        Mesh nodes where unit forces are tried, besides the loads the basis knows.
     mirror : Mirror, optional
         The plane of a planar reduction.
     phases : sequence of Phase
@@ -136,7 +133,7 @@ def quality_report(
     """
     watch = Stopwatch(progress)
     directions = basis.directions
-    patterns = [*loads, *unit_loads(fe, nodes, directions)]
+    patterns = [*basis.loads, *unit_loads(fe, nodes, directions)]
     if mirror is not None:
         patterns = [_symmetric(load, mirror) for load in patterns]
     relief = Relief(fe.M, fe.rigid[:, directions])

@@ -1,200 +1,41 @@
-"""Straight Euler-Bernoulli and Timoshenko beams in space: stiffness, mass and mass components.
+"""Straight Euler-Bernoulli and Timoshenko beams in space, also tapered, eccentric and hinged.
 
-In: end coordinates, a section and a material for each element. Out: (ne, 12, 12) matrices in body
-axes, degrees of freedom (displacement, rotation) of the first node, then of the second. In local
-axes the material point (x, y, z) moves by (u - y psi_z + z psi_y, v - z phi, w + y phi) with the
-section rotations psi_z = v' - g_v, psi_y = -(w' - g_w); u and phi are linear, v and w cubic with
-nodal slope theta + g, the shear strains g constant: g = Phi/(1+Phi) ((w2-w1)/L - (th1+th2)/2) with
-Phi = 12 E I/(k G A L^2), so Phi = 0 is Euler-Bernoulli. Source: Przemieniecki, Theory of Matrix
-Structural Analysis, sections 5.6 and 11.7. scikit-fem gives basis and quadrature on a disjoint
-mesh.
+In: end coordinates and a section. Out: (ne, 12, 12) matrices in body axes, degrees of freedom
+(displacement, rotation) of the first node, then of the second. The fields are those of
+:mod:`flexmb.fe.elements.beam_fields`. Section forces N, Vy, Vz, T, My, Mz act from the side of
+larger x: N and the moments My, Mz at the centroid, T about the shear centre. They come from the
+forces that the nodes exert, so that they are in equilibrium with these also where the section
+changes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
+from flexmb.fe.elements.beam_fields import BeamFields
+from flexmb.fe.elements.beam_geometric import geometric_products
 from flexmb.fe.elements.family import ComponentMass
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.materials import Material
 
-__all__ = ["LINE", "Beams", "local_axes", "mass", "stiffness"]
+__all__ = ["LINE", "FORCES", "section_forces"]
 
-_ORDER = 6  # products of two cubics
-
-
-@dataclass(frozen=True, eq=False)
-class Beams:
-    """Geometry and section values of all beam elements, (ne, ...) each, SI."""
-
-    ends: FloatArray  # (ne, 2, 3)
-    axes: FloatArray  # (ne, 3, 3), columns are the local axes in body axes
-    A: FloatArray
-    Iy: FloatArray
-    Iz: FloatArray
-    J: FloatArray
-    ky: FloatArray
-    kz: FloatArray
-    material: Material
-
-    @property
-    def length(self) -> FloatArray:
-        """(ne,) element lengths [m]."""
-        return np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
-
-    def shear_numbers(self) -> tuple[FloatArray, FloatArray]:
-        """(ne,) Phi of bending in the xy and in the xz plane."""
-        E, G = self.material.E, self.material.E / (2 * (1 + self.material.nu))
-        base = 12 * E / (G * self.A * self.length**2)
-        return base * self.Iz / self.ky, base * self.Iy / self.kz
+FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
+"""Order of section forces."""
 
 
-def local_axes(ends: FloatArray, orientation: FloatArray) -> FloatArray:
-    """(ne, 3, 3) local axes as columns; y is the part of ``orientation`` (ne, 3) normal to x.
-
-    Where ``orientation`` is NaN, y is z x x (perpendicular to the body z axis), or the body y axis
-    for a beam along z. An orientation along the beam gives NaN axes: the caller refuses it.
-    """
-    x = ends[:, 1] - ends[:, 0]
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
-    level = np.cross([0.0, 0.0, 1.0], x)
-    upright = np.linalg.norm(level, axis=1) < 1e-6
-    level[upright] = [0.0, 1.0, 0.0]
-    y = np.where(np.isnan(orientation), level, orientation)
-    size = np.linalg.norm(y, axis=1, keepdims=True)
-    y = y - np.sum(x * y, axis=1, keepdims=True) * x
-    left = np.linalg.norm(y, axis=1, keepdims=True)
-    y = np.where(left > 1e-6 * size, y / np.where(left > 0, left, 1.0), np.nan)
-    return np.stack([x, y, np.cross(x, y)], axis=2)
+def section_forces(fields: BeamFields) -> FloatArray:
+    """(ne, 2, 6, 12) section forces at both ends, principal axes, per unit motion of the nodes."""
+    forces = fields.stiffness() @ fields.turn
+    ends = np.stack([-forces[:, :6], forces[:, 6:]], axis=1)
+    y, z = fields.center.T[:, :, None, None]
+    ends[:, :, 3] -= y * ends[:, :, 2] - z * ends[:, :, 1]
+    return ends
 
 
-def stiffness(beams: Beams) -> FloatArray:
-    """(ne, 12, 12) stiffness in body axes."""
-    rows = _Rows(beams)
-    E, G = beams.material.E, beams.material.E / (2 * (1 + beams.material.nu))
-    K = rows.product(E * beams.A, rows.u_x, rows.u_x)
-    K += rows.product(G * beams.J, rows.phi_x, rows.phi_x)
-    K += rows.product(E * beams.Iz, rows.bend_v, rows.bend_v)
-    K += rows.product(E * beams.Iy, rows.bend_w, rows.bend_w)
-    # k G A g^2 = 12 E I / (L^2 Phi) g^2, and g carries Phi/(1+Phi): finite for Phi = 0
-    L = beams.length
-    for I, Phi, chord in zip((beams.Iz, beams.Iy), rows.shear, rows.chord, strict=True):  # noqa: E741
-        K += rows.product(12 * E * I / L**2 * Phi / (1 + Phi) ** 2, chord, chord)
-    return K
-
-
-def mass(beams: Beams) -> ComponentMass:
-    """Mass components of the elements in body axes."""
-    rows = _Rows(beams)
-    rho = beams.material.density
-    line, Iy, Iz = rho * beams.A, rho * beams.Iy, rho * beams.Iz
-    ne = len(line)
-    N = (rows.u, rows.v, rows.w)
-    local = np.zeros((ne, 3, 3, 12, 12))
-    for c in range(3):
-        for d in range(3):
-            local[:, c, d] = rows.product(line, N[c], N[d])
-    # section kinematics: x moves by -y B - z C, y by -z phi, z by y phi (B, C: section slopes)
-    B, C, phi = rows.slope_v, rows.slope_w, rows.phi
-    local[:, 0, 0] += rows.product(Iz, B, B) + rows.product(Iy, C, C)
-    local[:, 1, 1] += rows.product(Iy, phi, phi)
-    local[:, 2, 2] += rows.product(Iz, phi, phi)
-    local[:, 0, 1] += rows.product(Iy, C, phi)
-    local[:, 0, 2] -= rows.product(Iz, B, phi)
-    local[:, 1, 0], local[:, 2, 0] = (local[:, 0, k].transpose(0, 2, 1) for k in (1, 2))
-    first = np.zeros((ne, 3, 3, 12))  # int rho s_c N_d with s from the first node, local axes
-    for d in range(3):
-        first[:, 0, d] = rows.integral(line, N[d], rows.x)
-    first[:, 1, 0], first[:, 1, 2] = rows.integral(-Iz, B), rows.integral(Iz, phi)
-    first[:, 2, 0], first[:, 2, 1] = rows.integral(-Iy, C), rows.integral(-Iy, phi)
-    p_local = np.stack([rows.integral(line, row) for row in N], axis=1)
-    R, origin = beams.axes, beams.ends[:, 0]
-    p = np.einsum("ebd,edi->ebi", R, p_local)
-    P = np.einsum("eac,ebd,ecdi->eabi", R, R, first, optimize=True)
-    P += origin[:, :, None, None] * p[:, None]
-    Mab = np.einsum("eac,ebd,ecdij->eabij", R, R, local, optimize=True)
-    return ComponentMass(Mab, P, p, *_rigid(beams))
-
-
-def _rigid(beams: Beams) -> tuple[FloatArray, FloatArray, FloatArray]:
-    rho, L, R = beams.material.density, beams.length, beams.axes
-    mass_ = rho * beams.A * L
-    middle = beams.ends.mean(axis=1)
-    own = np.stack([mass_ * L**2 / 12, rho * beams.Iz * L, rho * beams.Iy * L], axis=1)
-    S0 = np.einsum("eac,ec,ebc->eab", R, own, R)
-    S0 += mass_[:, None, None] * middle[:, :, None] * middle[:, None, :]
-    return mass_, mass_[:, None] * middle, S0
-
-
-class _Rows:
-    """Local fields as rows (ne, quadrature points, 12) on degrees of freedom in body axes."""
-
-    def __init__(self, beams: Beams) -> None:
-        L = beams.length
-        ne = len(L)
-        ends = np.stack([np.zeros(ne), L], axis=1).reshape(1, -1)
-        mesh = MeshLine(ends, np.arange(2 * ne).reshape(ne, 2).T)
-        linear = CellBasis(mesh, ElementLineP1(), intorder=_ORDER)
-        cubic = CellBasis(mesh, ElementLineHermite(), intorder=_ORDER)
-        self.dx, self.x = linear.dx, np.asarray(linear.global_coordinates())[0]
-        self._turn = np.zeros((ne, 12, 12))
-        for k in range(0, 12, 3):
-            self._turn[:, k : k + 3, k : k + 3] = beams.axes.transpose(0, 2, 1)
-        value = np.stack([np.asarray(f[0]) for f in linear.basis], axis=2)
-        grad = np.stack([f[0].grad[0] for f in linear.basis], axis=2)
-        self.u, self.u_x = self._local(value, (0, 6)), self._local(grad, (0, 6))
-        self.phi, self.phi_x = self._local(value, (3, 9)), self._local(grad, (3, 9))
-        self.shear = beams.shear_numbers()
-        self.chord = (self._chord(L, 1, 5, 1.0), self._chord(L, 2, 4, -1.0))
-        self.v, self.slope_v, self.bend_v = self._bending(cubic, 0, (1, 5, 7, 11), 1.0)
-        self.w, self.slope_w, self.bend_w = self._bending(cubic, 1, (2, 4, 8, 10), -1.0)
-
-    def product(self, weight: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
-        """(ne, 12, 12) int weight left^T right dx."""
-        weighted = left * (weight[:, None] * self.dx)[:, :, None]
-        return np.matmul(weighted.transpose(0, 2, 1), right)
-
-    def integral(
-        self, weight: FloatArray, row: FloatArray, x: FloatArray | float = 1.0
-    ) -> FloatArray:
-        """(ne, 12) int weight x row dx."""
-        return np.einsum("eq,eqi->ei", weight[:, None] * self.dx * x, row)
-
-    def _local(self, values: FloatArray, columns: tuple[int, ...]) -> FloatArray:
-        row = np.zeros((*values.shape[:2], 12))
-        row[:, :, columns] = values
-        return row @ self._turn
-
-    def _chord(self, L: FloatArray, move: int, turn: int, sign: float) -> FloatArray:
-        """Chord slope minus the mean section rotation, the same at all quadrature points."""
-        values = np.zeros((*self.dx.shape, 4))
-        values[..., 0], values[..., 1] = -1 / L[:, None], 1 / L[:, None]
-        values[..., 2:] = -0.5 * sign
-        return self._local(values, (move, move + 6, turn, turn + 6))
-
-    def _bending(
-        self, cubic: CellBasis, plane: int, columns: tuple[int, ...], sign: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Deflection, section slope and curvature; nodal slope is sign*theta + g."""
-        Phi = self.shear[plane][:, None, None]
-        g = Phi / (1 + Phi) * self.chord[plane]
-        signs = np.array([1.0, sign, 1.0, sign])
-        found = []
-        fields = [f[0] for f in cubic.basis]
-        for derivative in (fields, [f.grad for f in fields], [f.hess for f in fields]):
-            shapes = np.stack([np.reshape(d, self.dx.shape) for d in derivative], axis=2)
-            of_g = shapes[:, :, 1] + shapes[:, :, 3]
-            found.append(self._local(shapes * signs, columns) + of_g[:, :, None] * g)
-        deflection, slope, curvature = found
-        return deflection, slope - g, curvature
-
-
-class Line:
-    """Beams as a family."""
+class _Line:
+    """Two-node beam."""
 
     kind = "line"
     about = (
@@ -204,29 +45,140 @@ class Line:
     dimension = 1
     rotations = True
     warning = ""
-    faces = ()
+    faces: tuple[tuple[int, ...], ...] = ()
     edges = ((0, 1),)
 
+    def measure(self, x: FloatArray, section: Any) -> FloatArray:
+        """(ne,) lengths."""
+        return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+
     def defects(self, x: FloatArray) -> IntArray:
-        """Elements without length."""
+        """Rows of elements without length."""
         return np.flatnonzero(np.linalg.norm(x[:, 1] - x[:, 0], axis=1) == 0)
 
     def stiffness(self, x: FloatArray, section: Any) -> FloatArray:
-        """(ne, 12, 12)."""
-        return stiffness(_beams(x, section))
+        """(ne, 12, 12) stiffness."""
+        fields = BeamFields(x, section)
+        return _symmetric(_turned(fields.stiffness(), fields.turn))
 
     def mass(self, x: FloatArray, section: Any) -> ComponentMass:
-        """Consistent mass."""
-        return mass(_beams(x, section))
+        """Mass with the kinematics of the section, every component exact."""
+        fields = BeamFields(x, section)
+        local, first = _local_mass(fields)
+        R, turn = fields.axes, fields.turn
+        line, _, _ = _mass_per_length(fields)
+        p_local = np.stack([fields.integral(line, N) for N in (fields.u, fields.V, fields.W)], 1)
+        p = np.einsum("ebd,edi->ebi", R, p_local)
+        P = np.einsum("eac,ebd,ecdi->eabi", R, R, first, optimize=True)
+        P += fields.ends[:, 0, :, None, None] * p[:, None]
+        Mab = np.einsum("eac,ebd,ecdij->eabij", R, R, local, optimize=True)
+        Mab = _turned(Mab, turn[:, None, None])
+        Mab = 0.5 * (Mab + Mab.transpose(0, 2, 1, 4, 3))
+        return ComponentMass(Mab, P @ turn[:, None], p @ turn, *_rigid(fields))
+
+    def geometric_stiffness(self, x: FloatArray, section: Any, u: FloatArray) -> FloatArray:
+        """(ne, 12, 12) geometric stiffness of the stress that displacements u (ne, 12) cause."""
+        fields = BeamFields(x, section)
+        forces = np.einsum("enci,ei->enc", section_forces(fields), u)
+        return _symmetric(_turned(geometric_products(fields, forces), fields.turn))
+
+    def stress_layers(self, section: Any) -> tuple[str, ...]:
+        """Names of the stress points of the section."""
+        section = getattr(section, "section", section)
+        return tuple(point.name for point in section.at(0.0).points)
+
+    def stress(self, x: FloatArray, section: Any) -> FloatArray:
+        """(ne, 2, layers, 6, 12) stress per unit of each degree of freedom."""
+        fields = BeamFields(x, section)
+        forces, ne = section_forces(fields), len(x)
+        place = _point_values(fields, ne)
+        A, Iy, Iz = (fields.ends_of(name, ne)[..., None] for name in ("A", "Iy", "Iz"))
+        local = np.zeros((ne, 2, place.shape[2], 3, 6))  # xx, xy, xz per section force
+        local[..., 0, 0] = 1 / A
+        local[..., 0, 4] = place[..., 1] / Iy
+        local[..., 0, 5] = -place[..., 0] / Iz
+        for c, three in ((1, slice(2, 5)), (2, slice(5, 8))):
+            local[..., c, 3] = place[..., three][..., 0]
+            local[..., c, 1:3] = place[..., three][..., 1:]
+        return np.einsum("esc,enlcf,enfi->enlsi", _to_body(fields.axes), local, forces)
+
+    def rotation(self, x: FloatArray) -> FloatArray:
+        """(ne, 2, 3, 12) rotation at the nodes per unit of each degree of freedom."""
+        turn = np.zeros((len(x), 2, 3, 12))
+        turn[:, 0, :, 3:6] = turn[:, 1, :, 9:12] = np.eye(3)
+        return turn
 
 
-LINE = Line()
+def _turned(local: FloatArray, turn: FloatArray) -> FloatArray:
+    return np.swapaxes(turn, -1, -2) @ local @ turn
 
 
-def _beams(x: FloatArray, section: Any) -> Beams:
-    orientation = np.full(3, np.nan) if section.orientation is None else section.orientation
-    axes = local_axes(x, np.broadcast_to(np.asarray(orientation, float), (len(x), 3)))
-    values = {
-        name: np.full(len(x), getattr(section, name)) for name in ("A", "Iy", "Iz", "J", "ky", "kz")
-    }
-    return Beams(x, axes, **values, material=section.material)
+def _symmetric(K: FloatArray) -> FloatArray:
+    return 0.5 * (K + K.transpose(0, 2, 1))
+
+
+def _mass_per_length(fields: BeamFields) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(ne, points) mass, int rho z^2 dA and int rho y^2 dA."""
+    rho, at = fields.section.material.density, fields.values
+    return rho * at["A"] + at["nonstructural"], rho * at["Iy"], rho * at["Iz"]
+
+
+def _local_mass(fields: BeamFields) -> tuple[FloatArray, FloatArray]:
+    """int rho N_c^T N_d (ne, 3, 3, 12, 12) and int rho s_c N_d (ne, 3, 3, 12), local axes, s from
+    the centroid at the first end."""
+    line, Iy, Iz = _mass_per_length(fields)
+    N = (fields.u, fields.V, fields.W)
+    local = np.stack([np.stack([fields.product(line, a, b) for b in N], 1) for a in N], 1)
+    # section kinematics: x moves by -y B - z C, y by -z phi, z by y phi
+    B, C, phi = fields.B, fields.C, fields.phi
+    local[:, 0, 0] += fields.product(Iz, B, B) + fields.product(Iy, C, C)
+    local[:, 1, 1] += fields.product(Iy, phi, phi)
+    local[:, 2, 2] += fields.product(Iz, phi, phi)
+    local[:, 0, 1] += fields.product(Iy, C, phi)
+    local[:, 0, 2] -= fields.product(Iz, B, phi)
+    local[:, 1, 0], local[:, 2, 0] = (local[:, 0, k].transpose(0, 2, 1) for k in (1, 2))
+    first = np.zeros((len(line), 3, 3, 12))
+    for d in range(3):
+        first[:, 0, d] = fields.integral(line * fields.x, N[d])
+    first[:, 1, 0], first[:, 1, 2] = fields.integral(-Iz, B), fields.integral(Iz, phi)
+    first[:, 2, 0], first[:, 2, 1] = fields.integral(-Iy, C), fields.integral(-Iy, phi)
+    return local, first
+
+
+def _rigid(fields: BeamFields) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass and its first and second moments."""
+    line, Iy, Iz = (part * fields.dx for part in _mass_per_length(fields))
+    R, start = fields.axes, fields.ends[:, 0]
+    mass, first = line.sum(axis=1), (line * fields.x).sum(axis=1)
+    own = np.stack([(line * fields.x**2).sum(axis=1), Iz.sum(axis=1), Iy.sum(axis=1)], axis=1)
+    arm = first[:, None] * R[:, :, 0]
+    S1 = mass[:, None] * start + arm
+    S0 = np.einsum("eac,ec,ebc->eab", R, own, R)
+    S0 += start[:, :, None] * arm[:, None, :] + S1[:, :, None] * start[:, None, :]
+    return mass, S1, 0.5 * (S0 + S0.transpose(0, 2, 1))
+
+
+def _point_values(fields: BeamFields, ne: int) -> FloatArray:
+    """(ne, 2, layers, 8) y, z and the shear stress along y and z per T, Vy, Vz of each point."""
+    found = [
+        [[[p.y, p.z, *p.xy, *p.xz] for p in part.points] for part in row]
+        for row in fields.end_sections(ne)
+    ]
+    values = np.array(found, dtype=float)
+    values = values.reshape(*values.shape[:2], -1, 8)
+    return np.broadcast_to(values, (ne, *values.shape[1:]))
+
+
+def _to_body(R: FloatArray) -> FloatArray:
+    """(ne, 6, 3) body stress components xx, yy, zz, yz, zx, xy per local xx, xy, xz."""
+    pairs = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+    out = np.zeros((len(R), 6, 3))
+    for row, (i, j) in enumerate(pairs):
+        out[:, row, 0] = R[:, i, 0] * R[:, j, 0]
+        for c in (1, 2):
+            out[:, row, c] = R[:, i, 0] * R[:, j, c] + R[:, i, c] * R[:, j, 0]
+    return out
+
+
+LINE = _Line()
+"""The family of two-node beams."""

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from flexmb.fe.elements import solids
 from flexmb.fe.elements.beam import LINE
 from flexmb.fe.elements.family import Family
-from flexmb.fe.elements.tet10 import TETRA10
+from flexmb.fe.elements.shell import ADVICE as SHELL_ADVICE
+from flexmb.fe.elements.shell import QUAD, TRIANGLE
 
 __all__ = ["ADVICE", "ELEMENTS", "FAMILIES"]
 
 FAMILIES: dict[str, Family] = {
     family.kind: family
     for family in (
-        TETRA10,
+        solids.TETRA,
+        solids.TETRA10,
+        solids.HEXAHEDRON,
+        solids.HEXAHEDRON20,
+        solids.HEXAHEDRON27,
+        solids.WEDGE15,
         LINE,
+        TRIANGLE,
+        QUAD,
     )
 }
 """Family by kind of cells."""
@@ -20,8 +29,8 @@ FAMILIES: dict[str, Family] = {
 ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.items()}
 """Kinds of elements that make up a body, by their names in meshes, and what they are."""
 
-ADVICE = {
-    "tetra": "linear tetrahedra are too stiff in bending: mesh with second-order elements",
+ADVICE = solids.ADVICE | {
     "line3": "beams have two nodes: mesh them with first-order elements",
+    **SHELL_ADVICE,
 }
 """What to do about kinds that cannot be used."""

@@ -62,7 +62,7 @@ def free_modes(
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
-        Those with ``residual`` add their static responses.
+        Loads of the body; those with ``residual`` add their static responses.
 
     Raises
     ------
@@ -87,9 +87,8 @@ def free_modes(
     F = load_columns(fe, loads)
     responses = relief.fields(inverse(F)) if F.shape[1] else F
     progress("modes", 1.0)
-    return free_basis(
-        fe, (), directions, (omega2, V), residual_vectors(fe, responses, V), kind="load"
-    )
+    residual = residual_vectors(fe, responses, V)
+    return free_basis(fe, (), directions, (omega2, V), residual, loads)
 
 
 def relieved_inverse(

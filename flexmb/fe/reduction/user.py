@@ -88,7 +88,7 @@ def user_modes(
     mirror : Mirror, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
-        None with ``residual``: residual vectors come with the other methods.
+        Loads of the body, none with ``residual``: such vectors come with the other methods.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def user_modes(
     kinds = ("rigid",) * r + ("user",) * (k - r)
     K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
     return ReducedBasis(
-        basis, K, M, np.eye(k)[:, :r], motion, interfaces, labels, kinds, directions
+        basis, K, M, np.eye(k)[:, :r], motion, interfaces, labels, kinds, directions, loads
     )
 
 

@@ -1,40 +1,40 @@
-"""Cross-sections of beams.
+"""A beam's cross-section: values, place on the element, material, end releases.
 
-In: dimensions in metres. Out: a :class:`Section` with area, second moments, torsion constant and
-shear coefficients, in its principal centroidal axes y and z (x runs along the beam from its first
-to its second node). Iy = int z^2 dA bends in the xz plane, Iz = int y^2 dA in the xy plane.
-Sources: torsion of a rectangle, Timoshenko and Goodier, Theory of Elasticity, 3rd ed., section
-109; shear coefficients, Cowper (1966), J. Appl. Mech. 33, at nu = 0.
+In: area, second moments, torsion constant and shear coefficients in principal centroidal axes y
+and z (x runs along the beam from its first to its second node); Iy = int z^2 dA bends in the xz
+plane, Iz = int y^2 dA in the xy plane. Out: :class:`BeamSection`, which tells each element its
+values. Shapes with dimensions are in :mod:`flexmb.fe.sections.beam_shapes`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, ReductionError, nearest
+from flexmb.errors import MaterialError, Problem, ReductionError
+from flexmb.fe.sections.binding import BoundBeam, Releases, bind, join_releases
+from flexmb.fe.sections.stress_points import Place, StressPoint, rotated
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.materials import AnyMaterial
+from flexmb.materials import AnyMaterial, Material
 
-__all__ = ["Section", "circle", "rectangle", "section_from", "tube"]
+__all__ = ["BeamSection", "general"]
 
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Section:
-    """A beam's cross-section in its principal axes.
+class BeamSection:
+    """A beam's cross-section.
 
     Parameters
     ----------
     A : float
         Area [m^2].
     Iy, Iz : float
-        int z^2 dA and int y^2 dA [m^4].
+        int z^2 dA and int y^2 dA, principal axes [m^4].
     J : float
         Torsion constant [m^4].
     ky, kz : float
@@ -42,6 +42,31 @@ class Section:
     orientation : (3,) float, optional
         Direction, body frame, whose part perpendicular to the beam is the section's y. By default
         y is perpendicular to the z axis of the body frame (and is its y axis for a beam along z).
+    material : Material, optional
+        The body's by default; isotropic.
+    offset : (2,) float
+        Place of the centroid from the line between the nodes, along the section's y and z [m]; a
+        rigid arm joins them.
+    nonstructural : float
+        Further mass per length, at the centroid [kg/m].
+    releases : Releases
+        Motions that the first and the last node of the group do not pass on (hinges).
+    angle : float
+        From the section's axes to the principal ones, about x [rad].
+    shear_center : (2,) float
+        Place of the shear centre from the centroid, principal axes [m]; the section twists about
+        it.
+    points : tuple of StressPoint
+        Where stress is told.
+    shape : Shape, optional
+        The dimensions all this is from.
+    by_shape : bool
+        Whether ky and kz follow Poisson's ratio of the material by the shape's formula.
+
+    Raises
+    ------
+    ReductionError
+        Values that no section can have, all at once.
     """
 
     A: float
@@ -52,32 +77,16 @@ class Section:
     kz: float = math.inf
     orientation: Vector | None = None
     material: AnyMaterial | None = None
+    offset: Place = (0.0, 0.0)
+    nonstructural: float = 0.0
+    releases: Releases = field(default_factory=Releases)
+    angle: float = 0.0
+    shear_center: Place = (0.0, 0.0)
+    points: tuple[StressPoint, ...] = ()
+    shape: object = None
+    by_shape: bool = False
 
     dimension = 1
-
-    def with_material(self, default: AnyMaterial | None) -> Section:
-        """The section with its material known."""
-        return self if self.material is not None else replace(self, material=default)
-
-    def bind(self, points: FloatArray, lines: IntArray) -> list[tuple[IntArray, Section]]:
-        """The section of each element with end coordinates (nb, 2, 3): the same for all.
-
-        Raises
-        ------
-        MeshError
-            An element is parallel to the orientation.
-        """
-        if self.orientation is not None:
-            along = points[:, 1] - points[:, 0]
-            y = np.asarray(self.orientation, dtype=float)
-            across = np.linalg.norm(np.cross(along, y), axis=1)
-            size = np.linalg.norm(along, axis=1) * np.linalg.norm(y)
-            wrong = np.flatnonzero((across <= 1e-6 * size) & (size > 0))
-            if len(wrong):
-                a, b = lines[wrong[0]]
-                what = f"the line element between nodes {a} and {b} is parallel to its "
-                raise MeshError(f"{what}section.orientation")
-        return [(np.arange(len(points)), self)]
 
     def __post_init__(self) -> None:
         problems = [
@@ -85,89 +94,145 @@ class Section:
             for name in ("A", "Iy", "Iz", "J", "ky", "kz")
             if not getattr(self, name) > 0
         ]
+        problems += [
+            Problem(f"section.{name}", f"must be finite, given {getattr(self, name)}")
+            for name in ("A", "Iy", "Iz", "J")
+            if not math.isfinite(getattr(self, name))
+        ]
+        if not 0 <= self.nonstructural < math.inf:
+            what = f"must not be negative, given {self.nonstructural} kg/m"
+            problems.append(Problem("section.nonstructural", what))
+        problems += _vector_problems("offset", self.offset, 2)
         if self.orientation is not None:
-            direction = np.asarray(self.orientation, dtype=float)
-            if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
-                what = f"must be three numbers, not all zero, given {self.orientation}"
+            problems += _vector_problems("orientation", self.orientation, 3)
+            if not problems and not np.linalg.norm(self.orientation) > 0:
+                what = "must be three numbers, not all zero"
                 problems.append(Problem("section.orientation", what))
         if problems:
             raise ReductionError.from_problems(problems)
 
+    def with_material(self, default: AnyMaterial | None) -> BeamSection:
+        """The section with its material known, and the shear coefficients that follow from it.
 
-def rectangle(y: float, z: float, shear: bool = True, orientation: Vector | None = None) -> Section:
-    """Solid rectangle, ``y`` by ``z`` [m]; ``shear=False`` gives an Euler-Bernoulli beam."""
-    _positive(y=y, z=z)
-    long, short = max(y, z), min(y, z)
-    odd = np.arange(1, 40, 2)
-    series = np.sum(np.tanh(odd * np.pi * long / (2 * short)) / odd**5.0)
-    J = long * short**3 * (1 / 3 - 64 / np.pi**5 * short / long * series)
-    k = 5 / 6 if shear else math.inf
-    return Section(y * z, y * z**3 / 12, z * y**3 / 12, float(J), k, k, orientation)
+        Raises
+        ------
+        MaterialError
+            The material is not isotropic.
+        """
+        material = self.material if self.material is not None else default
+        if material is None:
+            return self
+        if not isinstance(material, Material):
+            what = f'beams need an isotropic material, "{material.name}" is not: give the section'
+            raise MaterialError(f"{what} a material of its own")
+        if not self.by_shape:
+            return replace(self, material=material)
+        ky, kz = self.shape.shear(material.nu)  # type: ignore[attr-defined]
+        return replace(self, material=material, ky=ky, kz=kz)
+
+    def bind(
+        self, points: FloatArray, lines: IntArray
+    ) -> list[tuple[IntArray, BeamSection | BoundBeam]]:
+        """The section of each element with end coordinates (nb, 2, 3) and nodes (nb, 2).
+
+        Raises
+        ------
+        MeshError
+            An element is parallel to the orientation; with releases also: elements that form no
+            chain, or a chain that can move on its own.
+        """
+        return bind(self, points, lines)
+
+    def at(self, fraction: float) -> BeamSection:
+        """The section itself, everywhere along its group."""
+        return self
 
 
-def tube(radius: float, inner: float, shear: bool = True) -> Section:
-    """Round tube with outer ``radius`` and ``inner`` radius [m]."""
-    _positive(radius=radius)
-    if not 0 <= inner < radius:
-        what = f"must lie between 0 and the outer radius {radius:g} m, given {inner:g}"
-        raise ReductionError.from_problems([Problem("section.inner", what)])
-    I = math.pi / 4 * (radius**4 - inner**4)  # noqa: E741
-    q = 1 + (inner / radius) ** 2
-    k = 6 * q**2 / (7 * q**2 + 20 * (inner / radius) ** 2) if shear else math.inf
-    return Section(math.pi * (radius**2 - inner**2), I, I, 2 * I, k, k)
+def general(
+    A: float,
+    Iy: float,
+    Iz: float,
+    J: float,
+    *,
+    Iyz: float = 0.0,
+    points: Mapping[str, Place] | None = None,
+    ky: float = math.inf,
+    kz: float = math.inf,
+    shear_center: Place = (0.0, 0.0),
+    orientation: Vector | None = None,
+    material: AnyMaterial | None = None,
+    offset: Place = (0.0, 0.0),
+    nonstructural: float = 0.0,
+    releases: Releases | Mapping[str, object] | None = None,
+) -> BeamSection:
+    """Section by its values about the centroid.
 
-
-def circle(radius: float, shear: bool = True) -> Section:
-    """Solid round bar of that ``radius`` [m]."""
-    return tube(radius, 0.0, shear)
-
-
-_SHAPES = {"rectangle": rectangle, "circle": circle, "tube": tube, "general": Section}
-_WORDS = {
-    "rectangle": ("y", "z", "shear", "orientation"),
-    "circle": ("radius", "shear"),
-    "tube": ("radius", "inner", "shear"),
-    "general": ("A", "Iy", "Iz", "J", "ky", "kz", "orientation"),
-}
-
-
-def section_from(given: Section | Mapping[str, Any], where: str = "section") -> Section:
-    """The section that was meant: itself, or ``{type = "rectangle", y = 0.02, z = 0.03}``.
+    Parameters
+    ----------
+    A, Iy, Iz, J
+        Area [m^2], int z^2 dA, int y^2 dA and torsion constant [m^4].
+    Iyz : float
+        int y z dA [m^4]; the principal axes are found from it.
+    points : mapping of str to (y, z), optional
+        Places from the centroid where stress is told [m]: axial stress only.
+    ky, kz : float
+        Shear coefficients along the principal axes.
+    shear_center : (y, z)
+        From the centroid [m].
+    orientation, material, offset, nonstructural, releases
+        As in :class:`BeamSection`.
 
     Raises
     ------
     ReductionError
-        Unknown type, missing or unknown key, or impossible values.
+        Values that no section can have.
     """
-    if isinstance(given, Section):
-        return given
-    words = dict(given)
-    shape = words.pop("type", None)
-    if shape not in _SHAPES:
-        names = tuple(_SHAPES)
-        problem = Problem(f"{where}.type", f'unknown "{shape}"', names, nearest(str(shape), names))
-        raise ReductionError.from_problems([problem])
-    unknown = [
-        Problem(f"{where}.{key}", "unknown key", _WORDS[shape], nearest(key, _WORDS[shape]))
-        for key in words
-        if key not in _WORDS[shape]
-    ]
-    if unknown:
-        raise ReductionError.from_problems(unknown)
-    if words.get("orientation") is not None:
-        words["orientation"] = tuple(words["orientation"])
+    first, second, angle = principal(Iy, Iz, Iyz)
+    named = tuple(
+        StressPoint(name, *rotated((place[0], place[1]), angle))
+        for name, place in (points or {}).items()
+    )
+    return BeamSection(
+        A,
+        first,
+        second,
+        J,
+        ky,
+        kz,
+        orientation,
+        material,
+        offset,
+        nonstructural,
+        join_releases(releases),
+        angle,
+        rotated(shear_center, angle),
+        named,
+    )
+
+
+def principal(Iy: float, Iz: float, Iyz: float) -> tuple[float, float, float]:
+    """Principal second moments and the angle to their axes, the smallest one that diagonalises.
+
+    The first stays the one nearer to Iy, so that the angle is between -45 and 45 degrees.
+    """
+    if Iyz == 0:
+        return Iy, Iz, 0.0
+    angle = 0.5 * math.atan2(2 * Iyz, Iz - Iy)
+    if abs(angle) > math.pi / 4 * (1 + 1e-9):  # a corner's legs differ by rounding
+        angle -= math.copysign(math.pi / 2, angle)
+    c, s = math.cos(angle), math.sin(angle)
+    first = Iy * c * c + Iz * s * s - 2 * Iyz * s * c
+    second = Iy * s * s + Iz * c * c + 2 * Iyz * s * c
+    return first, second, angle
+
+
+def _vector_problems(name: str, given: object, size: int) -> list[Problem]:
+    words = {2: "two", 3: "three"}[size]
     try:
-        return _SHAPES[shape](**words)
-    except TypeError as error:
-        what = f"a {shape} needs numbers for {', '.join(_WORDS[shape])}: {error}"
-        raise ReductionError.from_problems([Problem(where, what)]) from error
-
-
-def _positive(**values: float) -> None:
-    problems = [
-        Problem(f"section.{name}", f"must be positive, given {value:g} m")
-        for name, value in values.items()
-        if not value > 0
-    ]
-    if problems:
-        raise ReductionError.from_problems(problems)
+        values = np.asarray(given, dtype=float)
+        good = values.shape == (size,) and bool(np.isfinite(values).all())
+    except (TypeError, ValueError):
+        good = False
+    if good:
+        return []
+    return [Problem(f"section.{name}", f"must be {words} numbers, given {given}")]

@@ -84,9 +84,9 @@ def test_nodes_outside_the_body_are_left_out():
     assert fe.numbering.n == 3 * len(box.points)
 
 
-def first_order():
+def pyramids():
     box = block((1, 1, 1))
-    return Mesh(box.points, {"tetra": box.blocks["tetra10"][:, :4]}, source="box.msh")
+    return Mesh(box.points, {"pyramid": box.blocks["tetra10"][:, :5]}, source="box.msh")
 
 
 def turned_inside_out():
@@ -99,7 +99,7 @@ def turned_inside_out():
 @pytest.mark.parametrize(
     ("mesh", "sections", "sentence"),
     [
-        (first_order(), None, 'box.msh: has 6 elements of kind "tetra".*second-order'),
+        (pyramids(), None, 'box.msh: has 6 elements of kind "pyramid".*mesh with tetrahedra'),
         (
             line(2),
             None,
@@ -132,6 +132,6 @@ def test_refused_meshes(mesh, sections, sentence):
 
 def test_mixed_meshes_are_refused_by_name_not_truncated():
     box = block((1, 1, 1))
-    blocks = dict(box.blocks) | {"hexahedron20": np.arange(20)[None]}
-    with pytest.raises(MeshError, match='1 elements of kind "hexahedron20", which cannot be used'):
+    blocks = dict(box.blocks) | {"wedge18": np.arange(18)[None]}
+    with pytest.raises(MeshError, match='1 elements of kind "wedge18", which cannot be used'):
         assemble(Mesh(box.points, blocks), MATTER)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Section, circle, rectangle, section_from, tube
+from flexmb.fe import BeamSection, circle, rectangle, section_from, tube
 
 
 def test_rectangle():
@@ -44,10 +44,10 @@ def test_from_plain_data():
     [
         ({"type": "rectangel", "y": 1, "z": 1}, 'unknown "rectangel"; nearest: rectangle'),
         ({"type": "circle", "radus": 1}, "s.radus: unknown key; nearest: radius"),
-        ({"type": "rectangle", "y": 1}, "a rectangle needs numbers for y, z"),
-        ({"type": "rectangle", "y": "wide", "z": 1}, "a rectangle needs numbers"),
-        ({"type": "rectangle", "y": 1, "z": -1}, "section.z: must be positive"),
-        ({"type": "tube", "radius": 1, "inner": 1}, "section.inner: must lie between 0 and"),
+        ({"type": "rectangle", "y": 1}, "a rectangle needs y, z; z is missing"),
+        ({"type": "rectangle", "y": "wide", "z": 1}, "s.y: must be a number, given 'wide'"),
+        ({"type": "rectangle", "y": 1, "z": -1}, "s.z: must be positive"),
+        ({"type": "tube", "radius": 1, "inner": 1}, "s.inner: must lie between 0 and"),
     ],
 )
 def test_refused_data(given, sentence):
@@ -57,6 +57,6 @@ def test_refused_data(given, sentence):
 
 def test_refused_values():
     with pytest.raises(ReductionError, match="section.Iy: must be positive"):
-        Section(1, -1, 1, 1)
+        BeamSection(1, -1, 1, 1)
     with pytest.raises(ReductionError, match="section.orientation: must be three numbers"):
-        Section(1, 1, 1, 1, orientation=(0, 0, 0))
+        BeamSection(1, 1, 1, 1, orientation=(0, 0, 0))

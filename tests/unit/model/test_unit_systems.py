@@ -208,7 +208,7 @@ def test_meshes_have_their_own_units_and_materials_and_sections_the_scenes():
     assert (own.units, scene.units) == ("in-lbf-s", "mm-t-s")
     assert own.material.E == 70e9
     assert own.material.density == pytest.approx(2700, rel=1e-15)
-    assert scene.sections["all"]["inner"] == 0.015
+    assert scene.sections["all"].inner == 0.015
     written = model.to_scene_dict()["bodies"]
     assert written["own"]["material"]["E"] == 70e3
     assert written["scene"]["sections"]["all"]["radius"] == 20

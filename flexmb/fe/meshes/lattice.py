@@ -1,0 +1,173 @@
+"""Elements between the points of a lattice: what all structured meshes are made of.
+
+In: an element kind and the number of cells along each direction. Out: a :class:`Lattice`, whose
+points lie at the corners, middles of edges and faces and centres of the cells; elements and the
+facets of its sides name them by one number. Tetrahedra, wedges and triangles divide each cell, in
+mirror images from cell to cell, so that an even number of cells gives a symmetric mesh; six
+tetrahedra a cell after Kuhn (1960), IBM J. Res. Dev. 4. Node order is VTK's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from flexmb.flexbody.arrays import FloatArray, IntArray
+
+__all__ = ["KINDS", "Lattice", "fill"]
+
+KINDS = {
+    2: ("quad", "triangle"),
+    3: ("hexahedron20", "hexahedron27", "hexahedron", "tetra10", "tetra", "wedge15"),
+}
+"""Kinds of elements by dimension, the usual one first."""
+
+_EDGES = {
+    "hexahedron": "01 12 23 30 45 56 67 74 04 15 26 37",
+    "tetra": "01 12 20 03 13 23",
+    "wedge": "01 12 20 34 45 53 03 14 25",
+}
+_FACES = "0374 1265 0154 3267 0123 4567"  # of a hexahedron, whose centres hexahedron27 has
+_MIRRORED = {  # the same corners seen in a mirror, put right again
+    "triangle": [0, 2, 1],
+    "tetra": [0, 2, 1, 3],
+    "wedge": [0, 2, 1, 3, 5, 4],
+}
+_FACETS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+_SQUARE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))
+_SPLIT = (_SQUARE[:3], (_SQUARE[0], _SQUARE[2], _SQUARE[3]))
+
+Side = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Elements between lattice points.
+
+    Parameters
+    ----------
+    counts : (3,) int
+        Lattice points along each direction.
+    cells : (ne, k) int
+        Elements, by lattice points.
+    sides : mapping of (direction, 0 or 1) to (kind, cells)
+        Outer facets of each side, turned outwards.
+    """
+
+    counts: IntArray
+    cells: IntArray
+    sides: Mapping[Side, tuple[str, IntArray]]
+
+    def coordinates(self, divisions: Sequence[int]) -> FloatArray:
+        """(n, 3) position of every lattice point, 0 to 1 along each direction."""
+        grid = np.indices(self.counts).reshape(3, -1).T
+        full = [2 * n for n in divisions] + [1] * (3 - len(divisions))
+        return grid / np.array(full)
+
+
+def fill(kind: str, divisions: Sequence[int], closed: int = -1) -> Lattice:
+    """Fill a box of cells with elements.
+
+    Parameters
+    ----------
+    kind : str
+        One of ``KINDS``; those of dimension 2 need two divisions.
+    divisions : two or three int
+        Number of cells along each direction.
+    closed : int
+        Direction along which the last cell meets the first; none by default.
+    """
+    cells = np.indices(divisions).reshape(len(divisions), -1).T
+    cells = np.pad(cells, ((0, 0), (0, 3 - len(divisions))))
+    counts = np.array([2 * n + 1 for n in divisions] + [1] * (3 - len(divisions)))
+    if closed >= 0:
+        counts[closed] -= 1
+    ends = np.array([*divisions, *[1] * (3 - len(divisions))]) - 1
+    open_sides = [(d, e) for d in range(len(divisions)) if d != closed for e in (0, 1)]
+    elements: list[IntArray] = []
+    facets: dict[Side, list[IntArray]] = {side: [] for side in open_sides}
+    for parity, tables in _tables(kind).items():
+        chosen = cells if parity is None else cells[(cells % 2 == parity).all(axis=1)]
+        for table in tables:
+            elements.append(_numbers(chosen, table, counts))
+            for axis, end in open_sides:
+                nodes = _facet(table, axis, end, len(divisions))
+                if len(nodes):
+                    outer = chosen[chosen[:, axis] == ends[axis] * end]
+                    facets[axis, end].append(_numbers(outer, table[nodes], counts))
+    sides = {side: np.concatenate(found) for side, found in facets.items()}
+    named = {side: (_FACETS[found.shape[1]], found) for side, found in sides.items()}
+    return Lattice(counts, np.concatenate(elements), named)
+
+
+def _numbers(cells: IntArray, table: IntArray, counts: IntArray) -> IntArray:
+    """(nc, k) lattice points of the nodes ``table`` (k, 3), in half cells, of each cell."""
+    points = (2 * cells[:, None] + table) % counts  # a closed direction begins again
+    return (points[..., 0] * counts[1] + points[..., 1]) * counts[2] + points[..., 2]
+
+
+def _tables(kind: str) -> dict[tuple[int, ...] | None, list[IntArray]]:
+    """Nodes (k, 3), in half cells, of the elements of one cell, by the parity of its place."""
+    shape = kind.rstrip("0123456789")
+    found = _corners(shape)
+    if shape in ("hexahedron", "quad"):
+        return {None: [_nodes(shape, corners, kind) for corners in found]}
+    tables: dict[tuple[int, ...] | None, list[IntArray]] = {}
+    for parity in product((0, 1), repeat=3):
+        mirrored = [np.where(parity, 1 - corners, corners) for corners in found]
+        if sum(parity) % 2:
+            mirrored = [corners[_MIRRORED[shape]] for corners in mirrored]
+        tables[parity] = [_nodes(shape, corners, kind) for corners in mirrored]
+    if shape != "tetra":  # prisms and triangles are the same in every layer
+        return {(a, b, c): tables[a, b, 0] for a, b, c in product((0, 1), repeat=3)}
+    return tables
+
+
+def _corners(shape: str) -> list[IntArray]:
+    """Corners (k, 3) of the elements of one cell, 0 or 1 along each direction."""
+    if shape == "quad":
+        return [np.array(_SQUARE)]
+    if shape == "triangle":
+        return [np.array(part) for part in _SPLIT]
+    up = np.array([0, 0, 1])
+    if shape == "hexahedron":
+        return [np.vstack([_SQUARE, np.array(_SQUARE) + up])]
+    if shape == "wedge":
+        return [np.vstack([part, np.array(part) + up]) for part in _SPLIT]
+    found = []
+    for order in permutations(range(3)):
+        path = np.vstack([np.zeros(3, int), np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)])
+        right = np.linalg.det(path[1:]) > 0
+        found.append(path if right else path[_MIRRORED["tetra"]])
+    return found
+
+
+def _nodes(shape: str, corners: IntArray, kind: str) -> IntArray:
+    """All nodes of an element, in half cells: corners, middles of edges, of faces, centre."""
+    parts = [2 * corners]
+    if kind != shape:
+        parts.append(
+            np.array([corners[int(a)] + corners[int(b)] for a, b in _EDGES[shape].split()])
+        )
+    if kind == "hexahedron27":
+        faces = [corners[[int(k) for k in face]].sum(axis=0) // 2 for face in _FACES.split()]
+        parts += [np.array(faces), np.ones((1, 3), int)]
+    return np.concatenate(parts)
+
+
+def _facet(table: IntArray, axis: int, end: int, dim: int) -> list[int]:
+    """Nodes of an element on a side of its cell, in VTK's order and turned outwards, if any."""
+    on = [k for k in range(len(table)) if table[k, axis] == 2 * end]
+    corners = [k for k in on if not (table[k] % 2).any()]
+    if len(corners) < dim:
+        return []
+    u, v = ((axis + 1) % 3, (axis + 2) % 3) if end else ((axis + 2) % 3, (axis + 1) % 3)
+    flat = table[corners] - table[corners].mean(axis=0)
+    corners = [corners[k] for k in np.argsort(np.arctan2(flat[:, v], flat[:, u]), kind="stable")]
+    around = zip(corners, corners[1:] + corners[:1], strict=True)
+    wanted = [(table[a] + table[b]) / 2 for a, b in around] + [table[corners].mean(axis=0)]
+    found = [k for place in wanted for k in on if k not in corners and (table[k] == place).all()]
+    return corners + list(dict.fromkeys(found))
