@@ -116,7 +116,8 @@ def quality_report(
     body : FlexBody, optional
         The body, to take the modes' mass components from; else they are integrated again.
     up_to : float, optional
-        Compare frequencies up to this one [Hz]; without it as many as the body has, twenty at most.
+        Compare frequencies up to this one [Hz]; without it half as many modes as the body has,
+        twenty at most: the upper ones serve static deformation.
     nodes : sequence of int
         Mesh nodes where unit forces are tried, besides the loads the basis knows.
     mirror : Mirror, optional

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.reduction.basis import ReducedBasis
@@ -54,13 +55,27 @@ class FrequencyCheck:
 
     @property
     def partner(self) -> IntArray:
-        """(a,) the reduced mode that resembles each mode of the full model most."""
-        return np.argmax(self.mac, axis=1)
+        """(a,) the reduced mode that goes with each of the full model; -1 where none is left.
+
+        One to one, with the largest sum of the modal assurance criterion: equal frequencies share
+        their partners otherwise.
+        """
+        found = np.full(len(self.full), -1)
+        rows, columns = linear_sum_assignment(self.mac, maximize=True)
+        found[rows] = columns
+        return found
+
+    @property
+    def likeness(self) -> FloatArray:
+        """(a,) the criterion of each mode with its partner, zero without one."""
+        row, partner = np.arange(len(self.full)), self.partner
+        padded = np.concatenate([self.mac, np.zeros((len(self.full), 1))], axis=1)
+        return padded[row, partner]
 
     @property
     def error(self) -> FloatArray:
-        """(a,) frequency of the partner over that of the full model, less one."""
-        return self.reduced[self.partner] / self.full - 1.0
+        """(a,) frequency of the partner over that of the full model, less one; NaN without one."""
+        return np.append(self.reduced, np.nan)[self.partner] / self.full - 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +136,13 @@ def compare_modes(
     limit : int
         How many it has.
     up_to : float or None
-        Without it as many modes as the reduced body has, twenty at most.
+        Without it half as many modes as the reduced body has, twenty at most.
     """
-    count = min(_FIRST, limit) if up_to is not None else min(_FIRST, len(elastic.omega2), limit)
+    count = (
+        min(_FIRST, limit)
+        if up_to is not None
+        else min(_FIRST, (len(elastic.omega2) + 1) // 2, limit)
+    )
     while True:
         omega2, V = lowest(count)
         frequency = np.sqrt(omega2) / (2 * np.pi)

@@ -48,11 +48,11 @@ def _verdict(report: QualityReport) -> ReportTable:
     rows = [("modal coordinates", str(report.coordinates))]
     check = report.frequencies
     if len(check.full):
-        worst = int(np.argmax(np.abs(check.error)))
+        worst = int(np.argmax(np.nan_to_num(np.abs(check.error), nan=np.inf)))
         rows += [
             ("frequencies compared up to", f"{check.full[-1]:.5g} Hz"),
             ("largest frequency error", f"{check.error[worst]:.2e} in mode {worst + 1}"),
-            ("least MAC with its partner", f"{check.mac.max(axis=1).min():.4f}"),
+            ("least MAC with its partner", f"{check.likeness.min():.4f}"),
         ]
     if report.effective is not None:
         rows.append(("effective interface mass", f"{report.effective.interface.sum():.4f} of 1"))
@@ -68,8 +68,12 @@ def _verdict(report: QualityReport) -> ReportTable:
 def _frequencies(report: QualityReport) -> ReportTable:
     check = report.frequencies
     rows = tuple(
-        (str(k + 1), f"{f:.6g}", f"{check.reduced[j]:.6g}", f"{e:+.2e}", f"{check.mac[k, j]:.4f}")
-        for k, (f, j, e) in enumerate(zip(check.full, check.partner, check.error, strict=True))
+        (str(k + 1), f"{f:.6g}", f"{check.reduced[j]:.6g}", f"{e:+.2e}", f"{alike:.4f}")
+        if j >= 0
+        else (str(k + 1), f"{f:.6g}", "none", "", "")
+        for k, (f, j, e, alike) in enumerate(
+            zip(check.full, check.partner, check.error, check.likeness, strict=True)
+        )
     )
     columns = ("mode", "full Hz", "reduced Hz", "error", "MAC")
     note = "Free body, interfaces tied as in the reduction; each mode with its most alike."
