@@ -25,7 +25,7 @@ STEEL = resolve("steel")
 
 @pytest.fixture(scope="module")
 def box():
-    return assemble(block((3, 2, 1), (2, 0.5, 0.4), distort=0.1), STEEL)
+    return assemble(block((2, 1, 1), (2, 0.5, 0.4), distort=0.1), STEEL)
 
 
 @pytest.fixture(scope="module")
