@@ -11,15 +11,19 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexmb.errors import MeshError
+from flexmb.fe.interfaces.make import InterfaceLike
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.recovery.stress import stress_option
+from flexmb.fe.reduction.choice import ModeChoice
+from flexmb.fe.reduction.methods import asked_modes
+from flexmb.fe.reduction.user import read_user_modes
 from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.materials import AnyMaterial
@@ -28,11 +32,7 @@ from flexmb.units import unit_system
 __all__ = ["mesh_hash", "reduction_key"]
 
 _METHOD = 3  # raise it whenever the same input gives another body
-_DEFAULTS: dict[str, Any] = {
-    "reduction": "craig-bampton",
-    "mass_matrix": "consistent",
-    "stress": False,
-}
+_DEFAULTS: dict[str, Any] = {"mass_matrix": "consistent"}
 _NO_VALUES = ("name", "source")  # of materials
 
 
@@ -41,8 +41,9 @@ def reduction_key(
     *,
     units: str = "SI",
     material: MaterialLike,
-    interfaces: Mapping[str, Any] | None = None,
-    modes: Any = 20,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    reduction: str = "craig-bampton",
+    modes: Any = None,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
@@ -56,14 +57,15 @@ def reduction_key(
     MeshError
         A file cannot be read.
     ReductionError, MaterialError
-        A section or a material that cannot be.
+        A section, a material, a method or modes that cannot be.
     """
     chosen = {
         "mesh": _plain(mesh) if isinstance(mesh, Mapping) else mesh_hash(mesh),
         "units": unit_system(units).name,
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
-        "modes": mesh_hash(modes) if isinstance(modes, str | Path) else _plain(modes),
+        "reduction": reduction,
+        "modes": _modes(reduction, modes),
         "damping": float(damping),
         "stress": stress_option(stress),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
@@ -75,6 +77,15 @@ def reduction_key(
         if value is not None and value != {} and value != _DEFAULTS.get(key):
             chosen[key] = _plain(value)
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
+
+
+def _modes(reduction: str, modes: Any) -> Any:
+    """What the modes are, whichever way it was said; of the user's own a hash of their values."""
+    asked = asked_modes(reduction, modes)
+    if isinstance(asked, ModeChoice):
+        return asdict(asked)
+    values = read_user_modes(asked)
+    return [list(values.shape), hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()]
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:

@@ -41,7 +41,7 @@ class Bordered:
     Raises
     ------
     SingularMatrix
-        K has a null space beside R; ``dofs`` move in it.
+        A part moves freely; ``dofs`` are its rows of K.
     """
 
     def __init__(
@@ -52,9 +52,9 @@ class Bordered:
         self._left = np.setdiff1d(np.arange(self._n), held)
         self._factor: Factor | None = None
         if len(self._left):
-            part = K if not len(held) else K[self._left][:, self._left]
+            part = K if not len(held) else csr_array(K[self._left][:, self._left])
             try:
-                self._factor = factor(csr_array(part), points[self._left], progress)
+                self._factor = factor(part, points[self._left], progress)
             except SingularMatrix as error:
                 error.dofs = self._left[error.dofs]
                 raise
@@ -92,6 +92,8 @@ class Bordered:
         self._small = lu_factor(scale[:, None] * small * scale)
 
     def _plain(self, f: FloatArray) -> FloatArray:
+        if self._factor is not None and len(self._left) == self._n:
+            return self._factor.solve(f)
         u = np.zeros_like(f)
         if self._factor is not None:
             u[self._left] = self._factor.solve(f[self._left])

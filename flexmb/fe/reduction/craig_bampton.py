@@ -68,7 +68,7 @@ def craig_bampton(
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
-        Those with ``residual`` add their static responses.
+        Loads of the body; those with ``residual`` add their static responses.
 
     Raises
     ------
@@ -102,6 +102,7 @@ def craig_bampton(
         ),
         ("constraint",) * c + ("fixed-interface",) * len(omega2) + ("load",) * len(stiff),
         directions,
+        loads,
     )
 
 

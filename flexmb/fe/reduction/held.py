@@ -44,7 +44,7 @@ class Held:
     directions : tuple of int
         Motions of an interface that exist, of six; the others are held for good.
     progress : Progress
-        Told the phase ``"factor"``.
+        Told the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------

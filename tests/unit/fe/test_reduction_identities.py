@@ -32,7 +32,7 @@ LOOSE = {"group": "x1", "type": "rbe3"}
 
 
 def solid(**interfaces):
-    fe = assemble(block((3, 1, 1), (3, 0.8, 1.1), distort=0.2), STEEL)
+    fe = assemble(block((2, 1, 1), (2, 0.8, 1.1), distort=0.2), STEEL)
     return fe, make_interfaces(fe, interfaces)
 
 
@@ -56,7 +56,7 @@ def beams():
 
 def solid_and_beam():
     """A block and a beam that an rbe2 tie seats on it: with degrees of freedom that follow."""
-    solid, beam = block((2, 1, 1), (1, 0.1, 0.2)), line(3, (1, 0.05, 0.1), (2, 0.05, 0.1))
+    solid, beam = block((1, 1, 1), (1, 0.1, 0.2)), line(2, (1, 0.05, 0.1), (2, 0.05, 0.1))
     n = len(solid.points)
     sets = {name: nodes + n for name, nodes in beam.node_sets.items()}
     cells = {**solid.blocks, "line": beam.blocks["line"] + n}
