@@ -164,17 +164,8 @@ def _options(model: Model, name: str, spec: Any) -> dict[str, Any]:
     """What `flexmb.reduce` is told besides the mesh."""
     from flexmb.model.plane import plane_in_body
 
-    return {
-        "plane": None if model.plane is None else plane_in_body(spec, model.plane),
-        "units": spec.units,
-        "material": spec.material,
-        "interfaces": dict(spec.interfaces),
-        "modes": spec.modes,
-        "damping": spec.damping,
-        "stress": spec.stress,
-        "name": name,
-        "sections": dict(spec.sections) or None,
-    }
+    plane = None if model.plane is None else plane_in_body(spec, model.plane)
+    return {**spec.words(), "plane": plane, "name": name}
 
 
 def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
