@@ -122,7 +122,10 @@ _CORNERS = {  # corners of the cells that fill a cube whose corners are numbered
     "hexahedron": ((0, 1, 3, 2, 4, 5, 7, 6),),
     "wedge": ((0, 1, 3, 4, 5, 7), (0, 3, 2, 4, 7, 6)),
 }
-_HEX_SIDES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))  # fmt: skip
+_HEX_SIDES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
 _HEX_FACES = ((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 _BETWEEN = {  # corners whose mean each node above the corners is, VTK order
     "tetra": (),

@@ -61,7 +61,7 @@ def _show_h5(path: Path) -> None:
 
 
 def _show_mesh(path: Path) -> None:
-    from flexmb.fe import read_mesh
+    from flexmb.fe import mesh_report, read_mesh
 
     with Bars() as progress:
         progress("read", 0.0)
@@ -79,3 +79,5 @@ def _show_mesh(path: Path) -> None:
         for found in [mesh.element_sets.get(name, {})]
     ]
     show.table(("group", "elements", "nodes"), groups, right=(2,))
+    for finding in mesh_report(mesh, unit=""):
+        show.line(f"{finding.level}: {finding.sentence}")

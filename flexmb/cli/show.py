@@ -156,6 +156,9 @@ def check_report(report: Any) -> None:
     """Counts of a scene, and what is worth noting."""
     heading(report.title)
     table(("", ""), [(name, str(number)) for name, number in report.counts.items()], right=(1,))
+    for body, rows in report.bodies.items():
+        line(f"flexible body {body}")
+        table(("", ""), list(rows.items()))
     for note in report.notes:
         line(f"note: {note}")
     line("the scene is valid")

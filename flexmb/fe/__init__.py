@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.assembly.geometric import geometric_stiffness
-from flexmb.fe.checks.precheck import mesh_problems
+from flexmb.fe.assembly.loads import LoadPattern, make_loads
+from flexmb.fe.checks.mesh import Finding, mesh_report
+from flexmb.fe.checks.survey import Survey, mesh_problems, survey
 from flexmb.fe.elements.registry import ELEMENTS
 from flexmb.fe.elements.select import Block
-from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
+from flexmb.fe.interfaces.make import make_interfaces
+from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.interfaces.weighted import WeightedInterface
 from flexmb.fe.key import reduction_key
 from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.reduce import make_body, reduce
-from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
+from flexmb.fe.reduction.basis import ReducedBasis
+from flexmb.fe.reduction.choice import ModeChoice
+from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
+from flexmb.fe.reduction.free_interface import free_interface
 from flexmb.fe.reduction.integrals import Integrals, integrals
+from flexmb.fe.reduction.methods import METHODS, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.reduction.user import user_modes
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from
@@ -26,37 +35,50 @@ from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 
 __all__ = [
     "ELEMENTS",
+    "METHODS",
     "BeamSection",
-    "CraigBampton",
     "Block",
     "FEMatrices",
+    "Finding",
     "Integrals",
+    "LoadPattern",
     "Mesh",
+    "ModeChoice",
+    "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
     "SolidSection",
+    "Survey",
     "TaperedSection",
+    "WeightedInterface",
     "angle_section",
     "assemble",
     "box_section",
     "circle",
     "craig_bampton",
-    "geometric_stiffness",
+    "free_interface",
     "general",
+    "geometric_stiffness",
+    "guyan",
     "i_section",
     "integrals",
     "make_body",
     "make_interfaces",
+    "make_loads",
     "mesh_problems",
+    "mesh_report",
     "node_modes",
     "orthonormalise",
     "read_mesh",
     "rectangle",
     "reduce",
+    "reduce_model",
     "reduction_key",
     "resolve",
     "section_from",
     "surface",
+    "survey",
     "tapered",
     "tube",
+    "user_modes",
 ]

@@ -1,7 +1,8 @@
 """The fingerprint of a reduction: what makes two reductions give the same body.
 
-In: a mesh file and the options of :func:`flexmb.fe.reduce`. Out: a SHA-256 in hexadecimal over the
-file's bytes, the options (of the material its values alone), and the version of the method.
+In: a mesh file, or the table of a simple shape, and the options of :func:`flexmb.fe.reduce`. Out: a
+SHA-256 in hexadecimal over the file's bytes or the table, the options (of materials their values
+alone), and the version of the method. An option at its default counts as left out.
 """
 
 from __future__ import annotations
@@ -10,58 +11,68 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.recovery.stress import stress_option
-from flexmb.fe.sections.read import section_from
+from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.schema import VERSION
+from flexmb.materials import AnyMaterial
 from flexmb.units import unit_system
 
 __all__ = ["mesh_hash", "reduction_key"]
 
-_METHOD = 2  # raise it whenever the same input gives another body
+_METHOD = 3  # raise it whenever the same input gives another body
+_DEFAULTS: dict[str, Any] = {
+    "reduction": "craig-bampton",
+    "mass_matrix": "consistent",
+    "stress": False,
+}
+_NO_VALUES = ("name", "source")  # of materials
 
 
 def reduction_key(
-    mesh: str | os.PathLike[str],
+    mesh: str | os.PathLike[str] | Mapping[str, Any],
     *,
     units: str = "SI",
     material: MaterialLike,
-    interfaces: Mapping[str, str] | None = None,
-    modes: int = 20,
+    interfaces: Mapping[str, Any] | None = None,
+    modes: Any = 20,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
-    plane: str | None = None,
-    stress: bool | str = True,
+    **options: Any,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
 
     Raises
     ------
     MeshError
-        The mesh file cannot be read.
+        A file cannot be read.
+    ReductionError, MaterialError
+        A section or a material that cannot be.
     """
-    meant = resolve(material)
     chosen = {
-        "mesh": mesh_hash(mesh),
+        "mesh": _plain(mesh) if isinstance(mesh, Mapping) else mesh_hash(mesh),
         "units": unit_system(units).name,
-        "material": [float(meant.E), float(meant.nu), float(meant.density)],
-        "interfaces": list((interfaces or {}).items()),
-        "modes": modes,
+        "material": _plain(resolve(material)),
+        "interfaces": list(_plain(interfaces or {}).items()),
+        "modes": mesh_hash(modes) if isinstance(modes, str | Path) else _plain(modes),
         "damping": float(damping),
-        "stress": stress_option(stress),
-        "name": Path(mesh).stem if name is None else name,
-        "sections": {key: asdict(section_from(s)) for key, s in (sections or {}).items()},
+        "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
+        "sections": _plain(sections_from(sections)),
         "method": _METHOD,
         "file": VERSION,
     }
-    if plane is not None:
-        chosen["plane"] = plane
+    options["stress"] = stress_option(options.get("stress", True))
+    for key, value in options.items():
+        if value is not None and value != {} and value != _DEFAULTS.get(key):
+            chosen[key] = _plain(value)
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
 
 
@@ -77,3 +88,21 @@ def mesh_hash(path: str | os.PathLike[str]) -> str:
         return hashlib.sha256(Path(path).read_bytes()).hexdigest()
     except OSError as error:
         raise MeshError(f"{path}: there is no such mesh file, or it cannot be read") from error
+
+
+def _plain(value: Any) -> Any:
+    """Data that JSON can hold, the same for values that mean the same."""
+    if is_dataclass(value) and not isinstance(value, type):
+        told = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        left_out = _NO_VALUES if isinstance(value, AnyMaterial) else ()
+        kept = {key: item for key, item in told.items() if key not in left_out}
+        return {"class": type(value).__name__, **kept}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, str | bool | int | float | None) else str(value)

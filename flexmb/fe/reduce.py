@@ -20,20 +20,24 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
-from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
-from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
+from flexmb.fe.assembly.loads import make_loads
+from flexmb.fe.checks.mass import point_mass
+from flexmb.fe.checks.mesh import Finding
+from flexmb.fe.checks.model import mode_infos, orphans, suspicions
+from flexmb.fe.interfaces.make import InterfaceLike, make_interfaces
+from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.key import mesh_hash, reduction_key
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.recovery.stress import stress_option, with_recovery
-from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
-from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.integrals import integrals
+from flexmb.fe.reduction.methods import reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.sections.read import section_from
+from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar import check_shares, flattened
@@ -43,18 +47,25 @@ from flexmb.units import unit_system
 
 __all__ = ["reduce"]
 
+Words = Mapping[str, Mapping[str, Any]]
+
 
 def reduce(
-    mesh: str | os.PathLike[str] | Mesh,
+    mesh: MeshLike,
     *,
     units: str = "SI",
     material: MaterialLike,
-    interfaces: Mapping[str, str] | None = None,
-    modes: int = 20,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    modes: Any = None,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
-    ties: Mapping[str, Mapping[str, Any]] | None = None,
+    ties: Words | None = None,
+    masses: Words | None = None,
+    springs: Words | None = None,
+    loads: Words | None = None,
+    reduction: str = "craig-bampton",
+    mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
     inspect: Callable[..., None] | None = None,
@@ -64,17 +75,20 @@ def reduce(
 
     Parameters
     ----------
-    mesh : path or Mesh
-        Volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
+    mesh : path, mapping or Mesh
+        A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. Its
+        volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
         A name in the library, or E [Pa], nu [-], density [kg/m^3].
-    interfaces : mapping of str to str, optional
-        Mesh group by interface name. Without any, free modes are taken.
-    modes : int
-        Number of fixed-interface modes; the body has 6*interfaces + modes - 6 coordinates
-        (``modes`` without interfaces).
+    interfaces : mapping of str to str or mapping, optional
+        By name a mesh group or a table, see :func:`flexmb.fe.make_interfaces`. Without any, free
+        modes are taken.
+    modes : int or mapping
+        Number of fixed-interface modes, 20 by default; the body has 6*interfaces + modes - 6
+        coordinates (``modes`` without interfaces). Other choices as for
+        :func:`flexmb.fe.reduce_model`.
     damping : float
         Damping ratio of every mode, 0 to 1. None by default.
     name : str, optional
@@ -83,6 +97,12 @@ def reduce(
         Section [m] by mesh group, or under ``"all"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group of one, nodes: group}}``.
+    masses, springs, mass_matrix
+        As for :func:`flexmb.fe.assemble`.
+    loads : mapping of str to mapping, optional
+        Load patterns that the modes shall answer exactly, see :func:`flexmb.fe.make_loads`.
+    reduction : str
+        ``"craig-bampton"``, ``"free-interface"``, ``"guyan"`` or ``"user"``.
     plane : str, optional
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
@@ -94,7 +114,7 @@ def reduce(
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery, stress.
+        Told the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
@@ -102,47 +122,41 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    _check_options(modes, damping)
+    _check_damping(damping)
+    where = stress_option(stress)
     scale = unit_system(units).factor(L=1)
     matter = resolve(material)
-    chosen = {key: section_from(s, f"sections.{key}") for key, s in (sections or {}).items()}
+    chosen = sections_from(sections)
     progress("read", 0.0)
-    given = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
+    given = mesh_from(mesh)
     progress("read", 1.0)
-    fe = assemble(given.scaled(scale), matter, chosen, progress, ties=ties)
-    ties = make_interfaces(fe, interfaces or {})
-    require_one_part(fe, ties)
-    found = suspicions(fe)
-    for sentence in found:
-        warnings.warn(sentence, FlexmbWarning, stacklevel=2)
+    joints = {"ties": ties, "masses": masses, "springs": springs}
+    given = given.scaled(scale)
+    fe = assemble(given, matter, chosen, progress, **joints, mass_matrix=mass_matrix)
+    held = make_interfaces(fe, interfaces or {})
+    found = suspicions(fe, held, point_mass(masses))
+    for finding in found:
+        if finding.level == "warning":
+            warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
-    reduced = _basis(fe, ties, modes, mirror, progress)
+    patterns = make_loads(fe, loads or {})
+    reduced = reduce_model(
+        fe, held, reduction, modes, progress=progress, mirror=mirror, loads=patterns
+    )
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
-    body = with_recovery(body, fe, elastic.Phi, stress, progress)
-    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
-    options["stress"] = stress_option(stress)
+    body = with_recovery(body, fe, elastic.Phi, where, progress)
+    options: dict[str, Any] = {"units": units, "damping": damping, **joints, "loads": loads}
+    options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
+    options |= {"reduction": reduction, "plane": plane, "stress": where}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
-        options["plane"] = plane
     if inspect is not None:
         inspect(fe, reduced, elastic, body, mirror)
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
     return replace(body, provenance=told)
-
-
-def _basis(
-    fe: FEMatrices,
-    ties: tuple[RigidInterface, ...],
-    modes: int,
-    mirror: Mirror | None,
-    progress: Progress,
-) -> CraigBampton:
-    if ties:
-        return craig_bampton(fe, ties, modes, progress, mirror)
-    return free_modes(fe, modes, progress, mirror)
 
 
 def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedModes) -> FlexBody:
@@ -155,7 +169,7 @@ def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedMo
 def make_body(
     name: str,
     fe: FEMatrices,
-    reduced: CraigBampton,
+    reduced: ReducedBasis,
     elastic: ReducedModes,
     damping: float = 0.0,
     progress: Progress = silent,
@@ -177,10 +191,10 @@ def make_body(
     ties = reduced.interfaces
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
-    motion = np.zeros((len(ties), 6, elastic.Z.shape[1]))
-    moving = (len(ties), len(reduced.directions), elastic.Z.shape[1])
-    motion[:, reduced.directions] = elastic.Z[: reduced.constraints].reshape(moving)
-    nodes = node_modes(fe, elastic.Phi, ties, motion[:, 3:], progress)
+    motion = reduced.motion @ elastic.Z
+    turning = [k for k, tie in enumerate(ties) if isinstance(tie, RigidInterface)]
+    rigid = tuple(ties[k] for k in turning)
+    nodes = node_modes(fe, elastic.Phi, rigid, motion[turning, 3:], progress)
     return FlexBody(
         name,
         **vars(inertia),
@@ -196,23 +210,18 @@ def make_body(
     )
 
 
-def _check_options(modes: int, damping: float) -> None:
-    problems = []
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 0:
-        problems.append(Problem("modes", f"must be a whole number >= 0, given {modes!r}"))
+def _check_damping(damping: float) -> None:
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
         what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
-        problems.append(Problem("damping", what))
-    if problems:
-        raise ReductionError.from_problems(problems)
+        raise ReductionError.from_problems([Problem("damping", what)])
 
 
 def _provenance(
     fe: FEMatrices,
     options: Mapping[str, Any],
-    interfaces: Mapping[str, str],
+    interfaces: Mapping[str, InterfaceLike],
     sections: Mapping[str, Any],
-    found: list[str],
+    found: list[Finding],
 ) -> dict[str, str]:
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
@@ -220,23 +229,26 @@ def _provenance(
         "material": json.dumps(asdict(fe.material)),
         "interfaces": json.dumps(dict(interfaces)),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
-        **{name: str(value) for name, value in options.items()},
+        **{name: str(value) for name, value in options.items() if value is not None},
         "degrees of freedom": str(fe.numbering.n),
         "nodes outside the body": str(orphans(fe)),
-        "warnings": "\n".join(found),
+        "warnings": "\n".join(f.sentence for f in found if f.level == "warning"),
+        "notes": "\n".join(f.sentence for f in found if f.level == "note"),
         "versions": ", ".join(f"{package} {version(package)}" for package in packages),
     }
 
 
 def _file_provenance(
-    mesh: str | os.PathLike[str],
+    mesh: str | os.PathLike[str] | Mapping[str, Any],
     options: Mapping[str, Any],
     material: MaterialLike,
-    interfaces: Mapping[str, str] | None,
+    interfaces: Mapping[str, InterfaceLike] | None,
     name: str | None,
     sections: Mapping[str, Any],
 ) -> dict[str, str]:
     key = reduction_key(
         mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options
     )
+    if isinstance(mesh, Mapping):
+        return {"key": key, "mesh": json.dumps(dict(mesh))}
     return {"key": key, "mesh sha256": mesh_hash(mesh)}

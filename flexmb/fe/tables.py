@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, nearest
 
-__all__ = ["call", "is_number", "make", "number_problem", "rooted"]
+__all__ = ["call", "is_number", "kind_of", "make", "rooted"]
 
 T = TypeVar("T")
+Words = Sequence[inspect.Parameter]
 
 
 def make(
@@ -31,41 +32,74 @@ def make(
     FlexmbError
         Of the class ``error``, with everything that is wrong with the table.
     """
-    if not isinstance(given, Mapping):
-        what = f"a table such as {{type = ...}} is expected, given {given!r}"
-        raise error.from_problems([Problem(where, what)])
-    words = dict(given)
-    names = tuple(kinds)
-    if "type" not in words:
-        raise error.from_problems([Problem(f"{where}.type", "is missing", names)])
-    kind = words.pop("type")
-    if kind not in names:
-        what = f"unknown {noun} {kind!r}"
-        raise error.from_problems(
-            [Problem(f"{where}.type", what, names, nearest(str(kind), names))]
-        )
+    kind, words = kind_of(noun, tuple(kinds), given, where, error)
     return call(kinds[kind], words, where, error)
 
 
-def call(function: Callable[..., T], words: Mapping[str, Any], where: str, error: type) -> T:
-    """The function's value with these words as its parameters, all mistakes told at once.
+def kind_of(
+    noun: str, names: tuple[str, ...], given: Any, where: str, error: type
+) -> tuple[str, dict[str, Any]]:
+    """The type of a table, and its other words.
 
     Raises
     ------
     FlexmbError
-        Of the class ``error``; places begin with ``where``.
+        Of the class ``error``: no table, no type, or none of ``names``.
     """
-    parameters = inspect.signature(function).parameters
-    allowed = tuple(parameters)
+    if not isinstance(given, Mapping):
+        what = f"a table such as {{type = ...}} is expected, given {given!r}"
+        raise error.from_problems([Problem(where, what)])
+    words = dict(given)
+    if "type" not in words:
+        raise error.from_problems([Problem(f"{where}.type", "is missing", names)])
+    kind = words.pop("type")
+    if kind not in names:
+        what = f'unknown {noun} "{kind}"'
+        raise error.from_problems(
+            [Problem(f"{where}.type", what, names, nearest(str(kind), names))]
+        )
+    return str(kind), words
+
+
+def call(
+    function: Callable[..., T],
+    words: Mapping[str, Any],
+    where: str,
+    error: type,
+    common: Callable[..., Any] | None = None,
+) -> T:
+    """The function's value with these words as its parameters, all mistakes told at once.
+
+    Parameters
+    ----------
+    function : callable
+        Its parameters are the words that there are.
+    words : mapping
+        What is given.
+    where : str
+        Place of the table, in front of the places of the problems.
+    error : type
+        Class of the error.
+    common : callable, optional
+        Whose keyword-only parameters ``function`` takes as well.
+
+    Raises
+    ------
+    FlexmbError
+        Of the class ``error``.
+    """
+    parameters = _parameters(function, common)
+    allowed = tuple(parameter.name for parameter in parameters)
     problems = [
-        Problem(f"{where}.{key}", f'unknown key "{key}"', allowed, nearest(str(key), allowed))
+        Problem(f"{where}.{key}", "unknown key", allowed, nearest(str(key), allowed))
         for key in words
         if key not in allowed
     ]
     misspelt = {problem.nearest[0] for problem in problems if problem.nearest}
-    for name, parameter in parameters.items():
+    for parameter in parameters:
+        name = parameter.name
         if name in words:
-            problems += number_problem(f"{where}.{name}", words[name], str(parameter.annotation))
+            problems += _value_problem(f"{where}.{name}", words[name], str(parameter.annotation))
         elif parameter.default is parameter.empty and name not in misspelt:
             problems.append(Problem(f"{where}.{name}", "is missing"))
     if problems:
@@ -78,23 +112,38 @@ def call(function: Callable[..., T], words: Mapping[str, Any], where: str, error
         raise error.from_problems([Problem(where, f"cannot be understood: {found}")]) from None
 
 
-def number_problem(where: str, value: Any, annotation: str) -> list[Problem]:
-    """The problem of a value that should be a number by its annotation, and is none."""
-    if annotation in ("float", "float | None", "int", "int | None"):
-        if is_number(value) or (value is None and annotation.endswith("None")):
+def _parameters(function: Callable[..., Any], common: Callable[..., Any] | None) -> Words:
+    own = list(inspect.signature(function).parameters.values())
+    if common is None or not any(word.kind is word.VAR_KEYWORD for word in own):
+        return own
+    shared = inspect.signature(common).parameters.values()
+    return [word for word in own if word.kind is not word.VAR_KEYWORD] + [
+        word for word in shared if word.kind is word.KEYWORD_ONLY
+    ]
+
+
+def _value_problem(where: str, value: Any, annotation: str) -> list[Problem]:
+    """The problem of a value that should be a number, true or false by its annotation."""
+    if annotation in ("float", "float | None"):
+        optional = value is None and annotation.endswith("None")
+        if optional or (_is_real(value) and not math.isnan(value)):
             return []
-        return [Problem(where, f"must be a finite number, given {value!r}")]
+        return [Problem(where, f"must be a number, given {value!r}")]
     if annotation == "bool" and not isinstance(value, bool):
         return [Problem(where, f"must be true or false, given {value!r}")]
     return []
 
 
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def is_number(value: Any) -> bool:
     """Whether it is a number that is neither true, false, infinite nor undefined."""
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    return _is_real(value) and math.isfinite(value)
 
 
-def rooted(where: str, problems: tuple[Problem, ...]) -> list[Problem]:
+def rooted(where: str, problems: Sequence[Problem]) -> list[Problem]:
     """The problems of a made thing, ``section.A`` or ``mesh.size``, under its place in a table."""
     told = []
     for problem in problems:

@@ -23,10 +23,12 @@ from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
+    from flexmb.fe import Survey
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["body_problems", "flexible_bodies"]
+__all__ = ["body_problems", "flexible_bodies", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -79,15 +81,10 @@ def flexible_bodies(
         file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
-                options = _options(model, name, spec)
-                known = None if fresh or inspect else _reused(model, spec, options, file)
-                bodies[name] = known or _reduced(model, spec, options, inspect, notes, progress)
+                known = None if fresh or inspect else _reused(model, name, spec, file, notes)
+                bodies[name] = known or _reduced(model, name, spec, inspect, notes, progress)
                 if known is None:
                     save(bodies[name], file)
-                else:
-                    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
-                    warned = known.provenance["warnings"].splitlines()
-                    notes += [f"{name}: {sentence}" for sentence in warned]
             elif isinstance(spec, FlexbodySpec):
                 bodies[name] = _held(model, spec)
                 save(bodies[name], file)
@@ -121,22 +118,30 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 
 def body_problems(model: Model) -> list[Problem]:
     """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
+    return surveyed_bodies(model)[1]
+
+
+def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
+    """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb import fe
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
+    surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         found: list[Problem] = []
         if isinstance(spec, MeshBodySpec):
-            found = fe.mesh_problems(model.path(spec.mesh), spec.interfaces, spec.sections)
+            mesh, options = _reduction(model, name, spec)
+            surveys[name] = fe.survey(mesh, **options)
+            found = surveys[name].problems
         elif isinstance(spec, FlexbodySpec):
             try:
                 _held(model, spec)
             except (BodyFileError, ReductionError) as error:
                 found = list(error.problems)
         problems += _under(name, found)
-    return problems
+    return surveys, problems
 
 
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
@@ -152,23 +157,33 @@ def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
+    from flexmb.model.meshbody import MeshBodySpec
+
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in ("interfaces", "sections", "material")
+        field = problem.where.split(".")[0] in MeshBodySpec.model_fields
         where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
         told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
     return told
 
 
-def _options(model: Model, name: str, spec: Any) -> dict[str, Any]:
-    """What `flexmb.reduce` is told besides the mesh."""
+def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[str, Any]]:
+    """The mesh of a body, a path or a table, and the options of its reduction."""
     from flexmb.model.plane import plane_in_body
 
-    plane = None if model.plane is None else plane_in_body(spec, model.plane)
-    return {**spec.words(), "plane": plane, "name": name}
+    options = spec.words() | {"name": name}
+    if model.plane is not None:
+        options["plane"] = plane_in_body(spec, model.plane)
+    if isinstance(spec.modes, str):
+        options["modes"] = str(model.path(spec.modes))
+    if isinstance(spec.mesh, str):
+        return model.path(spec.mesh), options
+    return spec.mesh.model_dump(exclude_none=True), options
 
 
-def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
+def _reused(
+    model: Model, name: str, spec: MeshBodySpec, file: Path, notes: list[str]
+) -> FlexBody | None:
     """The body in the file, if it was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load
@@ -179,14 +194,18 @@ def _reused(model: Model, spec: Any, options: dict[str, Any], file: Path) -> Fle
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: made anew
-    key = fe.reduction_key(model.path(spec.mesh), **options)
-    return body if body.provenance.get("key") == key else None
+    mesh, options = _reduction(model, name, spec)
+    if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+        return None
+    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
+    notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
+    return body
 
 
 def _reduced(
     model: Model,
-    spec: Any,
-    options: dict[str, Any],
+    name: str,
+    spec: MeshBodySpec,
     inspect: Callable[..., None] | None,
     notes: list[str],
     progress: Progress,
@@ -194,8 +213,9 @@ def _reduced(
     """The body of a mesh, reduced."""
     from flexmb import fe
 
+    mesh, options = _reduction(model, name, spec)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
-        body = fe.reduce(model.path(spec.mesh), **options, inspect=inspect, progress=progress)
-    notes += [f"{options['name']}: {entry.message}" for entry in caught]
+        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
+    notes += [f"{name}: {entry.message}" for entry in caught]
     return body

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flexmb.errors import SceneError
-from flexmb.units import SI
+from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
 if TYPE_CHECKING:
+    from flexmb.fe import Survey
     from flexmb.model import Model
     from flexmb.model.counts import Counts
 
@@ -27,10 +28,11 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
     """
     from flexmb.model import load_scene
     from flexmb.model.counts import count
-    from flexmb.workflow.bodies import body_problems
+    from flexmb.workflow.bodies import surveyed_bodies
 
     model = load_scene(Path(path), dict(overrides or {}))
-    problems = model.problems() + body_problems(model)
+    surveys, problems = surveyed_bodies(model)
+    problems = model.problems() + problems
     if problems:
         raise SceneError.from_problems(problems)
     counts = count(model)
@@ -45,7 +47,21 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "equations of the joints": counts.equations,
         "freedoms left by joints and drivers": counts.mobility,
     }
-    return CheckReport(model.title or str(path), told, _notes(model, counts))
+    notes = _notes(model, counts)
+    for name, found in surveys.items():
+        notes += [f"{name}: {finding.sentence}" for finding in found.findings]
+    bodies = {name: _told(found, model.units) for name, found in surveys.items()}
+    return CheckReport(model.title or str(path), told, notes, bodies)
+
+
+def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
+    """What a body will be made of and what is kept of it."""
+    return {
+        "elements": ", ".join(f"{count} {kind}" for kind, count in found.elements.items()),
+        "degrees of freedom": str(found.dofs),
+        "kept coordinates": found.coordinates,
+        "mass": units.say(found.mass, "kg"),
+    }
 
 
 def _notes(model: Model, counts: Counts) -> list[str]:
@@ -62,8 +78,6 @@ def _notes(model: Model, counts: Counts) -> list[str]:
         )
     if model.units is not SI:
         notes.append(f"units: {model.units.name}, for all numbers in and out")
-    if counts.flexible_bodies:
-        notes.append("modes of flexible bodies add coordinates that are not counted here")
     if counts.mobility < 0:
         notes.append(
             "joints and drivers hold more than rigid bodies can move: flexible bodies must give "

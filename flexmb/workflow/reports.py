@@ -55,3 +55,5 @@ class CheckReport:
     title: str
     counts: dict[str, int]
     notes: list[str]
+    bodies: dict[str, dict[str, str]] = field(default_factory=dict)
+    """What the reduction of each flexible body will keep, in words."""

@@ -20,10 +20,11 @@ from flexmb.view.mechanism import Mechanism
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """The rod has 1 GPa in xx at the bottom and 2 GPa at the top of every other node per eta."""
+    """The rod has 1 GPa in xx at the bottom and 2 GPa at the top per eta, in its first half."""
     run = Result(slidercrank.make(tmp_path_factory.mktemp("run")))
     body = load(run.flexbodies["rod"])
-    nodes = np.unique(body.surface.node_ids)[::2]
+    nodes = np.unique(body.surface.node_ids)
+    nodes = nodes[: len(nodes) // 2]
     modes = np.zeros((2 * len(nodes), 6, 1))
     modes[::2, 0], modes[1::2, 0] = 1e9, 2e9
     layer, part = np.tile([0, 1], len(nodes)), np.zeros(2 * len(nodes), dtype=int)
@@ -39,7 +40,7 @@ def test_the_largest_of_the_layers_is_shown_with_a_suitable_unit(result: Result)
         content = compose(mechanism, color="von_mises", layer=layer)
         (rod,) = content.deformed
         known = np.isfinite(rod.values)
-        assert 0.3 < known.mean() < 0.7  # every other node tells its stress
+        assert 0.3 < known.mean() < 0.7  # the first half tells its stress
         np.testing.assert_allclose(rod.values[known], factor * eta, rtol=1e-6)
         assert content.scale.largest == pytest.approx(factor * eta, rel=1e-6)
     assert content.scale.label == f"von Mises stress [{content.scale.unit}]"

@@ -11,15 +11,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
-from flexmb.errors import FlexmbWarning
+from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
 from flexmb.fe.assembly.inertia import Inertia, MassSum, component_masses, reduced_components
+from flexmb.fe.assembly.lumping import MASS_MATRICES, LumpedSum
+from flexmb.fe.assembly.nodal import NodalInertia, join, nodal_masses
 from flexmb.fe.assembly.numbering import Numbering, number_nodes, rigid_vectors
 from flexmb.fe.assembly.scatter import Accumulator
+from flexmb.fe.assembly.springs import Spring, make_springs, spring_stiffness
 from flexmb.fe.assembly.ties import Tie, dependence, followers, make_ties
 from flexmb.fe.elements.select import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
@@ -27,7 +31,7 @@ from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
-__all__ = ["FEMatrices", "assemble"]
+__all__ = ["FEMatrices", "assemble", "number_model"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +52,12 @@ class FEMatrices:
         Stiffness and mass over the independent degrees of freedom.
     inertia : Inertia
         Rigid data and second-moment form of the mass, over all degrees of freedom.
+    nodal : NodalInertia
+        Mass that sits at nodes: point masses, and all of the elements' if it is lumped.
+    lumped : bool
+        Whether the elements' mass is lumped.
+    springs : tuple of Spring
+        Springs between nodes.
     ties : tuple of Tie
         Nodes that follow others.
     follow : (n_all - n, n) sparse, optional
@@ -61,6 +71,9 @@ class FEMatrices:
     K: csr_array
     M: csr_array
     inertia: Inertia
+    nodal: NodalInertia
+    lumped: bool = False
+    springs: tuple[Spring, ...] = ()
     ties: tuple[Tie, ...] = ()
     follow: csr_array | None = None
 
@@ -93,7 +106,11 @@ class FEMatrices:
 
     def reduced_mass(self, Phi: FloatArray) -> FloatArray:
         """(3, 3, m, m) Phi^T M_ab Phi for modes Phi (n, m), M_ab = int rho N_a^T N_b."""
-        masses = component_masses(self.blocks, self.numbering, self.mesh.points)
+        numbering, points = self.numbering, self.mesh.points
+        blocks = () if self.lumped else self.blocks
+        masses = chain(
+            component_masses(blocks, numbering, points), self.nodal.masses(numbering, points)
+        )
         return reduced_components(self.inertia, masses, self.numbering, self.expand(Phi))
 
 
@@ -104,6 +121,9 @@ def assemble(
     progress: Progress = silent,
     *,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
+    masses: Mapping[str, Mapping[str, Any]] | None = None,
+    springs: Mapping[str, Mapping[str, Any]] | None = None,
+    mass_matrix: str = "consistent",
 ) -> FEMatrices:
     """Build stiffness, mass and inertia.
 
@@ -120,32 +140,74 @@ def assemble(
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group, nodes: group}}``.
 
+    masses : mapping of str to mapping
+        ``{name: {at: node or group, mass: kg, inertia, offset}}``, see
+        :func:`flexmb.fe.assembly.nodal.nodal_masses`.
+    springs : mapping of str to mapping
+        ``{name: {between: [node or group, node or group], stiffness, axes}}``, see
+        :func:`flexmb.fe.assembly.springs.make_springs`.
+    mass_matrix : str
+        ``"consistent"``, or ``"hrz"`` for lumped mass.
+
     Raises
     ------
     MeshError
-        No usable elements, unusable kinds, elements turned inside out, or ties that cannot be.
+        No usable elements, unusable kinds, elements turned inside out; ties, masses or springs
+        that cannot be.
+    ReductionError
+        An unknown mass matrix.
     """
+    if mass_matrix not in MASS_MATRICES:
+        near = nearest(str(mass_matrix), MASS_MATRICES)
+        problem = Problem("mass_matrix", f'unknown "{mass_matrix}"', MASS_MATRICES, near)
+        raise ReductionError.from_problems([problem])
     blocks = select_elements(mesh, sections, material)
     tied = make_ties(mesh, ties or {})
-    numbering = _numbering(mesh, blocks, tied)
-    stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, mesh.points)
+    numbering = number_model(mesh, blocks, tied)
+    points, lumped = mesh.points, mass_matrix == "hrz"
+    stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, points)
+    lumps = _add_elements(blocks, (stiffness, mass), (numbering, points), lumped, progress)
+    joined = make_springs(mesh, springs or {})
+    for spring in joined:
+        stiffness.add(*spring_stiffness(spring, numbering, points))
+    nodal = join([lumps, nodal_masses(mesh, numbering, masses or {})])
+    for part in nodal.masses(numbering, points):
+        mass.add_components(*part)
+    inertia, M = mass.total()
+    follow = dependence(tied, numbering, points) if tied else None
+    K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
+    progress("assemble", 1.0)
+    model = (mesh, material, blocks, numbering)
+    return FEMatrices(*model, K, M, inertia, nodal, lumped, joined, tied, follow)
+
+
+def _add_elements(
+    blocks: tuple[Block, ...],
+    sums: tuple[Accumulator, MassSum],
+    nodes_of: tuple[Numbering, FloatArray],
+    lumped: bool,
+    progress: Progress,
+) -> NodalInertia:
+    """Add stiffness and mass of all elements to the sums; return the mass that is lumped."""
+    (stiffness, mass), (numbering, points) = sums, nodes_of
+    lumps = LumpedSum(len(points))
     total, done = sum(len(block.nodes) for block in blocks), 0
     for block in blocks:
         _warn(block)
         for nodes in block.chunks(9 if block.family.rotations else 1):
             dofs = numbering.of(nodes, 6 if block.family.rotations else 3)
-            stiffness.add(block.family.stiffness(mesh.points[nodes], block.section), dofs)
-            mass.add(block, nodes)
+            stiffness.add(block.family.stiffness(points[nodes], block.section), dofs)
+            if lumped:
+                lumps.add(block.family.mass(points[nodes], block.section), nodes)
+            else:
+                mass.add(block, nodes)
             done += len(nodes)
             progress("assemble", min(0.99, done / total))
-    inertia, M = mass.total()
-    follow = dependence(tied, numbering, mesh.points) if tied else None
-    K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
-    progress("assemble", 1.0)
-    return FEMatrices(mesh, material, blocks, numbering, K, M, inertia, tied, follow)
+    return lumps.total()
 
 
-def _numbering(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+def number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+    """Degrees of freedom of the nodes of elements and of the references of ties."""
     references = [np.array([tie.reference]) for tie in ties]
     moving = np.unique(np.concatenate([*(block.nodes.ravel() for block in blocks), *references]))
     turning = [block.nodes.ravel() for block in blocks if block.family.rotations]

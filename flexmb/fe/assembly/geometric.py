@@ -15,7 +15,9 @@ from flexmb.flexbody.arrays import FloatArray
 __all__ = ["geometric_stiffness"]
 
 
-def geometric_stiffness(fe: FEMatrices, u: FloatArray) -> csr_array:
+def geometric_stiffness(
+    fe: FEMatrices, u: FloatArray, field: FloatArray | None = None
+) -> csr_array:
     """(n, n) geometric stiffness.
 
     Parameters
@@ -24,6 +26,9 @@ def geometric_stiffness(fe: FEMatrices, u: FloatArray) -> csr_array:
         The model.
     u : (n,) float
         Displacements of a linear static solution, all independent degrees of freedom [m, rad].
+    field : (3, 4) float, optional
+        [G, g] where a force per mass G s + g at s [m] acts all over the body: beams take from it
+        how their axial force varies along an element.
     """
     everywhere = fe.expand(u)
     total = Accumulator(fe.numbering.n_all)
@@ -31,6 +36,9 @@ def geometric_stiffness(fe: FEMatrices, u: FloatArray) -> csr_array:
         family, width = block.family, 6 if block.family.rotations else 3
         for nodes in block.chunks():
             dofs = fe.numbering.of(nodes, width)
-            x = fe.mesh.points[nodes]
-            total.add(family.geometric_stiffness(x, block.section, everywhere[dofs]), dofs)
+            given = (fe.mesh.points[nodes], block.section, everywhere[dofs])
+            if family.dimension == 1 and field is not None:
+                total.add(family.geometric_stiffness(*given, field), dofs)
+            else:
+                total.add(family.geometric_stiffness(*given), dofs)
     return fe.condensed(total.matrix())

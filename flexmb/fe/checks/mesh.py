@@ -65,12 +65,12 @@ def mesh_report(
         shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
     place = _Places(mesh.points, unit)
     return [
-        *_orphans(mesh, cells),
+        *_orphans(mesh, cells, linked),
         *_inverted(cells, place),
         *_slivers(cells, place),
         *_warped(shells, place),
         *_coincident(mesh, cells, linked, place),
-        *_apart(mesh, cells, linked, place),
+        *_apart(cells, linked, place, "warning" if blocks is None else "error"),
     ]
 
 
@@ -120,8 +120,9 @@ def _used(cells: Sequence[Cells]) -> IntArray:
     return np.unique(np.concatenate([np.zeros(0, int), *(nodes.ravel() for _, nodes in cells)]))
 
 
-def _orphans(mesh: Mesh, cells: Sequence[Cells]) -> Iterator[Finding]:
-    missing = len(mesh.points) - len(_used(cells))
+def _orphans(mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray]) -> Iterator[Finding]:
+    joined = [_used(cells), *(np.ravel(nodes) for nodes in linked)]
+    missing = len(mesh.points) - len(np.unique(np.concatenate(joined)))
     if missing:
         verb = "node belongs" if missing == 1 else "nodes belong"
         yield Finding("note", f"{missing} {verb} to no element of the body and are left out")
@@ -181,15 +182,16 @@ def _coincident(
 
 
 def _apart(
-    mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places
+    cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places, level: str
 ) -> Iterator[Finding]:
     used = _used(cells)
     if not len(used):
         return
-    part_of = parts(len(mesh.points), [*(nodes for _, nodes in cells), *linked])[used]
+    part_of = parts(len(place.points), [*(nodes for _, nodes in cells), *linked])[used]
     names, first, count = np.unique(part_of, return_index=True, return_counts=True)
     if len(names) > 1:
         least = int(np.argmin(count))
-        what = f"the mesh falls into {len(names)} parts that share no nodes; the smallest has "
-        what += f"{count[least]} nodes, {place.node(int(used[first[least]]))} among them"
-        yield Finding("warning", what)
+        what = f"the mesh falls into {len(names)} parts that share no nodes and no interface; the "
+        what += f"smallest has {count[least]} nodes, one of them {place.node(used[first[least]])}: "
+        what += "merge coincident nodes, or make the parts conform"
+        yield Finding(level, what)

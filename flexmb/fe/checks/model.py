@@ -7,31 +7,51 @@ what cannot be reduced, and one :class:`ModeInfo` for every candidate mode.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from flexmb.errors import MeshError
+from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.checks.mass import mass_sentence
+from flexmb.fe.checks.mesh import Finding, mesh_report, size_sentence
+from flexmb.fe.interfaces.make import ModelInterface
 from flexmb.fe.material import plausibility
-from flexmb.fe.reduction.craig_bampton import CraigBampton
+from flexmb.fe.reduction.basis import STATIC, ReducedBasis
 from flexmb.fe.reduction.orthonormal import ReducedModes
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import ModeInfo
 
-__all__ = ["mode_infos", "orphans", "require_one_part", "suspicions"]
+__all__ = ["mode_infos", "orphans", "suspicions"]
 
 _RIGID = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
-_EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
 
 
-def suspicions(fe: FEMatrices) -> list[str]:
-    """Sentences about values that hint at a unit slip; empty if there are none."""
-    found = plausibility(fe.material)
-    extent = float(np.ptp(fe.mesh.points[fe.numbering.nodes], axis=0).max())
-    if not _EXTENT[0] <= extent <= _EXTENT[1]:
-        found.append(f"the mesh extends over {extent:g} m: is its unit system the right one?")
-    return found
+def suspicions(
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], points: float = 0.0
+) -> list[Finding]:
+    """What is worth telling of a model: notes, and what hints at a slip in mesh, units or mass.
+
+    Parameters
+    ----------
+    fe, interfaces
+        The model.
+    points : float
+        Masses at its nodes [kg].
+
+    Raises
+    ------
+    MeshError
+        The mesh falls into parts that are joined neither by nodes nor by an interface, a tie or a
+        spring.
+    """
+    linked = [part.nodes for part in (*interfaces, *fe.springs)]
+    linked += [np.append(tie.nodes, tie.reference) for tie in fe.ties]
+    found = mesh_report(fe.mesh, fe.blocks, linked)
+    errors = [finding.sentence for finding in found if finding.level == "error"]
+    if errors:
+        raise MeshError.from_problems([Problem(fe.mesh.source, sentence) for sentence in errors])
+    told = plausibility(fe.material)
+    told.append(size_sentence(fe.mesh.points[fe.numbering.nodes]))
+    told.append(mass_sentence(fe, points))
+    return [*(Finding("warning", sentence) for sentence in told if sentence), *found]
 
 
 def orphans(fe: FEMatrices) -> int:
@@ -39,35 +59,8 @@ def orphans(fe: FEMatrices) -> int:
     return len(fe.mesh.points) - len(fe.numbering.nodes)
 
 
-def require_one_part(fe: FEMatrices, interfaces: tuple[RigidInterface, ...]) -> None:
-    """Refuse a mesh whose parts are joined neither by nodes nor by an interface.
-
-    Raises
-    ------
-    MeshError
-        With the size and place of the smallest part.
-    """
-    groups = [block.nodes for block in fe.blocks]
-    groups += [part.nodes[None] for part in interfaces]
-    groups += [np.append(tie.nodes, tie.reference)[None] for tie in fe.ties]
-    first = np.concatenate([np.repeat(nodes[:, 0], nodes.shape[1]) for nodes in groups])
-    other = np.concatenate([nodes.ravel() for nodes in groups])
-    size = len(fe.mesh.points)
-    graph = coo_array((np.ones(len(other)), (first, other)), shape=(size, size))
-    _, part_of = connected_components(graph, directed=False)
-    parts, count = np.unique(part_of[fe.numbering.nodes], return_counts=True)
-    if len(parts) > 1:
-        smallest = np.flatnonzero(part_of == parts[np.argmin(count)])[0]
-        place = ", ".join(f"{value:.4g}" for value in fe.mesh.points[smallest])
-        raise MeshError(
-            f"{fe.mesh.source}: the mesh falls into {len(parts)} parts that share no nodes and no "
-            f"interface; the smallest has {count.min()} nodes, one of them node {smallest} at "
-            f"({place}) m: merge coincident nodes, or make the parts conform"
-        )
-
-
 def mode_infos(
-    fe: FEMatrices, reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray
+    fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
 ) -> tuple[ModeInfo, ...]:
     """The six rigid motions, dropped, then the modal coordinates with their energy shares.
 
@@ -89,8 +82,8 @@ def mode_infos(
     return (*rigid, *_elastic_infos(reduced, modes, Mab))
 
 
-def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
-    c = reduced.constraints
+def _elastic_infos(reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
+    static = reduced.columns(*STATIC)
     strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
     largest = np.argmax(strain, axis=0)
     kinetic = np.einsum("bbjj->jb", Mab)
@@ -102,7 +95,7 @@ def _elastic_infos(reduced: CraigBampton, modes: ReducedModes, Mab: FloatArray) 
             True,
             "",
             reduced.labels[largest[j]],
-            float(strain[:c, j].sum()),
+            float(strain[static, j].sum()),
             tuple(kinetic[j]),
         )
         for j, frequency in enumerate(modes.frequencies)

@@ -76,11 +76,20 @@ class _Line:
         Mab = 0.5 * (Mab + Mab.transpose(0, 2, 1, 4, 3))
         return ComponentMass(Mab, P @ turn[:, None], p @ turn, *_rigid(fields))
 
-    def geometric_stiffness(self, x: FloatArray, section: Any, u: FloatArray) -> FloatArray:
-        """(ne, 12, 12) geometric stiffness of the stress that displacements u (ne, 12) cause."""
+    def geometric_stiffness(
+        self, x: FloatArray, section: Any, u: FloatArray, field: FloatArray | None = None
+    ) -> FloatArray:
+        """(ne, 12, 12) geometric stiffness of the stress that displacements u (ne, 12) cause.
+
+        ``field`` (3, 4), [G, g], tells the force per mass G s + g at s that acts along the
+        elements: the displacements know the mean axial force alone, with the field it varies
+        along an element as it does, and the error falls with the fourth power of the element
+        length instead of the second.
+        """
         fields = BeamFields(x, section)
         forces = np.einsum("enci,ei->enc", section_forces(fields), u)
-        return _symmetric(_turned(geometric_products(fields, forces), fields.turn))
+        axial = 0.0 if field is None else _axial_variation(fields, field)
+        return _symmetric(_turned(geometric_products(fields, forces, axial), fields.turn))
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:
         """Names of the stress points of the section."""
@@ -143,6 +152,18 @@ def _local_mass(fields: BeamFields) -> tuple[FloatArray, FloatArray]:
     first[:, 1, 0], first[:, 1, 2] = fields.integral(-Iz, B), fields.integral(Iz, phi)
     first[:, 2, 0], first[:, 2, 1] = fields.integral(-Iy, C), fields.integral(-Iy, phi)
     return local, first
+
+
+def _axial_variation(fields: BeamFields, field: FloatArray) -> FloatArray:
+    """(ne, points) axial force less its mean, from a force per mass along the elements."""
+    force = fields.ends @ field[:, :3].T + field[:, 3]
+    per_length = np.einsum("eni,ei->en", force, fields.axes[:, :, 0])
+    rho = fields.section.material.density
+    line = rho * fields.ends_of("A", len(force)) + fields.ends_of("nonstructural", len(force))
+    start, end = (line * per_length)[:, :, None].transpose(1, 0, 2)
+    L = fields.length[:, None]
+    gone = start * fields.x + (end - start) * fields.x**2 / (2 * L)
+    return start * L / 2 + (end - start) * L / 6 - gone
 
 
 def _rigid(fields: BeamFields) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -18,7 +18,9 @@ from flexmb.flexbody.arrays import FloatArray
 __all__ = ["geometric_products"]
 
 
-def geometric_products(fields: BeamFields, forces: FloatArray) -> FloatArray:
+def geometric_products(
+    fields: BeamFields, forces: FloatArray, axial: FloatArray | float = 0.0
+) -> FloatArray:
     """(ne, 12, 12) geometric stiffness.
 
     Parameters
@@ -27,9 +29,12 @@ def geometric_products(fields: BeamFields, forces: FloatArray) -> FloatArray:
         The elements.
     forces : (ne, 2, 6) float
         Section forces at both ends.
+    axial : (ne, points) float
+        What is added to N along the elements.
     """
     along = (1 - fields.t)[:, None] * forces[:, :1] + fields.t[:, None] * forces[:, 1:]
     N, Vy, Vz, T, My, Mz = np.moveaxis(along, 2, 0)
+    N = N + axial
     A, Iy, Iz = (fields.values[name] for name in ("A", "Iy", "Iz"))
     squares = (
         (N, fields.u_x),

@@ -1,168 +1,183 @@
 """Craig-Bampton reduction: unit motions of the interfaces and modes with the interfaces held.
 
-In: a finite-element model, its interfaces, the number of fixed-interface modes. Out: a basis (n,
-k) and its reduced matrices, k = 6 interfaces + modes. One factorisation of K_ii, the stiffness
-with all interfaces held, gives the constraint modes Psi = -K_ii^-1 K_ib and serves the
-eigensolver. Source: Craig, Bampton (1968), AIAA Journal 6(7).
+In: a finite-element model, its interfaces, which fixed-interface modes. Out: a basis of constraint
+modes, fixed-interface modes and residual vectors of loads. Constraint modes are K-orthogonal to all
+that leaves the interfaces at rest, so the reduced stiffness is block diagonal: the static stiffness
+of the interfaces, then the squared frequencies. Without modes it is static (Guyan) reduction.
+Sources: Craig, Bampton (1968), AIAA Journal 6(7); Guyan (1965), AIAA Journal 3(2).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.interfaces.make import ModelInterface
+from flexmb.fe.reduction.basis import (
+    ReducedBasis,
+    directions_of,
+    interface_labels,
+    rigid_motion_of_interfaces,
+)
 from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.reduction.eigen import dense_modes, lowest_modes
+from flexmb.fe.reduction.choice import (
+    ModeChoice,
+    ModesLike,
+    interface_shares,
+    mode_choice,
+    smallest_set,
+)
+from flexmb.fe.reduction.held import Held
 from flexmb.fe.reduction.planar import Mirror, symmetric_modes
-from flexmb.fe.solver.linear_solver import Factor, factor
+from flexmb.fe.reduction.relief import Relief
+from flexmb.fe.reduction.residual import held_responses, residual_vectors
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
-__all__ = ["CraigBampton", "craig_bampton"]
+__all__ = ["craig_bampton", "guyan"]
 
-_DENSE = 300  # below this many interior degrees of freedom full matrices are faster
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
-_DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
-SPATIAL = (0, 1, 2, 3, 4, 5)
-
-
-@dataclass(frozen=True, eq=False)
-class CraigBampton:
-    """A basis of constraint modes, then fixed-interface modes, and its matrices.
-
-    Parameters
-    ----------
-    basis : (n, k) float
-        Columns over all degrees of freedom of the model.
-    K, M : (k, k) float
-        Reduced stiffness and mass.
-    interfaces : tuple of RigidInterface
-        The first columns are their constraint modes, one for each of ``directions``, whose
-        coordinates are the interfaces' displacements and rotations.
-    labels : tuple of str
-        Name of each column.
-    directions : tuple of int
-        Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
-    """
-
-    basis: FloatArray
-    K: FloatArray
-    M: FloatArray
-    interfaces: tuple[RigidInterface, ...]
-    labels: tuple[str, ...]
-    directions: tuple[int, ...] = SPATIAL
-
-    @property
-    def constraints(self) -> int:
-        """How many columns are constraint modes."""
-        return len(self.directions) * len(self.interfaces)
-
-
-class _Interior(NamedTuple):
-    """What is left when all interfaces are held."""
-
-    dofs: IntArray
-    K: csr_array
-    M: csr_array
+_FIRST = 20  # modes computed at first where a frequency or a share decides
+_MOST = 640  # modes computed at most for a share
 
 
 def craig_bampton(
     fe: FEMatrices,
-    interfaces: tuple[RigidInterface, ...],
-    modes: int = 20,
+    interfaces: tuple[ModelInterface, ...],
+    modes: ModesLike | ModeChoice = 20,
     progress: Progress = silent,
     mirror: Mirror | None = None,
-) -> CraigBampton:
+    loads: tuple[LoadPattern, ...] = (),
+) -> ReducedBasis:
     """Reduce a model with at least one interface.
 
     Parameters
     ----------
     fe : FEMatrices
         The model.
-    interfaces : tuple of RigidInterface
+    interfaces : tuple of RigidInterface or WeightedInterface
         What is held; at least one.
-    modes : int
-        Number of fixed-interface modes.
+    modes : int, mapping or ModeChoice
+        Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
+        share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
         Told the phases ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
+    loads : tuple of LoadPattern
+        Those with ``residual`` add their static responses.
 
     Raises
     ------
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    directions = SPATIAL if mirror is None else mirror.directions
-    b, T = _interface_motion(interfaces, directions)
-    i = np.setdiff1d(np.arange(fe.numbering.n), b)
-    if modes > len(i):
-        what = f"the model has only {len(i)} fixed-interface modes"
-        raise ReductionError(f"modes: {modes} asked, but {what}")
-    K_i = fe.K[i]
-    interior = _Interior(i, K_i[:, i], fe.M[i][:, i])
-    progress("factor", 0.0, f"{len(i)} unknowns")
-    held = factor(interior.K) if len(i) else None
-    progress("factor", 1.0)
-    basis = np.zeros((fe.numbering.n, T.shape[1] + modes))
-    basis[b, : T.shape[1]] = T
-    coupling = K_i[:, b] @ T
-    if held is not None:
-        basis[i, : T.shape[1]] = -held.solve(coupling)
-        omega2, V = _fixed_modes(fe, interior, held, modes, mirror, progress)
-        basis[i, T.shape[1] :] = V
-    else:
-        omega2 = np.zeros(0)
-    K_cc = T.T @ (fe.K[b][:, b] @ T) + coupling.T @ basis[i, : T.shape[1]]
-    M = basis.T @ (fe.M @ basis)
+    choice = mode_choice(modes)
+    directions = directions_of(mirror)
+    held = Held(fe, interfaces, directions, progress)
+    omega2, V, numbers = _chosen(held, choice, mirror, progress)
+    relief = Relief(fe.M, fe.rigid[:, directions])
+    stiff, U = residual_vectors(fe, held_responses(held, relief, loads), V)
     progress("modes", 1.0)
-    K = block_diag(0.5 * (K_cc + K_cc.T), np.diag(omega2))
-    labels = _labels(interfaces, directions, modes)
-    return CraigBampton(basis, K, 0.5 * (M + M.T), interfaces, labels, directions)
+    basis = np.concatenate([held.modes, V, U], axis=1)
+    M = basis.T @ (fe.M @ basis)
+    c, k = held.modes.shape[1], basis.shape[1]
+    rigid, motion = np.zeros((k, len(directions))), np.zeros((len(interfaces), 6, k))
+    rigid[:c] = rigid_motion_of_interfaces(fe, interfaces, directions)
+    motion[:, directions, :c] = np.eye(c).reshape(len(interfaces), len(directions), c)
+    return ReducedBasis(
+        basis,
+        block_diag(held.K_modes, np.diag(omega2), np.diag(stiff)),
+        0.5 * (M + M.T),
+        rigid,
+        motion,
+        interfaces,
+        (
+            *interface_labels(interfaces, directions),
+            *(f"fixed-interface {number + 1}" for number in numbers),
+            *(f"load residual {number + 1}" for number in range(len(stiff))),
+        ),
+        ("constraint",) * c + ("fixed-interface",) * len(omega2) + ("load",) * len(stiff),
+        directions,
+    )
 
 
-def _interface_motion(
-    interfaces: tuple[RigidInterface, ...], directions: tuple[int, ...]
-) -> tuple[IntArray, FloatArray]:
-    """Held degrees of freedom, and how they follow these motions of every interface."""
-    if not interfaces:
-        raise ReductionError("interfaces: a Craig-Bampton reduction needs at least one")
-    held = np.concatenate([interface.dofs for interface in interfaces])
-    return held, block_diag(*[interface.T[:, directions] for interface in interfaces])
-
-
-def _fixed_modes(
+def guyan(
     fe: FEMatrices,
-    interior: _Interior,
-    held: Factor,
-    modes: int,
-    mirror: Mirror | None,
-    progress: Progress,
-) -> tuple[FloatArray, FloatArray]:
-    i, K, M = interior
+    interfaces: tuple[ModelInterface, ...],
+    modes: ModesLike | ModeChoice = 0,
+    progress: Progress = silent,
+    mirror: Mirror | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+) -> ReducedBasis:
+    """Static reduction: the constraint modes alone; arguments as for :func:`craig_bampton`.
 
-    def lowest(count: int) -> tuple[FloatArray, FloatArray]:
-        if len(i) <= _DENSE or 2 * count >= len(i):
-            return dense_modes(K, M, count)
-        return lowest_modes(M, held.solve, count, progress)
+    Raises
+    ------
+    ReductionError
+        Modes are asked for, or a part that nothing holds.
+    """
+    if mode_choice(modes) != ModeChoice(count=0):
+        raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')
+    return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
+
+
+def _chosen(
+    held: Held, choice: ModeChoice, mirror: Mirror | None, progress: Progress
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Squared frequencies, fields (n, k) and numbers of the fixed-interface modes that are kept."""
+    if choice.count is not None:
+        omega2, V = _lowest(held, choice.count, mirror, progress)
+        if choice.count > len(omega2):
+            where = "" if mirror is None else " in the plane"
+            what = f"the model has only {len(omega2)} fixed-interface modes{where}"
+            raise ReductionError(f"modes: {choice.count} asked, but {what}")
+        kept = np.arange(choice.count)
+    else:
+        omega2, V, kept = _enough(held, choice, mirror, progress)
+    fields = np.zeros((held.fe.numbering.n, len(kept)))
+    fields[held.dofs] = V[:, kept]
+    return omega2[kept], fields, kept
+
+
+def _enough(
+    held: Held, choice: ModeChoice, mirror: Mirror | None, progress: Progress
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Modes until one lies above the frequency, or until they hold the share."""
+    count = _FIRST
+    while True:
+        omega2, V = _lowest(held, count, mirror, progress)
+        complete = len(omega2) < count or count >= held.count
+        if choice.frequency is not None:
+            below = np.flatnonzero(omega2 < (2 * np.pi * choice.frequency) ** 2)
+            if complete or len(below) < len(omega2):
+                return omega2, V, below
+        else:
+            shares = interface_shares(held, V)
+            if complete or shares.sum() >= choice.effective_mass:
+                return omega2, V, smallest_set(shares, choice.effective_mass)
+            if count >= _MOST:
+                what = f"the lowest {len(omega2)} fixed-interface modes hold {shares.sum():.4f}"
+                raise ReductionError(f"modes.effective_mass: {what}; ask for less, or for a count")
+        count *= 2
+
+
+def _lowest(
+    held: Held, count: int, mirror: Mirror | None, progress: Progress
+) -> tuple[FloatArray, FloatArray]:
+    """At least ``count`` fixed-interface modes, or all, unique in sign and direction."""
+    if count == 0:
+        return np.zeros(0), np.zeros((len(held.dofs), 0))
+
+    def lowest(number: int) -> tuple[FloatArray, FloatArray]:
+        return held.lowest(min(number, held.count), progress)
 
     if mirror is None:
-        omega2, V = lowest(min(modes + _SPARE, len(i)) if modes else 0)
+        omega2, V = lowest(count + _SPARE)
     else:
-        omega2, V = symmetric_modes(mirror.on(i), M, lowest, modes, len(i))
-    V = V @ canonical_rotation(omega2, polynomial_fields(fe)[i].T @ (M @ V))
-    return omega2[:modes], V[:, :modes]
-
-
-def _labels(
-    interfaces: tuple[RigidInterface, ...], directions: tuple[int, ...], modes: int
-) -> tuple[str, ...]:
-    constraint = [f"{part.name}.{_DIRECTIONS[k]}" for part in interfaces for k in directions]
-    return (*constraint, *(f"fixed-interface {k + 1}" for k in range(modes)))
+        omega2, V = symmetric_modes(mirror.on(held.dofs), held.M, lowest, count, held.count)
+    products = polynomial_fields(held.fe)[held.dofs].T @ (held.M @ V)
+    return omega2, V @ canonical_rotation(omega2, products)

@@ -14,12 +14,12 @@ from scipy.linalg import cholesky, eigh, qr, solve_triangular
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.numbering import skew
+from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.reduction.craig_bampton import CraigBampton
+from flexmb.fe.reduction.loose import moving_nodes
 from flexmb.flexbody.arrays import FloatArray
 
-__all__ = ["ReducedModes", "elastic_modes", "orthonormalise", "rigid_coordinates"]
+__all__ = ["ReducedModes", "elastic_modes", "orthonormalise"]
 
 _LOOSE = 1e-12  # a squared frequency this small relative to the largest is zero but for rounding
 
@@ -48,7 +48,7 @@ class ReducedModes:
         return np.sqrt(self.omega2) / (2 * np.pi)
 
 
-def orthonormalise(fe: FEMatrices, reduced: CraigBampton) -> ReducedModes:
+def orthonormalise(fe: FEMatrices, reduced: ReducedBasis) -> ReducedModes:
     """Modes of the reduced free body without its rigid motions, unique in sign and direction.
 
     Raises
@@ -56,33 +56,15 @@ def orthonormalise(fe: FEMatrices, reduced: CraigBampton) -> ReducedModes:
     ReductionError
         The reduced body is looser than a single solid: a mechanism or a part that nothing holds.
     """
-    R = rigid_coordinates(fe, reduced)
-    omega2, Z = elastic_modes(reduced.K, reduced.M, R)
+    omega2, Z = elastic_modes(reduced.K, reduced.M, reduced.rigid)
     if len(omega2) and omega2[0] <= _LOOSE * omega2[-1]:
+        where = moving_nodes(fe, reduced.basis @ Z[:, :1])
         raise ReductionError(
-            "the body has a motion without stiffness besides the six rigid ones: parts of the mesh "
-            "hang together by too few nodes"
+            f"the body has a motion without stiffness besides the six rigid ones: {where}"
         )
     products = (polynomial_fields(fe).T @ (fe.M @ reduced.basis)) @ Z
     Z = Z @ canonical_rotation(omega2, products)
     return ReducedModes(omega2, Z, reduced.basis @ Z)
-
-
-def rigid_coordinates(fe: FEMatrices, reduced: CraigBampton) -> FloatArray:
-    """(k, 6) rigid motions about the centre of mass in the coordinates of the reduced basis.
-
-    Of a planar reduction the three that the basis holds: (k, 3).
-    """
-    motions = list(reduced.directions)
-    count = len(motions)
-    R = np.zeros((reduced.basis.shape[1], count))
-    if not reduced.interfaces:
-        R[:count] = np.eye(count)
-    for k, interface in enumerate(reduced.interfaces):
-        about = np.eye(6)
-        about[:3, 3:] = -skew(interface.position - fe.center)
-        R[count * k : count * (k + 1)] = about[np.ix_(motions, motions)]
-    return R
 
 
 def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -92,14 +92,9 @@ def symmetric_modes(
     lowest : callable
         Squared frequencies and mass-normalised modes of the model, so many.
     modes : int
-        How many symmetric ones are wanted; a few more are returned.
+        How many symmetric ones are wanted; a few more are returned, or all there are.
     limit : int
         How many modes the model has in all.
-
-    Raises
-    ------
-    ReductionError
-        The model has fewer symmetric modes.
     """
     if modes == 0:
         return lowest(0)
@@ -112,8 +107,5 @@ def symmetric_modes(
             break
         missing = (modes + _SPARE) / max(even.shape[1], 1)
         count = min(count + 2 * _SPARE + int(min(1.2 * missing - 1, 1.5) * count), limit)
-    if even.shape[1] < modes:
-        what = f"the model has only {even.shape[1]} fixed-interface modes in the plane"
-        raise ReductionError(f"modes: {modes} asked, but {what}")
     found, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
     return found, V @ (even @ W)

@@ -1,24 +1,54 @@
 """Sections from tables: ``{type = "rectangle", y = 0.02, z = 0.03}``.
 
-In: a section, or its type and words. Out: a section.
+In: a section, or its type and words in SI. Out: a section of beams, shells or solids. The words are
+the parameters of the functions in ``SECTIONS``; ``material`` is a name, a table or a material.
 """
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
-from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.errors import FlexmbError, MaterialError, Problem, ReductionError
+from flexmb.fe.material import resolve
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
+from flexmb.fe.sections.shell import Layer, ShellSection
+from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.tables import call, kind_of, rooted
+from flexmb.materials import AnyMaterial
 
-__all__ = ["SECTIONS", "section_from"]
+__all__ = ["SECTIONS", "Section", "section_from", "sections_from"]
 
-SECTIONS: dict[str, Callable[..., Any]] = {
+Section = BeamSection | TaperedSection | ShellSection | SolidSection
+
+
+def _one_layer(
+    thickness: float,
+    offset: float = 0.0,
+    orientation: tuple[float, float, float] | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
+    layers = (Layer(thickness),)
+    return ShellSection(layers, offset, orientation, nonstructural, material, shear)
+
+
+def _layered(
+    layers: list[Layer],
+    offset: float = 0.0,
+    orientation: tuple[float, float, float] | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
+    return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
+
+
+SECTIONS: dict[str, Callable[..., Section]] = {
     "rectangle": rectangle,
     "circle": circle,
     "tube": tube,
@@ -27,66 +57,102 @@ SECTIONS: dict[str, Callable[..., Any]] = {
     "L": angle_section,
     "general": general,
     "tapered": tapered,
+    "shell": _one_layer,
+    "layered": _layered,
+    "solid": SolidSection,
 }
 """What makes a section of each type."""
 
+_VECTORS = ("orientation", "offset", "shear_center", "axis1", "axis2")
 
-def section_from(given: Any, where: str = "section") -> Any:
+
+def sections_from(given: Mapping[str, Any] | None) -> dict[str, Section]:
+    """Sections by mesh group.
+
+    Raises
+    ------
+    ReductionError, MaterialError
+        What is wrong with all of them.
+    """
+    found: dict[str, Section] = {}
+    errors: list[FlexmbError] = []
+    for group, words in (given or {}).items():
+        try:
+            found[group] = section_from(words, f"sections.{group}")
+        except (ReductionError, MaterialError) as error:
+            errors.append(error)
+    if errors:
+        told = [problem for error in errors for problem in error.problems]
+        raise type(errors[0]).from_problems(told)
+    return found
+
+
+def section_from(given: Any, where: str = "section") -> Section:
     """The section that was meant: itself, or ``{type = "rectangle", y = 0.02, z = 0.03}``.
 
     Raises
     ------
-    ReductionError
-        Unknown type, missing or unknown key, or impossible values.
+    ReductionError, MaterialError
+        Unknown type, missing or unknown key, or impossible values; all at once.
     """
-    if not isinstance(given, Mapping):
-        if isinstance(given, BeamSection | TaperedSection):
-            return given
-        what = f"a section or a table with its type is expected, given {given!r}"
-        raise ReductionError.from_problems([Problem(where, what)])
-    words = dict(given)
-    kind = words.pop("type", None)
-    if kind not in SECTIONS:
-        names = tuple(SECTIONS)
-        problem = Problem(f"{where}.type", f'unknown "{kind}"', names, nearest(str(kind), names))
-        raise ReductionError.from_problems([problem])
-    allowed, needed = _words(SECTIONS[kind])
-    unknown = [
-        Problem(f"{where}.{key}", "unknown key", allowed, nearest(key, allowed))
-        for key in words
-        if key not in allowed
-    ]
-    if unknown:
-        raise ReductionError.from_problems(unknown)
-    if kind == "tapered":
-        for end in ("start", "end"):
-            if end in words:
-                words[end] = section_from(words[end], f"{where}.{end}")
-    for key in ("orientation", "offset", "shear_center"):
+    if isinstance(given, Section):
+        return given
+    kind, words = kind_of("section", tuple(SECTIONS), given, where, ReductionError)
+    problems = _read_parts(kind, words, where)
+    if problems:
+        raise ReductionError.from_problems(problems)
+    for key in _VECTORS:
         if isinstance(words.get(key), list):
             words[key] = tuple(words[key])
-    missing = [name for name in needed if name not in words]
-    if missing:
-        what = f"a {kind} needs {', '.join(needed)}; {', '.join(missing)} is missing"
-        raise ReductionError.from_problems([Problem(where, what)])
+    return call(SECTIONS[kind], words, where, ReductionError, section_of)
+
+
+def _read_parts(kind: str, words: dict[str, Any], where: str) -> list[Problem]:
+    """Put materials, layers and the ends of a taper in the place of their tables."""
+    problems: list[Problem] = []
+    if words.get("material") is not None:
+        words["material"], found = _material(words["material"], f"{where}.material")
+        problems += found
+    if kind == "tapered":
+        for end in ("start", "end"):
+            if isinstance(words.get(end), Mapping):
+                try:
+                    words[end] = section_from(words[end], f"{where}.{end}")
+                except (ReductionError, MaterialError) as error:
+                    problems += error.problems
+    if kind == "layered" and "layers" in words:
+        words["layers"], found = _layers(words["layers"], f"{where}.layers")
+        problems += found
+    return problems
+
+
+def _material(given: Any, where: str) -> tuple[AnyMaterial | None, list[Problem]]:
     try:
-        return SECTIONS[kind](**words)
-    except ReductionError as error:
-        found = [
-            replace(problem, where=where + problem.where.removeprefix("section"))
-            for problem in error.problems
-        ]
-        raise ReductionError.from_problems(found) from error
-    except (TypeError, ValueError) as error:
-        what = f"a {kind} needs numbers for {', '.join(needed)}: {error}"
-        raise ReductionError.from_problems([Problem(where, what)]) from error
+        return resolve(given), []
+    except MaterialError as error:
+        return None, rooted(where, error.problems)
 
 
-def _words(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """All words of a type, and those that must be given."""
-    own = list(inspect.signature(make).parameters.values())
-    if any(entry.kind is entry.VAR_KEYWORD for entry in own):
-        common = list(inspect.signature(section_of).parameters.values())[1:]
-        own = [entry for entry in own if entry.kind is not entry.VAR_KEYWORD] + common
-    needed = tuple(entry.name for entry in own if entry.default is entry.empty)
-    return tuple(entry.name for entry in own), needed
+def _layers(given: Any, where: str) -> tuple[list[Layer], list[Problem]]:
+    if isinstance(given, Mapping | str) or not hasattr(given, "__iter__"):
+        return [], [Problem(where, f"a list of layers is expected, given {given!r}")]
+    found: list[Layer] = []
+    problems: list[Problem] = []
+    for k, words in enumerate(given):
+        place = f"{where}[{k}]"
+        if isinstance(words, Layer):
+            found.append(words)
+            continue
+        if not isinstance(words, Mapping):
+            problems.append(Problem(place, f"a table is expected, given {words!r}"))
+            continue
+        table = dict(words)
+        wrong: list[Problem] = []
+        if table.get("material") is not None:
+            table["material"], wrong = _material(table["material"], f"{place}.material")
+        try:
+            found.append(call(Layer, table, place, ReductionError))
+        except ReductionError as error:
+            problems += error.problems
+        problems += wrong
+    return found, problems

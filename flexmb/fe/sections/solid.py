@@ -65,9 +65,9 @@ class SolidSection:
         if ratio > _LOCKING:
             warnings.warn(
                 f'material "{known.material.name}": its bulk modulus is {ratio:.3g} times its '
-                "shear modulus, and solid elements that interpolate displacements alone may be too "
-                "stiff then: use first-order hexahedra, whose incompatible modes keep them soft, or "
-                "second-order tetrahedra, and compare two meshes",
+                "shear modulus; solid elements, which interpolate displacements alone, may be too "
+                "stiff then: use first-order hexahedra, whose incompatible modes keep them soft, "
+                "or second-order tetrahedra, and compare two meshes",
                 FlexmbWarning,
                 stacklevel=2,
             )

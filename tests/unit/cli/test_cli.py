@@ -31,7 +31,7 @@ class Outcome:
     source: str = "both links in line"
 
     def place(self, unit: str) -> str:
-        return f"{self.sensor} at t = {self.time:g} {unit}"
+        return self.sensor if self.time is None else f"{self.sensor} at t = {self.time:g} {unit}"
 
 
 @dataclass

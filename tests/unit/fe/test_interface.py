@@ -84,7 +84,7 @@ def with_node_groups(**groups):
             {"a": "far"},
             'interfaces.a: the group "far" has no nodes of the body',
         ),
-        ({"one": [3]}, {"a": "one"}, "interfaces.a: the 1 nodes .* lie on a line or a point"),
+        ({"one": [3]}, {"a": "one"}, "interfaces.a: node 3 belongs to solids.*choose a surface"),
         ({"edge": [0, 1, 2]}, {"a": "edge"}, "the 3 nodes .* lie on a line"),
         ({"also": [0, 1, 4]}, {"a": "x0", "b": "also"}, 'interfaces.b: shares 3 nodes .* "a"'),
     ],

@@ -1,4 +1,4 @@
-"""Reference elements against VTK's own, whose node order meshes have; rules against exact values."""
+"""Reference elements against VTK's own, whose node order meshes have; rules on monomials."""
 
 from __future__ import annotations
 

@@ -42,9 +42,9 @@ def test_from_plain_data():
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"type": "rectangel", "y": 1, "z": 1}, 'unknown "rectangel"; nearest: rectangle'),
+        ({"type": "rectangel", "y": 1, "z": 1}, 'unknown section "rectangel"; nearest: rectangle'),
         ({"type": "circle", "radus": 1}, "s.radus: unknown key; nearest: radius"),
-        ({"type": "rectangle", "y": 1}, "a rectangle needs y, z; z is missing"),
+        ({"type": "rectangle", "y": 1}, "s.z: is missing"),
         ({"type": "rectangle", "y": "wide", "z": 1}, "s.y: must be a number, given 'wide'"),
         ({"type": "rectangle", "y": 1, "z": -1}, "s.z: must be positive"),
         ({"type": "tube", "radius": 1, "inner": 1}, "s.inner: must lie between 0 and"),
