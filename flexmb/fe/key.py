@@ -31,7 +31,7 @@ _METHOD = 3  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
-    "stress": False,
+    "stress": "surface",
 }
 _NO_VALUES = ("name", "source")  # of materials
 

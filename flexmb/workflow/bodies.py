@@ -22,8 +22,8 @@ from flexmb.errors import (
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from flexmb.flexbody import FlexBody
     from flexmb.fe import Survey
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
