@@ -11,14 +11,13 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexmb.errors import MeshError
-from flexmb.fe.interfaces.make import InterfaceLike
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.recovery.stress import stress_option
 from flexmb.fe.reduction.choice import ModeChoice
@@ -32,7 +31,11 @@ from flexmb.units import unit_system
 __all__ = ["mesh_hash", "reduction_key"]
 
 _METHOD = 3  # raise it whenever the same input gives another body
-_DEFAULTS: dict[str, Any] = {"mass_matrix": "consistent"}
+_DEFAULTS: dict[str, Any] = {
+    "reduction": "craig-bampton",
+    "mass_matrix": "consistent",
+    "stress": "surface",
+}
 _NO_VALUES = ("name", "source")  # of materials
 
 
@@ -41,13 +44,11 @@ def reduction_key(
     *,
     units: str = "SI",
     material: MaterialLike,
-    interfaces: Mapping[str, InterfaceLike] | None = None,
-    reduction: str = "craig-bampton",
+    interfaces: Mapping[str, Any] | None = None,
     modes: Any = None,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
-    stress: bool | str = True,
     **options: Any,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
@@ -57,22 +58,21 @@ def reduction_key(
     MeshError
         A file cannot be read.
     ReductionError, MaterialError
-        A section, a material, a method or modes that cannot be.
+        A section or a material that cannot be.
     """
     chosen = {
         "mesh": _plain(mesh) if isinstance(mesh, Mapping) else mesh_hash(mesh),
         "units": unit_system(units).name,
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
-        "reduction": reduction,
-        "modes": _modes(reduction, modes),
+        "modes": _modes(options.get("reduction", "craig-bampton"), modes),
         "damping": float(damping),
-        "stress": stress_option(stress),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,
         "file": VERSION,
     }
+    options["stress"] = stress_option(options.get("stress", True))
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):
             chosen[key] = _plain(value)
@@ -82,10 +82,7 @@ def reduction_key(
 def _modes(reduction: str, modes: Any) -> Any:
     """What the modes are, whichever way it was said; of the user's own a hash of their values."""
     asked = asked_modes(reduction, modes)
-    if isinstance(asked, ModeChoice):
-        return asdict(asked)
-    values = read_user_modes(asked)
-    return [list(values.shape), hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()]
+    return _plain(asked if isinstance(asked, ModeChoice) else read_user_modes(asked))
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:

@@ -33,12 +33,11 @@ from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.recovery.stress import stress_option, with_recovery
 from flexmb.fe.reduction.basis import ReducedBasis
-from flexmb.fe.reduction.choice import ModesLike
 from flexmb.fe.reduction.integrals import integrals
 from flexmb.fe.reduction.methods import asked_modes, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.reduction.user import UserModesLike, read_user_modes
+from flexmb.fe.reduction.user import read_user_modes
 from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface, LoadVector
@@ -58,8 +57,7 @@ def reduce(
     units: str = "SI",
     material: MaterialLike,
     interfaces: Mapping[str, InterfaceLike] | None = None,
-    reduction: str = "craig-bampton",
-    modes: ModesLike | UserModesLike | None = None,
+    modes: Any = None,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
@@ -67,6 +65,7 @@ def reduce(
     masses: Words | None = None,
     springs: Words | None = None,
     loads: Words | None = None,
+    reduction: str = "craig-bampton",
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
@@ -87,8 +86,6 @@ def reduce(
     interfaces : mapping of str to str or mapping, optional
         By name a mesh group or a table, see :func:`flexmb.fe.make_interfaces`. Without any, free
         modes are taken.
-    reduction : str
-        ``"craig-bampton"``, ``"free-interface"``, ``"guyan"`` or ``"user"``.
     modes : int, mapping, array or path, optional
         Number of fixed-interface modes, 20 by default; the body has 6*interfaces + modes - 6
         coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
@@ -105,8 +102,9 @@ def reduce(
     masses, springs, mass_matrix
         As for :func:`flexmb.fe.assemble`.
     loads : mapping of str to mapping, optional
-        Loads on the mesh, see :func:`flexmb.fe.make_loads`: each becomes a modal load of the body,
-        and its static response is added to the basis unless it says ``residual = false``.
+        Load patterns that the modes shall answer exactly, see :func:`flexmb.fe.make_loads`.
+    reduction : str
+        ``"craig-bampton"``, ``"free-interface"``, ``"guyan"`` or ``"user"``.
     plane : str, optional
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
@@ -118,7 +116,7 @@ def reduce(
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery, stress.
+        Told the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
@@ -127,6 +125,7 @@ def reduce(
         or mesh are not symmetric about it, and by how much.
     """
     asked = _check_options(reduction, modes, damping)
+    where = stress_option(stress)
     scale = unit_system(units).factor(L=1)
     matter = resolve(material)
     chosen = sections_from(sections)
@@ -150,10 +149,10 @@ def reduce(
     )
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
-    body = with_recovery(body, fe, elastic.Phi, stress, progress)
+    body = with_recovery(body, fe, elastic.Phi, where, progress)
     options: dict[str, Any] = {"units": units, "damping": damping, **joints, "loads": loads}
-    options |= {"modes": modes, "mass_matrix": mass_matrix, "reduction": reduction}
-    options |= {"plane": plane, "stress": stress_option(stress)}
+    options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
+    options |= {"reduction": reduction, "plane": plane, "stress": where}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:

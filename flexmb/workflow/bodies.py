@@ -81,15 +81,10 @@ def flexible_bodies(
         file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
-                mesh, options = _reduction(model, name, spec)
-                known = None if fresh or inspect else _reused(mesh, options, file)
-                bodies[name] = known or _reduced(mesh, options, inspect, notes, progress)
+                known = None if fresh or inspect else _reused(model, name, spec, file, notes)
+                bodies[name] = known or _reduced(model, name, spec, inspect, notes, progress)
                 if known is None:
                     save(bodies[name], file)
-                else:
-                    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
-                    warned = known.provenance["warnings"].splitlines()
-                    notes += [f"{name}: {sentence}" for sentence in warned]
             elif isinstance(spec, FlexbodySpec):
                 bodies[name] = _held(model, spec)
                 save(bodies[name], file)
@@ -186,7 +181,9 @@ def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[s
     return spec.mesh.model_dump(exclude_none=True), options
 
 
-def _reused(mesh: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
+def _reused(
+    model: Model, name: str, spec: MeshBodySpec, file: Path, notes: list[str]
+) -> FlexBody | None:
     """The body in the file, if it was made from the same input."""
     from flexmb import fe
     from flexmb.flexbody import load
@@ -197,12 +194,18 @@ def _reused(mesh: Any, options: dict[str, Any], file: Path) -> FlexBody | None:
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: made anew
-    return body if body.provenance.get("key") == fe.reduction_key(mesh, **options) else None
+    mesh, options = _reduction(model, name, spec)
+    if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+        return None
+    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
+    notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
+    return body
 
 
 def _reduced(
-    mesh: Any,
-    options: dict[str, Any],
+    model: Model,
+    name: str,
+    spec: MeshBodySpec,
     inspect: Callable[..., None] | None,
     notes: list[str],
     progress: Progress,
@@ -210,8 +213,9 @@ def _reduced(
     """The body of a mesh, reduced."""
     from flexmb import fe
 
+    mesh, options = _reduction(model, name, spec)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
         body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
-    notes += [f"{options['name']}: {entry.message}" for entry in caught]
+    notes += [f"{name}: {entry.message}" for entry in caught]
     return body
