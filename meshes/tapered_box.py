@@ -1,6 +1,6 @@
 """Make tapered_box.msh: a tapered box of thin walls with ribs, of shells and beams, in metres.
 
-Run ``python meshes/tapered_box.py``. The box runs along x from its root at x = 0; its four walls are
+Run ``python meshes/tapered_box.py``. The box runs along x from its root at x = 0; its walls are
 quads, its ribs the closed frames of beams around it. Physical groups: surface ``walls``, lines
 ``ribs``, lines ``root`` and ``tip`` at the ends.
 """
