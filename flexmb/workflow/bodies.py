@@ -22,13 +22,13 @@ from flexmb.errors import (
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from flexmb.flexbody import FlexBody
     from flexmb.fe import Survey
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["body_problems", "flexible_bodies", "reduce_mesh", "surveyed_bodies"]
+__all__ = ["flexible_bodies", "reduce_mesh", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -115,11 +115,6 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
         taken.add(stem.casefold())
         names[body] = f"{stem}.flexbody.h5"
     return names
-
-
-def body_problems(model: Model) -> list[Problem]:
-    """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
-    return surveyed_bodies(model)[1]
 
 
 def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
