@@ -157,9 +157,13 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
 
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in MeshBodySpec.model_fields
-        where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
-        told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
+        place, what = problem.where, problem.what
+        if not place:  # a sentence that begins with its place
+            front, _, rest = what.partition(": ")
+            known = front.split(".")[0] in MeshBodySpec.model_fields
+            place, what = (front, rest) if known else ("", what)
+        gap = "." if place.split(".")[0] in MeshBodySpec.model_fields else ": " if place else ""
+        told.append(Problem(f"bodies.{name}{gap}{place}", what, problem.allowed, problem.nearest))
     return told
 
 
