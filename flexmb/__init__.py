@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
     from flexmb.studies import Study, study
-    from flexmb.view import history_figure, plot_history, render, save_figure
+    from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
     from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
 
 __version__ = "0.1.0"
@@ -32,6 +32,7 @@ _HOMES = {
     "load_result": "flexmb.results",
     "reduce": "flexmb.fe",
     "render": "flexmb.view",
+    "render_modes": "flexmb.view",
     "plot_history": "flexmb.view",
     "history_figure": "flexmb.view",
     "save_figure": "flexmb.view",
@@ -61,6 +62,7 @@ __all__ = [
     "plot_history",
     "reduce",
     "render",
+    "render_modes",
     "resume",
     "rigid_body",
     "run_scene",

@@ -11,7 +11,7 @@ from flexmb.cli import show, words
 from flexmb.cli.bars import Bars
 from flexmb.cli.guard import FAILED_CHECK, INTERRUPTED
 
-__all__ = ["check_scene", "reduce_mesh", "render_result", "run_scene", "show_run"]
+__all__ = ["check_scene", "run_scene", "show_run"]
 
 
 def run_scene(
@@ -40,59 +40,6 @@ def show_run(report: Any) -> None:
         raise typer.Exit(INTERRUPTED)
     if any(not outcome.passed for outcome in report.checks):
         raise typer.Exit(FAILED_CHECK)
-
-
-def reduce_mesh(
-    mesh: Path,
-    material: str,
-    interfaces: list[str],
-    sections: list[str],
-    options: dict[str, Any],
-    output: Path | None,
-) -> None:
-    """Reduce a mesh and show the body."""
-    from flexmb import workflow
-
-    with Bars() as progress:
-        body, path = workflow.reduce_mesh(
-            mesh,
-            material=words.word_or_table(material, "--material"),
-            interfaces=words.pairs(interfaces, "--interface"),
-            sections=words.tables(sections, "--section"),
-            output=output,
-            progress=progress,
-            **options,
-        )
-    show.flexible_body(body)
-    show.line(f"written: {path}")
-
-
-def render_result(
-    path: Path, time: float | None, look: dict[str, str | None], output: Path | None
-) -> None:
-    """Draw a picture and say where it is."""
-    exaggeration = words.exaggeration(look["exaggeration"])
-    direction, size = words.direction(look["direction"]), words.size(look["size"])
-    from flexmb.results import Result
-    from flexmb.view import backend, render
-
-    result = Result(path)
-    with Bars() as progress:
-        progress("picture", 0.0)
-        file = render(
-            result,
-            time,
-            exaggeration=exaggeration,
-            color=look["color"] or "displacement",
-            direction=direction,
-            size=size,
-            output=output or result.path.parent / "picture.png",
-        )
-        progress("picture", 1.0)
-    verdict = backend.probe()
-    if not verdict.works:
-        show.line(f"note: {verdict.how}; a simple picture was drawn instead. {verdict.advice}")
-    show.line(f"written: {file}")
 
 
 def check_scene(scene: Path, overrides: list[str]) -> None:

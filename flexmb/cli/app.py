@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from flexmb.cli import continuing
+from flexmb.cli import continuing, drawing, reducing
 from flexmb.cli.guard import guarded, settings
 
 __all__ = ["app", "main"]
@@ -36,7 +36,9 @@ flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
 flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
-flexmb info out/slider_crank/rod.flexbody.h5
+flexmb reduce cases/slider_crank/scene.toml --body rod --report
+
+flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6
 
 flexmb list joints
 
@@ -129,105 +131,6 @@ def run(
 
 @app.command()
 @guarded
-def reduce(
-    mesh: Annotated[Path, typer.Argument(help="Mesh file (Gmsh and others).", show_default=False)],
-    material: Annotated[
-        str,
-        typer.Option(
-            help="Name such as steel, or a table in SI: '{E = 70e9, nu = 0.33, density = 2700}'.",
-            show_default=False,
-        ),
-    ],
-    units: Annotated[
-        str, typer.Option(help="Unit system of the mesh: SI, mm-t-s, mm-kg-s, in-lbf-s, ...")
-    ] = "SI",
-    interface: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=GROUP",
-            help="A mesh group where joints and loads attach, under the name of its marker; "
-            "may be repeated. Without any, the modes of the free body are taken.",
-        ),
-    ] = None,
-    modes: Annotated[int, typer.Option(help="Number of fixed-interface modes.")] = 20,
-    damping: Annotated[float, typer.Option(help="Damping ratio of every mode.")] = 0.0,
-    section: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="GROUP=TABLE",
-            help="Cross-section of the beams of a mesh group (or all), with the words of a "
-            "scene; may be repeated.",
-        ),
-    ] = None,
-    plane: Annotated[
-        str | None,
-        typer.Option(
-            help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
-            "for planar scenes.",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write; <mesh>.flexbody.h5 here by default."),
-    ] = None,
-) -> None:
-    """Reduce a mesh to a flexible body (Craig-Bampton modes).
-
-    Prints mass, centre, inertia and a table of all modes: kept, or why dropped.
-
-    Example: flexmb reduce meshes/connecting_rod.msh --units mm-t-s --material steel
-    --interface big_end=bore_big --interface small_end=bore_small
-    """
-    from flexmb.cli.actions import reduce_mesh
-
-    options = {"units": units, "modes": modes, "damping": damping, "plane": plane}
-    reduce_mesh(mesh, material, interface or [], section or [], options, output)
-
-
-@app.command()
-@guarded
-def render(
-    result: Annotated[Path, typer.Argument(help="Result file.", show_default=False)],
-    time: Annotated[
-        float | None,
-        typer.Option(
-            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
-        ),
-    ] = None,
-    exaggeration: Annotated[
-        str | None,
-        typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
-    ] = None,
-    color: Annotated[
-        str, typer.Option(help="Flexible bodies by displacement, or each by its own: body.")
-    ] = "displacement",
-    direction: Annotated[
-        str | None,
-        typer.Option(
-            help="From the scene towards the eye: x, y, z, -x, -y, -z or numbers such as "
-            "1,-1,0.5; along the joint axes by default."
-        ),
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="PNG file; picture.png beside the result by default."),
-    ] = None,
-) -> None:
-    """Draw the mechanism at a time of a run, off-screen.
-
-    Example: flexmb render out/slider_crank/result.h5 --time 0.013 --exaggeration 500
-    """
-    from flexmb.cli.actions import render_result
-
-    look = {"exaggeration": exaggeration, "direction": direction, "size": size, "color": color}
-    render_result(result, time, look, output)
-
-
-@app.command()
-@guarded
 def check(scene: Scene, overrides: Overrides = None) -> None:
     """Validate a scene and count what is in it, without running it.
 
@@ -265,6 +168,8 @@ def doctor() -> None:
     examine()
 
 
+reducing.register(app)
+drawing.register(app)
 continuing.register(app)
 
 

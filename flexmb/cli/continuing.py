@@ -77,15 +77,15 @@ def export(
         str | None,
         typer.Option(
             help="Names with commas between them, of any kind: slider.x,energy.kinetic,"
-            "crank_pin.rod.force.x",
+            "crank_pin.rod.force.x,rod.von_mises",
             show_default=False,
         ),
     ] = None,
     what: Annotated[
         str | None,
         typer.Option(
-            help="All channels of a kind: sensors, reactions, energy, drift or coordinates; "
-            "sensors by default.",
+            help="All channels of a kind: sensors, reactions, energy, drift, coordinates or "
+            "stress; sensors by default.",
             show_default=False,
         ),
     ] = None,

@@ -13,7 +13,17 @@ from rich.table import Table
 from flexmb.cli import summary
 from flexmb.units import UnitSystem, unit_system
 
-__all__ = ["check_report", "flexible_body", "heading", "line", "result", "run_report", "table"]
+__all__ = [
+    "check_report",
+    "checks",
+    "flexible_body",
+    "heading",
+    "line",
+    "quality",
+    "result",
+    "run_report",
+    "table",
+]
 
 _NARROW = 100  # columns of tables where the output is a file or a pipe
 _ENDLESS = 10_000  # columns that no table fills
@@ -68,7 +78,7 @@ def run_report(report: Any) -> str:
     for note in report.notes:
         line(f"note: {note}")
     if report.checks:
-        _checks(report.checks, run.units.label("s"))
+        checks(report.checks, run.units.label("s"))
     files = [*report.flexbodies.values(), report.result, report.picture, report.history]
     heading("files")
     for path in files:
@@ -119,9 +129,27 @@ def flexible_body(body: Any) -> None:
     ]
     places = {i.name: _vector(i.position, "m", units) for i in body.interfaces}
     rows += [(f"interface {name}", f"at {place}") for name, place in places.items()]
+    rows += [("stress", _stress(body))]
+    if body.section_forces is not None:
+        rows += [("section forces", f"of {len(body.section_forces.elements)} beam elements")]
+    rows += [
+        (f"load {load.name}", f"{_vector(load.force, 'N', units)}, work on the modes in the file")
+        for load in body.loads
+    ]
     table(("", ""), rows)
     if body.modes:
         table(MODE_COLUMNS, mode_table(body), right=(0, 2))
+
+
+def quality(report: Any) -> None:
+    """The tables of a quality report."""
+    from flexmb.fe.checks.quality_text import report_tables
+
+    for part in report_tables(report):
+        heading(part.title)
+        table(part.columns, part.rows, right=range(1, len(part.columns)))
+        if part.note:
+            line(part.note)
 
 
 def check_report(report: Any) -> None:
@@ -136,7 +164,8 @@ def check_report(report: Any) -> None:
     line("the scene is valid")
 
 
-def _checks(outcomes: Sequence[Any], unit: str) -> None:
+def checks(outcomes: Sequence[Any], unit: str) -> None:
+    """Known answers of a scene beside what came out."""
     rows = [
         (
             "ok" if o.passed else "FAILED",
@@ -170,6 +199,15 @@ def _energies(run: Any) -> None:
 
 def _energy(value: float) -> str:
     return f"{value:.6g}"
+
+
+def _stress(body: Any) -> str:
+    """Where a body tells its stress."""
+    if body.stress is None:
+        return "none"
+    nodes = len(set(body.stress.ids.tolist()))
+    inside = "" if body.nodes is None else f" of {len(body.nodes.ids)}"
+    return f"at {nodes}{inside} nodes, in the layers {', '.join(body.stress.layers)}"
 
 
 def _vector(values: Any, unit: str, units: UnitSystem) -> str:

@@ -10,7 +10,16 @@ from typing import Any
 
 import typer
 
-__all__ = ["direction", "exaggeration", "pairs", "size", "tables", "word_or_table"]
+__all__ = [
+    "direction",
+    "exaggeration",
+    "names",
+    "numbers",
+    "pairs",
+    "size",
+    "tables",
+    "word_or_table",
+]
 
 
 def pairs(given: list[str], option: str) -> dict[str, str]:
@@ -67,6 +76,27 @@ def exaggeration(text: str | None) -> float | str | None:
         raise typer.BadParameter(
             f'"{text}" is neither a number nor auto', param_hint="--exaggeration"
         ) from None
+
+
+def numbers(text: str | None, option: str) -> list[int] | None:
+    """``7``, ``1..6`` or ``1,3,5`` as a list."""
+    if text is None:
+        return None
+    found: list[int] = []
+    try:
+        for part in text.split(","):
+            first, dots, last = part.partition("..")
+            found += range(int(first), int(last) + 1) if dots else [int(first)]
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is not of the form 7, 1..6 or 1,3,5', param_hint=option
+        ) from None
+    return found
+
+
+def names(text: str | None) -> list[str]:
+    """``a, b`` as a list; empty for nothing."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def size(text: str | None) -> tuple[int, int] | None:

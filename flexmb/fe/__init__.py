@@ -6,6 +6,9 @@ from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.assembly.geometric import geometric_stiffness
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.checks.mesh import Finding, mesh_report
+from flexmb.fe.checks.phases import Stopwatch
+from flexmb.fe.checks.quality import QualityReport, quality_report
+from flexmb.fe.checks.quality_text import report_tables, report_text
 from flexmb.fe.checks.survey import Survey, mesh_problems, survey
 from flexmb.fe.elements.registry import ELEMENTS
 from flexmb.fe.elements.select import Block
@@ -44,10 +47,12 @@ __all__ = [
     "LoadPattern",
     "Mesh",
     "ModeChoice",
+    "QualityReport",
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
     "SolidSection",
+    "Stopwatch",
     "Survey",
     "TaperedSection",
     "WeightedInterface",
@@ -69,11 +74,14 @@ __all__ = [
     "mesh_report",
     "node_modes",
     "orthonormalise",
+    "quality_report",
     "read_mesh",
     "rectangle",
     "reduce",
     "reduce_model",
     "reduction_key",
+    "report_tables",
+    "report_text",
     "resolve",
     "section_from",
     "surface",

@@ -19,6 +19,10 @@ import numpy as np
 
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
+from flexmb.fe.recovery.stress import stress_option
+from flexmb.fe.reduction.choice import ModeChoice
+from flexmb.fe.reduction.methods import asked_modes
+from flexmb.fe.reduction.user import read_user_modes
 from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.schema import VERSION
 from flexmb.materials import AnyMaterial
@@ -30,7 +34,7 @@ _METHOD = 3  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
-    "stress": False,
+    "stress": "surface",
 }
 _NO_VALUES = ("name", "source")  # of materials
 
@@ -41,7 +45,7 @@ def reduction_key(
     units: str = "SI",
     material: MaterialLike,
     interfaces: Mapping[str, Any] | None = None,
-    modes: Any = 20,
+    modes: Any = None,
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
@@ -61,17 +65,24 @@ def reduction_key(
         "units": unit_system(units).name,
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
-        "modes": mesh_hash(modes) if isinstance(modes, str | Path) else _plain(modes),
+        "modes": _modes(options.get("reduction", "craig-bampton"), modes),
         "damping": float(damping),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,
         "file": VERSION,
     }
+    options["stress"] = stress_option(options.get("stress", True))
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):
             chosen[key] = _plain(value)
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
+
+
+def _modes(reduction: str, modes: Any) -> Any:
+    """What the modes are, whichever way it was said; of the user's own a hash of their values."""
+    asked = asked_modes(reduction, modes)
+    return _plain(asked if isinstance(asked, ModeChoice) else read_user_modes(asked))
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -31,14 +31,16 @@ from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.stress import stress_option, with_recovery
 from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.integrals import integrals
-from flexmb.fe.reduction.methods import reduce_model
+from flexmb.fe.reduction.methods import asked_modes, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.planar import Mirror, make_mirror
+from flexmb.fe.reduction.user import read_user_modes
 from flexmb.fe.sections.read import sections_from
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar import check_shares, flattened
 from flexmb.flexbody.planes import PLANES
 from flexmb.progress import Progress, silent
@@ -66,6 +68,8 @@ def reduce(
     reduction: str = "craig-bampton",
     mass_matrix: str = "consistent",
     plane: str | None = None,
+    stress: bool | str = True,
+    inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
     """Reduce a mesh to a flexible body.
@@ -82,10 +86,11 @@ def reduce(
     interfaces : mapping of str to str or mapping, optional
         By name a mesh group or a table, see :func:`flexmb.fe.make_interfaces`. Without any, free
         modes are taken.
-    modes : int or mapping
+    modes : int, mapping, array or path, optional
         Number of fixed-interface modes, 20 by default; the body has 6*interfaces + modes - 6
-        coordinates (``modes`` without interfaces). Other choices as for
-        :func:`flexmb.fe.reduce_model`.
+        coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
+        ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
+        the mesh's unit of length.
     damping : float
         Damping ratio of every mode, 0 to 1. None by default.
     name : str, optional
@@ -104,6 +109,12 @@ def reduce(
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
         the body has 3*interfaces + modes - 3 coordinates.
+    stress : bool or str
+        Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
+        inside solids, ``"none"`` (or False) for a smaller file.
+    inspect : callable, optional
+        Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
+        mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
         Told the phases read, assemble, factor, modes, integrals, recovery.
 
@@ -113,7 +124,8 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    _check_damping(damping)
+    asked = _check_options(reduction, modes, damping)
+    where = stress_option(stress)
     scale = unit_system(units).factor(L=1)
     matter = resolve(material)
     chosen = sections_from(sections)
@@ -130,16 +142,21 @@ def reduce(
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_mirror(fe, plane)
     patterns = make_loads(fe, loads or {})
+    if reduction == "user":
+        asked = read_user_modes(asked, scale)
     reduced = reduce_model(
-        fe, held, reduction, modes, progress=progress, mirror=mirror, loads=patterns
+        fe, held, reduction, asked, progress=progress, mirror=mirror, loads=patterns
     )
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
+    body = with_recovery(body, fe, elastic.Phi, where, progress)
     options: dict[str, Any] = {"units": units, "damping": damping, **joints, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
-    options |= {"reduction": reduction, "plane": plane}
+    options |= {"reduction": reduction, "plane": plane, "stress": where}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
+    if inspect is not None:
+        inspect(fe, reduced, elastic, body, mirror)
     told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
     if not isinstance(mesh, Mesh):
         told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
@@ -194,13 +211,27 @@ def make_body(
         modes=mode_infos(fe, reduced, elastic, inertia.Mab),
         surface=surface(fe, nodes),
         nodes=nodes,
+        loads=tuple(
+            LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
+            for load in reduced.loads
+        ),
     )
 
 
-def _check_damping(damping: float) -> None:
+def _check_options(reduction: str, modes: Any, damping: float) -> Any:
+    """The modes that are asked for."""
+    problems: list[Problem] = []
+    asked = None
+    try:
+        asked = asked_modes(reduction, modes)
+    except ReductionError as error:
+        problems += error.problems
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
         what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
-        raise ReductionError.from_problems([Problem("damping", what)])
+        problems.append(Problem("damping", what))
+    if problems:
+        raise ReductionError.from_problems(problems)
+    return asked
 
 
 def _provenance(
@@ -214,15 +245,22 @@ def _provenance(
     return {
         "mesh": fe.mesh.source,
         "material": json.dumps(asdict(fe.material)),
-        "interfaces": json.dumps(dict(interfaces)),
+        "interfaces": json.dumps(dict(interfaces), default=str),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
-        **{name: str(value) for name, value in options.items() if value is not None},
+        **{name: _told(value) for name, value in options.items() if value is not None},
         "degrees of freedom": str(fe.numbering.n),
         "nodes outside the body": str(orphans(fe)),
         "warnings": "\n".join(f.sentence for f in found if f.level == "warning"),
         "notes": "\n".join(f.sentence for f in found if f.level == "note"),
         "versions": ", ".join(f"{package} {version(package)}" for package in packages),
     }
+
+
+def _told(value: Any) -> str:
+    """An option as text: arrays by their shape."""
+    if isinstance(value, np.ndarray):
+        return f"array {value.shape}"
+    return json.dumps(value, default=str) if isinstance(value, Mapping) else str(value)
 
 
 def _file_provenance(

@@ -31,13 +31,15 @@ class Checker:
         """Note that ``field`` is wrong, and how."""
         self.problems.append(Problem(f"{self.where}.{field}", what))
 
-    def floats(self, field: str, value: Any, shape: Sequence[int | None]) -> FloatArray:
-        """A read-only, finite float64 array of the given shape; notes a problem otherwise."""
+    def floats(
+        self, field: str, value: Any, shape: Sequence[int | None], dtype: type = np.float64
+    ) -> NDArray[Any]:
+        """A read-only, finite array of the given shape; notes a problem otherwise."""
         try:
-            array = np.array(value, dtype=np.float64)
+            array: NDArray[Any] = np.array(value, dtype=dtype)
         except (TypeError, ValueError):
             self.add(field, f"must be an array of numbers of shape {_text(shape)}")
-            return np.zeros([length or 0 for length in shape])
+            return np.zeros([length or 0 for length in shape], dtype=dtype)
         if not np.isfinite(array).all():
             self.add(field, "has entries that are not finite numbers")
         return self._shaped(field, array, shape)

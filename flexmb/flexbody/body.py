@@ -18,7 +18,8 @@ import numpy as np
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray
-from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.recovery import SectionForceModes, StressModes
 
 __all__ = ["FlexBody"]
 
@@ -61,6 +62,12 @@ class FlexBody:
         What is drawn.
     nodes : NodeModes, optional
         Motion of all mesh nodes.
+    stress : StressModes, optional
+        Stress at places of the body.
+    section_forces : SectionForceModes, optional
+        Section forces of its beams.
+    loads : tuple of LoadVector
+        Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
         Where the body comes from: hashes, material, options, versions.
 
@@ -84,6 +91,9 @@ class FlexBody:
     modes: tuple[ModeInfo, ...] = ()
     surface: Surface | None = None
     nodes: NodeModes | None = None
+    stress: StressModes | None = None
+    section_forces: SectionForceModes | None = None
+    loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -168,6 +178,7 @@ def _convert(body: FlexBody, check: Checker) -> None:
     object.__setattr__(body, "mass", float(body.mass))
     object.__setattr__(body, "interfaces", tuple(body.interfaces))
     object.__setattr__(body, "modes", tuple(body.modes))
+    object.__setattr__(body, "loads", tuple(body.loads))
     provenance = {str(key): str(value) for key, value in body.provenance.items()}
     object.__setattr__(body, "provenance", MappingProxyType(provenance))
 
@@ -221,14 +232,20 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
 
 
 def _check_parts(body: FlexBody, check: Checker) -> None:
-    names = [interface.name for interface in body.interfaces]
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        check.add("interfaces", f'the name "{name}" is used twice')
+    for field_ in ("interfaces", "loads"):
+        names = [part.name for part in getattr(body, field_)]
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            check.add(field_, f'the name "{name}" is used twice')
     columns = {f"interface {part.name}": part.Phi_t.shape[1] for part in body.interfaces}
+    columns |= {f"load {load.name}": len(load.modal) for load in body.loads}
     if body.surface is not None:
         columns["surface"] = body.surface.modes.shape[2]
     if body.nodes is not None:
         columns["nodes"] = body.nodes.Phi_t.shape[2]
+    if body.stress is not None:
+        columns["stress"] = body.stress.m
+    if body.section_forces is not None:
+        columns["section_forces"] = body.section_forces.m
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")

@@ -121,7 +121,8 @@ def _read(file: h5py.File, row: schema.Dataset, source: Path) -> Any:
     values = item.asstr()[()].tolist() if row.kind == "text" else item[()]
     if row.kind != "text":
         values = np.asarray(values, dtype=row.kind)
-        if row.kind == "f8" and not (np.isfinite(values).all() or schema.may_hold_nan(row.path)):
+        may_be_unknown = row.kind[0] != "f" or schema.may_hold_nan(row.path)
+        if not (may_be_unknown or np.isfinite(values).all()):
             raise BodyFileError(f"{source}: the dataset {row.path} has entries that are not finite")
     return values
 

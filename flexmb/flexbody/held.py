@@ -1,13 +1,14 @@
-"""Natural frequencies of a flexible body with some of its interfaces held.
+"""Natural modes of a flexible body with some of its interfaces held.
 
-In: a body and names of interfaces. Out: frequencies [Hz]. The rigid motions of the frame and the
-modal coordinates together, with the interfaces' six motions (as the rows of Phi say) at zero; so
-the answer is that of the reduced model, exact in its static part.
+In: a body and names of interfaces. Out: frequencies [Hz] and shapes. The rigid motions of the frame
+and the modal coordinates together, with the interfaces' six motions (as the rows of Phi say) at
+zero; so the answer is that of the reduced model, exact in its static part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh, null_space
@@ -15,13 +16,37 @@ from scipy.linalg import eigh, null_space
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 
-__all__ = ["held_frequencies"]
+__all__ = ["HeldModes", "held_frequencies", "held_modes"]
 
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 
 
-def held_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArray:
-    """Frequencies with these interfaces held.
+@dataclass(frozen=True, eq=False)
+class HeldModes:
+    """Natural modes of unit modal mass, ascending in frequency.
+
+    Parameters
+    ----------
+    frequencies : (k,) float
+        Hz.
+    frame : (6, k) float
+        Displacement of the origin of the body frame [m] and rotation of the frame [rad].
+    eta : (m, k) float
+        Modal coordinates.
+    """
+
+    frequencies: FloatArray
+    frame: FloatArray
+    eta: FloatArray
+
+    def shapes(self, points: FloatArray, modes: FloatArray) -> FloatArray:
+        """(n, 3, k) displacement of points (n, 3) that unit eta move by modes (n, 3, m) [m]."""
+        turned = np.cross(self.frame[3:].T[None], points[:, None]).transpose(0, 2, 1)
+        return np.asarray(self.frame[:3] + turned + modes @ self.eta)
+
+
+def held_modes(body: FlexBody, interfaces: Sequence[str] = ()) -> HeldModes:
+    """Natural modes with these interfaces held.
 
     Parameters
     ----------
@@ -30,28 +55,38 @@ def held_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArr
     interfaces : sequence of str
         Names; without any the body is free and its rigid motions are left out.
 
-    Returns
-    -------
-    (k,) float
-        Ascending [Hz].
-
     Raises
     ------
     ReductionError
         An unknown interface.
     """
-    if not interfaces:
-        return body.frequencies
     M, K = _matrices(body)
+    free = _free(body, interfaces, np.sqrt(np.diag(M)))
+    omega2, W = eigh(free.T @ K @ free, free.T @ M @ free)
+    shapes = free @ W
+    if body.m:
+        largest = np.abs(shapes[6:]).argmax(axis=0)
+        shapes = shapes * np.sign(shapes[6 + largest, np.arange(len(omega2))])
+    frequencies = np.asarray(np.sqrt(np.maximum(omega2, 0.0)) / (2 * np.pi))
+    return HeldModes(frequencies, shapes[:6], shapes[6:])
+
+
+def held_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArray:
+    """(k,) natural frequencies [Hz] with these interfaces held; see :func:`held_modes`."""
+    return held_modes(body, interfaces).frequencies
+
+
+def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatArray:
+    """(6 + m, k) motions of the frame and eta that are left; scaled by the roots of the masses."""
+    if not interfaces:
+        return np.eye(6 + body.m)[:, 6:]
     rows = []
     for name in interfaces:
         part = body.interface(name)
         arm = _cross(part.position)
         rows.append(np.hstack([np.eye(3), -arm, part.Phi_t]))
         rows.append(np.hstack([np.zeros((3, 3)), np.eye(3), part.Phi_r]))
-    free = null_space(np.vstack(rows) / np.sqrt(np.diag(M))) / np.sqrt(np.diag(M))[:, None]
-    omega2 = eigh(free.T @ K @ free, free.T @ M @ free, eigvals_only=True)
-    return np.asarray(np.sqrt(np.maximum(omega2, 0.0)) / (2 * np.pi))
+    return np.asarray(null_space(np.vstack(rows) / size) / size[:, None])
 
 
 def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""The parts of a flexible body: interfaces, mode descriptions, drawn surface, nodal modes.
+"""The parts of a flexible body: interfaces, modes, drawn surface, nodal modes, load vectors.
 
 All in SI and in the body frame, which is the frame of the undeformed mesh. m is the number of
 modal coordinates eta; Phi_t and Phi_r are the translation [m] and rotation [rad] per unit eta.
@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
-__all__ = ["Interface", "ModeInfo", "NodeModes", "Surface"]
+__all__ = ["Interface", "LoadVector", "ModeInfo", "NodeModes", "Surface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +165,33 @@ class NodeModes:
         """Row of the mesh node with index ``node``; -1 if the body has no such node."""
         row = int(np.searchsorted(self.ids, node))
         return row if row < len(self.ids) and self.ids[row] == node else -1
+
+
+@dataclass(frozen=True, eq=False)
+class LoadVector:
+    """A load on the undeformed body by its resultant and its work on the modes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the load.
+    force, moment : (3,) float
+        Resultant [N] and moment about the origin of the body frame [N m], body axes.
+    modal : (m,) float
+        Generalised force on each modal coordinate: the load's work per unit eta.
+    """
+
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    modal: FloatArray
+
+    def __post_init__(self) -> None:
+        check = Checker(f"load {self.name}")
+        _set(self, force=check.floats("force", self.force, (3,)))
+        _set(self, moment=check.floats("moment", self.moment, (3,)))
+        _set(self, modal=check.floats("modal", self.modal, (None,)))
+        check.raise_problems()
 
 
 def _set(part: object, **fields: object) -> None:

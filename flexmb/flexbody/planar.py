@@ -214,6 +214,7 @@ def _combined(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str)
         for frequency in _hertz(_modes(body, dropped)[0])
     ]
     nodes, surface = body.nodes, body.surface
+    stress, forces = body.stress, body.section_forces
     if nodes is not None:
         turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
         nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning)
@@ -235,6 +236,9 @@ def _combined(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str)
         modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
         surface=surface,
         nodes=nodes,
+        stress=None if stress is None else stress.combined(Z),
+        section_forces=None if forces is None else forces.combined(Z),
+        loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
     )
 
 

@@ -2,9 +2,9 @@
 
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
-points, t triangles, l lines, k nodes, s entries of provenance. All in SI, body frame; a group may
-be absent only where the table says so. ``RESERVED`` groups exist in every file, empty until a body
-carries such data.
+points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
+d loads, s entries of provenance. All in SI, body frame; a group may be empty only where the table
+says so. ``RESERVED`` groups exist in every file, empty until a body carries such data.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.recovery import SectionForceModes, StressModes
 
 __all__ = [
     "FORMAT",
@@ -29,16 +30,16 @@ __all__ = [
 ]
 
 FORMAT = "flexmb-flexbody"
-VERSION = 1
+VERSION = 2
 FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
-RESERVED = ("geometric_stiffness", "load_vectors", "stress_recovery")
+RESERVED = ("geometric_stiffness",)
 
 
 class Dataset(NamedTuple):
     """One dataset: where it is, what it holds, and whether a body may lack it."""
 
     path: str
-    kind: str  # "f8", "i8", "bool" or "text"
+    kind: str  # "f8", "f4", "i8", "bool" or "text"
     shape: tuple[str | int, ...]
     meaning: str
     optional: bool = False
@@ -73,10 +74,29 @@ TABLE = (
     Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
     Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
     Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("stress_recovery/ids", "i8", ("e",), "mesh node of each place, ascending", True),
+    Dataset("stress_recovery/part", "i8", ("e",), "its section, among the parts", True),
+    Dataset("stress_recovery/layer", "i8", ("e",), "its place across, among the layers", True),
+    Dataset("stress_recovery/parts", "text", ("g",), "sections by mesh group", True),
+    Dataset("stress_recovery/layers", "text", ("y",), "places across sections", True),
+    Dataset("stress_recovery/modes", "f4", ("e", 6, "m"), "xx yy zz yz zx xy, body [Pa]", True),
+    Dataset("section_forces/elements", "i8", ("b", 2), "mesh nodes of the beams", True),
+    Dataset("section_forces/axes", "f8", ("b", 3, 3), "local axes as columns", True),
+    Dataset("section_forces/modes", "f8", ("b", 2, 6, "m"), "N Vy Vz T My Mz [N, N m]", True),
+    Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
+    Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
+    Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
+    Dataset("load_vectors/modal", "f8", ("d", "m"), "work per unit eta", True),
     Dataset("provenance/key", "text", ("s",), "what is told"),
     Dataset("provenance/value", "text", ("s",), "and what it is"),
 )
 
+_PARTS = {  # groups that hold one part of a body, by the field that has it
+    "surface": "surface",
+    "nodes": "nodes",
+    "stress_recovery": "stress",
+    "section_forces": "section_forces",
+}
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
 
@@ -98,11 +118,15 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         found[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
     for name in ("kind", "why", "mostly"):
         found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
-    for group, part in (("surface", body.surface), ("nodes", body.nodes)):
-        for row in TABLE:
-            owner, _, name = row.path.partition("/")
-            if owner == group and part is not None and getattr(part, name) is not None:
-                found[row.path] = getattr(part, name)
+    for row in TABLE:
+        owner, _, name = row.path.partition("/")
+        part = getattr(body, _PARTS[owner]) if owner in _PARTS else None
+        value = getattr(part, name, None)
+        if value is not None:
+            found[row.path] = list(value) if row.kind == "text" else value
+    for name in ("name", "force", "moment", "modal") if body.loads else ():
+        values = [getattr(load, name) for load in body.loads]
+        found[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
     found["provenance/key"] = list(body.provenance)
     found["provenance/value"] = list(body.provenance.values())
     return found
@@ -110,9 +134,8 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
 
 def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
     """The body that these arrays describe; validated as any other."""
-    group = {
-        owner: _members(found, owner) for owner in ("inertia", "stiffness", "surface", "nodes")
-    }
+    group = {owner: _members(found, owner) for owner in ("inertia", "stiffness", *_PARTS)}
+    loads = _members(found, "load_vectors")
     return FlexBody(
         name=name,
         mass=mass,
@@ -122,6 +145,11 @@ def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
         modes=tuple(ModeInfo(**row) for row in _rows(_members(found, "modes"))),
         surface=Surface(**group["surface"]) if group["surface"] else None,
         nodes=NodeModes(**group["nodes"]) if group["nodes"] else None,
+        stress=StressModes(**group["stress_recovery"]) if group["stress_recovery"] else None,
+        section_forces=(
+            SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
+        ),
+        loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
         provenance=dict(zip(found["provenance/key"], found["provenance/value"], strict=True)),
     )
 

@@ -7,16 +7,20 @@ from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
 from flexmb.results.reactions import Reaction
 from flexmb.results.read import file_format
+from flexmb.results.recovered import PeakStress, SectionForces, Stress
 from flexmb.results.result import Pose, Result, load_result
 
 __all__ = [
     "BodyColumns",
     "Columns",
     "OutputBlock",
+    "PeakStress",
     "Pose",
     "Reaction",
     "Result",
     "ResultWriter",
+    "SectionForces",
+    "Stress",
     "extend_file",
     "file_format",
     "load_result",

@@ -62,7 +62,8 @@ def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Ch
     if group == "coordinates":
         return tuple(_coordinates(columns))
     what = f'a result has no channels of the kind "{group}"'
-    raise ResultFileError.from_problems([Problem("", what, GROUPS, nearest(group, GROUPS))])
+    allowed = (*GROUPS, "stress")
+    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(group, allowed))])
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:

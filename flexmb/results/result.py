@@ -23,7 +23,8 @@ from flexmb.results.export import write_csv
 from flexmb.results.notebook import html
 from flexmb.results.pose import locate, slerp
 from flexmb.results.reactions import Reaction, find_side, sides
-from flexmb.results.stored import Stored
+from flexmb.results.recovered import Recovered
+from flexmb.results.recovered_channels import asked, largest_stress_names, values_of
 
 __all__ = ["Pose", "Result", "load_result"]
 
@@ -38,7 +39,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Stored):
+class Result(Recovered):
     """The result of one run.
 
     Parameters
@@ -120,14 +121,18 @@ class Result(Stored):
         ----------
         what : str
             ``"sensors"`` (such as slider.x), ``"reactions"`` (crank_pin.rod.force.x: what the joint
-            does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``
-            or ``"coordinates"`` (rod.r.x, rod.eta.0).
+            does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``,
+            ``"coordinates"`` (rod.r.x, rod.eta.0) or ``"stress"`` (rod.von_mises: the largest of
+            the body; also known: rod.von_mises.17 of mesh node 17, rod.stress.17.top.xx, and
+            rod.section_force.3.1.Mz of beam element 3 at its first end).
 
         Raises
         ------
         ResultFileError
             No such kind.
         """
+        if what == "stress":
+            return largest_stress_names(self)
         return tuple(channel.name for channel in channels(self.layout, self.model, what))
 
     def __getitem__(self, channel: str) -> Array:
@@ -138,6 +143,9 @@ class Result(Stored):
         ResultFileError
             No such channel; lists those there are, nearest first.
         """
+        recovered = asked(self, channel)
+        if recovered is not None and channel not in self._known():
+            return values_of(self, recovered)
         found = self._channel(channel)
         if found.table == "balance":
             return self.balance
@@ -145,7 +153,7 @@ class Result(Stored):
 
     def __contains__(self, channel: object) -> bool:
         """Whether there is a channel of that name."""
-        return channel in self._known()
+        return channel in self._known() or asked(self, str(channel)) is not None
 
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
@@ -155,6 +163,9 @@ class Result(Stored):
         ResultFileError
             No such channel.
         """
+        recovered = asked(self, channel)
+        if recovered is not None and channel not in self._known():
+            return self.units.label(recovered.unit, raised=True)
         return self.units.label(self._channel(channel).unit, raised=True)
 
     def pose(self, body: str, time: float) -> Pose:

@@ -1,7 +1,8 @@
 """From where to look: along the joint axes of a planar mechanism, slightly from above.
 
-In: a :class:`Mechanism`, or a direction. Out: a :class:`Camera`. Up is against gravity where there
-is any, else z, else (for a mechanism seen along z) y.
+In: a :class:`Mechanism`, a direction, or the points of a body alone. Out: a :class:`Camera`. Up is
+against gravity where there is any, else z, else (for a mechanism seen along z) y; a body alone lies
+lengthwise, seen from aside and above its thinnest extent.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from flexmb.errors import ViewError
 from flexmb.view.content import Camera
 from flexmb.view.mechanism import Mechanism
 
-__all__ = ["camera_of"]
+__all__ = ["body_camera", "camera_of"]
 
 Array = NDArray[np.float64]
 
@@ -32,11 +33,8 @@ def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None
     """
     given = direction if direction is not None else mechanism.model.view.direction
     if given is not None:
-        towards = np.array(given, dtype=float)
-        length = float(np.linalg.norm(towards))
-        if not (np.isfinite(length) and length > 0):
-            raise ViewError(f"the direction {tuple(given)} has no length")
-        return _camera(towards / length, _up(mechanism, towards / length))
+        towards = _direction(given)
+        return _camera(towards, _up(mechanism, towards))
     normal = _common_axis(mechanism)
     up = _up(mechanism, normal)
     if normal is None:
@@ -47,6 +45,35 @@ def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None
     if right[int(np.argmax(np.abs(right)))] < 0:  # the axes that grow to the right are the usual
         normal, right = -normal, -right
     return _camera(normal + _ABOVE * up + _ASIDE * right, up)
+
+
+def body_camera(points: Array, direction: tuple[float, float, float] | None) -> Camera:
+    """The camera for a body alone, points (n, 3), in its own axes.
+
+    Raises
+    ------
+    ViewError
+        The direction has no length.
+    """
+    if direction is not None:
+        towards = _direction(direction)
+        ups = (np.eye(3)[axis] for axis in (2, 1))
+        return _camera(towards, next(up for up in ups if abs(up @ towards) < _PARALLEL))
+    extent = np.ptp(points, axis=0)
+    right = int(np.argmax(extent))
+    others = [axis for axis in (2, 1, 0) if axis != right]  # of equal ones z is up
+    up = min(others, key=lambda axis: extent[axis])
+    aside, above = np.eye(3)[right], np.eye(3)[up]
+    frame = np.stack([aside, above, np.cross(aside, above)], axis=1)
+    return _camera(frame @ _SPATIAL, above)
+
+
+def _direction(given: tuple[float, float, float]) -> Array:
+    towards = np.array(given, dtype=float)
+    length = float(np.linalg.norm(towards))
+    if not (np.isfinite(length) and length > 0):
+        raise ViewError(f"the direction {tuple(given)} has no length")
+    return np.asarray(towards / length)
 
 
 def _common_axis(mechanism: Mechanism) -> Array | None:

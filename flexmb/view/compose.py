@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.errors import Problem, ViewError, nearest
 from flexmb.model.names import GROUND, split_reference
 from flexmb.view.camera import camera_of
 from flexmb.view.content import Camera, Content, Deformed, Scale, Solid
@@ -35,6 +36,7 @@ def compose(
     *,
     exaggeration: float | str = "auto",
     color: str = "displacement",
+    layer: str | None = None,
     direction: tuple[float, float, float] | None = None,
 ) -> Content:
     """Everything to draw; see :func:`flexmb.view.render` for the options."""
@@ -42,7 +44,7 @@ def compose(
     colors = {
         name: _body_color(mechanism, name, i) for i, name in enumerate(mechanism.model.bodies)
     }
-    deformed = tuple(_deformed(mechanism, factor, colors))
+    deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
     drawn = {body.name for body in deformed}
     size = _size(mechanism, deformed)
     camera = camera_of(mechanism, direction)
@@ -53,13 +55,10 @@ def compose(
         if name not in drawn and (shape := _rigid_shape(mechanism, name, size)) is not None
     ]
     solids += [Solid(GROUND, shape, GROUND_COLOR) for shape in _ground(mechanism, size, camera)]
-    scale = None
-    if color == "displacement" and deformed:
-        largest = max(float(body.displacement.max()) for body in deformed)
-        scale = Scale.fitting(largest, mechanism.result.units)
+    scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,
-        caption=_caption(mechanism, factor, deformed),
+        caption=_caption(mechanism, factor, deformed, scale),
         solids=tuple(solids),
         deformed=deformed,
         joints=joints,
@@ -99,15 +98,56 @@ def _factor(mechanism: Mechanism, exaggeration: float | str) -> float:
     return round_exaggeration(max(ratios))
 
 
-def _deformed(mechanism: Mechanism, factor: float, colors: dict[str, str]) -> list[Deformed]:
+def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Array | None]:
+    """What colours the flexible bodies, by name; None for the displacement itself.
+
+    Raises
+    ------
+    ViewError
+        Stress is to be shown, and there is none of that layer.
+    """
+    if color != "von_mises":
+        return dict.fromkeys(mechanism.flexbodies)
+    found = {name: mechanism.von_mises(name, layer) for name in mechanism.flexbodies}
+    if all(values is None for values in found.values()):
+        known = {name for body in mechanism.flexbodies.values() if body.stress is not None
+                 for name in body.stress.layers}  # fmt: skip
+        if known and layer is not None:
+            what = f'no flexible body has stress in a layer "{layer}"'
+            raise ViewError.from_problems([Problem("", what, sorted(known), nearest(layer, known))])
+        what = "no flexible body of the run has stress; reduce the mesh with stress = true"
+        raise ViewError(what)
+    return found
+
+
+def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
+    units = mechanism.result.units
+    if color == "displacement" and deformed:
+        return Scale.fitting(max(float(body.displacement.max()) for body in deformed), units)
+    shown = [float(np.nanmax(body.values)) for body in deformed if body.values is not None]
+    if color == "von_mises" and shown:
+        return Scale.fitting(max(shown), units, "Pa", "von Mises stress")
+    return None
+
+
+def _deformed(
+    mechanism: Mechanism,
+    factor: float,
+    colors: dict[str, str],
+    values: dict[str, Array | None],
+) -> list[Deformed]:
+    by_stress = any(given is not None for given in values.values())
     bodies = []
     for name, body in mechanism.flexbodies.items():
         found = mechanism.surface(name, factor)
         if found is not None and body.surface is not None:
             points, undeformed, displacement = found
             faces, lines = body.surface.faces, body.surface.lines
+            shown = values[name]
+            if shown is None and not by_stress:
+                shown = displacement
             bodies.append(
-                Deformed(name, points, undeformed, faces, lines, displacement, colors[name])
+                Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
             )
     return bodies
 
@@ -223,15 +263,24 @@ def _body_color(mechanism: Mechanism, name: str, index: int) -> str:
     return mechanism.model.bodies[name].color or BODIES[index % len(BODIES)]
 
 
-def _caption(mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...]) -> str:
+def _caption(
+    mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...], scale: Scale | None
+) -> str:
     units = mechanism.result.units
     parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
     if deformed:
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")
         most = max(deformed, key=lambda body: float(body.displacement.max()))
-        scale = Scale.fitting(float(most.displacement.max()), units)
-        parts.append(f"largest displacement {scale.top:.3g} {scale.unit} ({most.name})")
+        moved = Scale.fitting(float(most.displacement.max()), units)
+        parts.append(f"largest displacement {moved.top:.3g} {moved.unit} ({most.name})")
+    if scale is not None and scale.quantity != "displacement":
+        at = next(
+            body.name
+            for body in deformed
+            if body.values is not None and np.nanmax(body.values) == scale.largest
+        )
+        parts.append(f"largest {scale.quantity} {scale.top:.3g} {scale.unit} ({at})")
     return ", ".join(parts)
 
 

@@ -1,7 +1,7 @@
 """What a picture shows, apart from how it is drawn.
 
-In: nothing but numbers. Out: :class:`Content`: rigid shapes, flexible surfaces with their
-displacements, joints, ground, colour scale, captions and camera, in global axes [m]. Both ways of
+In: nothing but numbers. Out: :class:`Content`: rigid shapes, flexible surfaces with what colours
+them, joints, ground, colour scale, captions and camera, in global axes [m]. Both ways of
 drawing, VTK and matplotlib, take it and show the same.
 """
 
@@ -40,26 +40,39 @@ class Deformed:
     faces: NDArray[np.int64]  # (t, 3)
     lines: NDArray[np.int64]  # (l, 2)
     displacement: Array  # (n,) magnitude relative to the body frame [m], not exaggerated
-    color: str  # where the displacement is not shown by colour
+    color: str  # where nothing is shown by colour
+    values: Array | None = None  # (n,) what the scale colours, SI; NaN where it is not known
+
+
+_SUITABLE = {  # units by the SI unit: below the limit, times the factor
+    "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
+    "Pa": ((1e3, 1.0, "Pa"), (1e6, 1e-3, "kPa"), (1e10, 1e-6, "MPa"), (np.inf, 1e-9, "GPa")),
+}
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The colour scale of displacements: true [m] times `factor` is shown in `unit`."""
+    """The colour scale of a quantity from 0: its SI value times `factor` is shown in `unit`."""
 
-    largest: float  # m
+    largest: float  # SI
     factor: float
     unit: str
+    quantity: str = "displacement"
 
     @classmethod
-    def fitting(cls, largest: float, units: UnitSystem = SI) -> Scale:
-        """The scale for a largest displacement [m]; in SI its unit is the one that suits it."""
+    def fitting(
+        cls, largest: float, units: UnitSystem = SI, unit: str = "m", quantity: str = "displacement"
+    ) -> Scale:
+        """The scale for a largest value; in SI its unit is the one that suits it."""
         if units is not SI:
-            return cls(largest, 1.0 / units.length, units.label("m"))
-        for limit, factor, unit in ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm")):
-            if largest < limit:
-                return cls(largest, factor, unit)
-        return cls(largest, 1.0, "m")
+            return cls(largest, 1.0 / units.scale(unit), units.label(unit), quantity)
+        factor, shown = next(row[1:] for row in _SUITABLE[unit] if largest < row[0])
+        return cls(largest, factor, shown, quantity)
+
+    @property
+    def label(self) -> str:
+        """The quantity with its unit, for the colour bar."""
+        return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
 
     @property
     def top(self) -> float:
@@ -85,9 +98,14 @@ class Content:
     deformed: tuple[Deformed, ...]
     joints: Array  # (j, 3)
     joint_radius: float
-    scale: Scale | None  # None: no colour by displacement
+    scale: Scale | None  # None: no colour by values
     camera: Camera
+    bar: bool = True  # whether the scale has its colour bar, if there is one
     notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        shown = any(body.values is not None for body in self.deformed)
+        object.__setattr__(self, "bar", self.bar and self.scale is not None and shown)
 
     def all_points(self) -> Array:
         """Every drawn point (n, 3), to fit the view."""

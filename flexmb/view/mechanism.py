@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.bodies import BodySpec
 from flexmb.model.lookup import frames, placed
@@ -42,18 +42,18 @@ class Mechanism:
     Raises
     ------
     ViewError
-        The result holds no rows, or a flexible-body file is not the one of this run.
+        The result holds no rows.
     BodyFileError
         A flexible-body file is missing or damaged.
     ResultFileError
-        The time lies outside the run.
+        The time lies outside the run, or a flexible-body file is not the one of this run.
     """
 
     def __init__(self, result: Result, time: float | None = None) -> None:
         if not len(result.time):
             raise ViewError(f"{result.path}: the result holds no rows to draw")
         self.result = result
-        self.flexbodies = {name: _load(result, name) for name in result.flexbodies}
+        self.flexbodies = {name: result.flexbody(name) for name in result.flexbodies}
         self.model = Model.from_scene_dict(_reduced(result), result.path.parent)
         self.time = self._chosen(time)
         self._poses: dict[str, Pose] = {}
@@ -122,6 +122,22 @@ class Mechanism:
         undeformed = pose.r + surface.points @ pose.A.T
         return undeformed + exaggeration * (u @ pose.A.T), undeformed, np.linalg.norm(u, axis=1)
 
+    def von_mises(self, name: str, layer: str | None) -> Array | None:
+        """(n,) the largest von Mises stress [Pa] over layers and sections at each surface point.
+
+        NaN where the body tells none; None where it has none at all, or none in the layer.
+        """
+        body = self.flexbodies[name]
+        if body.stress is None or body.surface is None:
+            return None
+        rows = body.stress.rows(layer=layer)
+        if not len(rows):
+            return None
+        known, nodes = body.stress.ids[rows], body.surface.node_ids
+        largest = np.full(max(known.max(), nodes.max()) + 1, np.nan)
+        np.fmax.at(largest, known, von_mises(body.stress.at(self.pose(name).eta, rows)))
+        return largest[nodes] if np.isfinite(largest[nodes]).any() else None
+
     def _chosen(self, time: float | None) -> float:
         if time is None and self.model.view.time is not None:
             time = self.result.units.outward(self.model.view.time, "s")
@@ -135,18 +151,6 @@ def _reduced(result: Result) -> dict[str, Any]:
         kept = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
         bodies[name] = {**kept, "flexbody": str(path.resolve())}
     return {**result.model, "bodies": bodies}
-
-
-def _load(result: Result, name: str) -> FlexBody:
-    path = result.flexbodies[name]
-    body = load(path)
-    m = result.layout.body(name).m
-    if body.m != m:
-        raise ViewError(
-            f"{path}: has {body.m} modes, the run was made with {m}; "
-            "run the scene again, or bring back the flexible-body file of the run"
-        )
-    return body
 
 
 def size_of(points: Any) -> float:

@@ -1,14 +1,16 @@
 """Drawing a picture's content with matplotlib, where VTK cannot render.
 
-In: a :class:`Content`, a size in pixels, a file. Out: a PNG of the same content, shaded triangles
-sorted by depth, which names in the picture what to install for the better one.
+In: a :class:`Content`, or several for a grid, a size in pixels, a file. Out: a PNG of the same
+content, shaded triangles sorted by depth, which names in the picture what to install for the better
+one.
 """
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +28,50 @@ _AMBIENT = 0.45  # brightness of a face turned away from the light
 _WARNING = "#a33a00"
 
 
-def draw(content: Content, path: Path, size: tuple[int, int], reason: str) -> None:
-    """Draw `content` into a PNG file of `size` (width, height) pixels; `reason` is shown in it."""
+class _Cell(NamedTuple):
+    """The part of the figure that a panel takes, in shares of it; font sizes follow its height."""
+
+    left: float
+    bottom: float
+    width: float
+    height: float
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the cell in the figure."""
+        return self.left + x * self.width, self.bottom + y * self.height
+
+    def box(self, x: float, y: float, width: float, height: float) -> tuple[float, ...]:
+        """A rectangle of the cell in the figure."""
+        return (*self.at(x, y), width * self.width, height * self.height)
+
+    def font(self, size: float) -> float:
+        """A font size that suits the cell."""
+        return float(max(size * self.height**0.5, 7.0))
+
+
+def draw(
+    panels: Sequence[Content], path: Path, size: tuple[int, int], reason: str, columns: int = 1
+) -> None:
+    """Draw panels, row by row, into a PNG file of `size` pixels; `reason` is shown in it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor=PAPER)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.03, 0.13, 0.84, 0.74))
+    rows = -(-len(panels) // columns)
+    for k, content in enumerate(panels):
+        row, column = divmod(k, columns)
+        cell = _Cell(column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows)
+        _draw_panel(figure, content, cell)
+    told = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
+    figure.text(0.02, 0.02, told, fontsize=8.5, color=_WARNING, va="bottom")
+    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+
+
+def _draw_panel(figure: Any, content: Content, cell: _Cell) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    axes = figure.add_axes(cell.box(0.03, 0.13, 0.84 if content.bar else 0.94, 0.74))
     axes.set_aspect("equal")
     axes.set_axis_off()
     view = _axes_of_view(content)
@@ -47,10 +84,9 @@ def draw(content: Content, path: Path, size: tuple[int, int], reason: str) -> No
     pad = 0.06 * max(high - low)
     axes.set_xlim(low[0] - pad, high[0] + pad)
     axes.set_ylim(low[1] - pad, high[1] + pad)
-    _write_texts(figure, content, reason)
-    if content.scale is not None and content.deformed:
-        _add_scale(figure, content)
-    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+    _write_texts(figure, content, cell)
+    if content.bar:
+        _add_scale(figure, content, cell)
 
 
 def _axes_of_view(content: Content) -> Array:
@@ -77,9 +113,9 @@ def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
         add(solid.triangles.points, solid.triangles.faces, rgba)
     for body in content.deformed:
         rgba = to_rgba(body.color)
-        if content.scale is not None and len(body.faces):
-            share = body.displacement[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
-            rgba = colormaps[COLORMAP](share)
+        if content.scale is not None and body.values is not None and len(body.faces):
+            share = body.values[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
+            rgba = colormaps[COLORMAP].with_extremes(bad=to_rgba(body.color))(share)
         add(body.points, body.faces, rgba)
     for center in content.joints:
         ball = sphere(content.joint_radius, center)
@@ -109,10 +145,16 @@ def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
         drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))
         if len(body.lines):
             color: Any = body.color
-            if content.scale is not None:
-                share = body.displacement[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
+            if content.scale is not None and body.values is not None:
+                share = body.values[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
                 color = colormaps[COLORMAP](share)
-            drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
+            drawn.append(
+                (
+                    (body.points @ view.T)[body.lines][:, :, :2],
+                    color,
+                    1.2 if len(body.faces) else 4.0,
+                )
+            )
     return drawn
 
 
@@ -132,19 +174,20 @@ def _outline(points: Array, faces: NDArray[np.int64], lines: NDArray[np.int64]) 
     return edges[twin[cosine < np.cos(np.radians(35.0))]]
 
 
-def _write_texts(figure: Any, content: Content, reason: str) -> None:
-    figure.text(0.02, 0.955, content.title, fontsize=13, color=INK, va="center")
-    figure.text(0.02, 0.91, content.caption, fontsize=10, color=INK, va="center")
-    lines = [*content.notes, *textwrap.wrap(f"Simple picture: {reason}", 150)]
-    figure.text(0.02, 0.02, "\n".join(lines), fontsize=8.5, color=_WARNING, va="bottom")
+def _write_texts(figure: Any, content: Content, cell: _Cell) -> None:
+    place: dict[str, Any] = {"color": INK, "va": "center"}
+    figure.text(*cell.at(0.02, 0.955), content.title, fontsize=cell.font(13), **place)
+    figure.text(*cell.at(0.02, 0.905), content.caption, fontsize=cell.font(10), **place)
+    notes = "\n".join(content.notes)
+    figure.text(*cell.at(0.02, 0.07), notes, fontsize=cell.font(8.5), color=INK, va="bottom")
 
 
-def _add_scale(figure: Any, content: Content) -> None:
+def _add_scale(figure: Any, content: Content, cell: _Cell) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     assert content.scale is not None
     mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
-    bar = figure.colorbar(mapped, cax=figure.add_axes((0.9, 0.2, 0.018, 0.6)))
-    bar.set_label(f"displacement [{content.scale.unit}]", color=INK)
+    bar = figure.colorbar(mapped, cax=figure.add_axes(cell.box(0.9, 0.2, 0.018, 0.6)))
+    bar.set_label(content.scale.label, color=INK)
     bar.outline.set_visible(False)

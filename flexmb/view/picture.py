@@ -6,16 +6,18 @@ where it renders, else by matplotlib, which then says so in the picture and name
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from flexmb.errors import ViewError
+from flexmb.errors import Problem, ViewError, nearest
 from flexmb.results import Result
 from flexmb.view import backend
+from flexmb.view.content import Content
 from flexmb.view.files import writable_file
 
-__all__ = ["COLORS", "render"]
+__all__ = ["COLORS", "check_exaggeration", "check_size", "draw_panels", "render"]
 
-COLORS = ("displacement", "body")
+COLORS = ("displacement", "von_mises", "body")
 _LEAST_PIXELS = 64
 
 
@@ -25,6 +27,7 @@ def render(
     *,
     exaggeration: float | str | None = None,
     color: str = "displacement",
+    layer: str | None = None,
     direction: tuple[float, float, float] | None = None,
     size: tuple[int, int] | None = None,
     output: str | Path = "picture.png",
@@ -42,7 +45,9 @@ def render(
         The factor is written in the picture.
     color : str
         ``"displacement"`` colours flexible bodies by the magnitude of their displacement relative
-        to the body frame; ``"body"`` gives every body its own colour.
+        to the body frame, ``"von_mises"`` by their stress, ``"body"`` gives every body its own.
+    layer : str, optional
+        The layer whose stress is shown, such as ``"top"``; by default the largest of all layers.
     direction : three floats, optional
         From the scene towards the eye, global axes; along the joint axes if the scene does not say.
     size : two ints, optional
@@ -72,32 +77,66 @@ def render(
     mechanism = Mechanism(run, time)
     view = mechanism.model.view
     pixels = size or view.size
-    _check(color, exaggeration, pixels)
+    _check(color, exaggeration, layer)
+    check_size(pixels)
     content = compose(
         mechanism,
         exaggeration=view.exaggeration if exaggeration is None else exaggeration,
         color=color,
+        layer=layer,
         direction=direction,
     )
+    draw_panels([content], path, pixels)
+    return path
+
+
+def draw_panels(
+    panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int = 1
+) -> None:
+    """Draw panels, row by row, with VTK where it renders, else with matplotlib."""
     verdict = backend.probe()
     if verdict.works:
         backend.use(verdict)
         from flexmb.view import vtk_picture
 
-        vtk_picture.draw(content, path, pixels)
+        vtk_picture.draw(panels, path, size, columns)
     else:
         from flexmb.view import mpl_picture
 
-        mpl_picture.draw(content, path, pixels, f"{verdict.how}; {verdict.advice}")
-    return path
+        mpl_picture.draw(panels, path, size, f"{verdict.how}; {verdict.advice}", columns)
 
 
-def _check(color: str, exaggeration: float | str | None, size: tuple[int, int]) -> None:
+def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
     if color not in COLORS:
-        raise ViewError(f'unknown color "{color}"; allowed: {", ".join(COLORS)}')
+        raise ViewError.from_problems(
+            [Problem("", f'unknown color "{color}"', COLORS, nearest(color, COLORS))]
+        )
+    if layer is not None and color != "von_mises":
+        raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
+    check_exaggeration(exaggeration)
+
+
+def check_exaggeration(exaggeration: float | str | None) -> None:
+    """Refuse factors that cannot be.
+
+    Raises
+    ------
+    ViewError
+        Neither a number of at least 0 nor ``"auto"``.
+    """
     if isinstance(exaggeration, str) and exaggeration != "auto":
         raise ViewError(f'exaggeration "{exaggeration}" is neither a number nor "auto"')
     if isinstance(exaggeration, int | float) and not 0 <= exaggeration < float("inf"):
         raise ViewError(f"exaggeration {exaggeration} must be a number of at least 0")
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Refuse pictures that show nothing.
+
+    Raises
+    ------
+    ViewError
+        Fewer than 64 pixels either way.
+    """
     if min(size) < _LEAST_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")

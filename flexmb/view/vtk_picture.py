@@ -1,11 +1,13 @@
 """Drawing a picture's content with VTK, off-screen.
 
-In: a :class:`Content`, a size in pixels, a file. Out: the PNG. Light background, parallel
-projection, view fitted to what is drawn, one colour scale for all flexible bodies.
+In: a :class:`Content`, or several for a grid, a size in pixels, a file. Out: the PNG. Light
+background, parallel projection, view fitted to what is drawn, one colour scale for all flexible
+bodies of a panel.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,26 +26,40 @@ _BAR = 0.10  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
 
 
-def draw(content: Content, path: Path, size: tuple[int, int]) -> None:
-    """Render `content` into a PNG file of `size` (width, height) pixels."""
+def draw(panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int = 1) -> None:
+    """Render panels, row by row, into a PNG file of `size` (width, height) pixels."""
     import pyvista
 
-    plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="light kit")
+    rows = -(-len(panels) // columns)
+    cell = (size[0] // columns, size[1] // rows)
+    plotter = pyvista.Plotter(
+        off_screen=True,
+        window_size=list(size),
+        lighting="light kit",
+        shape=(rows, columns),
+        border=False,
+    )
     try:
         plotter.set_background(PAPER)
-        plotter.enable_anti_aliasing("ssaa")
-        plotter.enable_depth_peeling(8)
-        for solid in content.solids:
-            _add_solid(plotter, solid)
-        for body in content.deformed:
-            _add_deformed(plotter, body, content)
-        if len(content.joints):
-            _add_joints(plotter, content)
-        _add_texts(plotter, content, size)
-        _aim(plotter, content, size)
+        for k, content in enumerate(panels):
+            plotter.subplot(*divmod(k, columns))
+            _draw_panel(plotter, content, cell)
         plotter.screenshot(str(path))
     finally:
         plotter.close()
+
+
+def _draw_panel(plotter: Any, content: Content, size: tuple[int, int]) -> None:
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.enable_depth_peeling(8)
+    for solid in content.solids:
+        _add_solid(plotter, solid)
+    for body in content.deformed:
+        _add_deformed(plotter, body, content)
+    if len(content.joints):
+        _add_joints(plotter, content)
+    _add_texts(plotter, content, size)
+    _aim(plotter, content, size)
 
 
 def _mesh(points: Any, faces: Any, lines: Any = None) -> Any:
@@ -77,11 +93,12 @@ def _add_solid(plotter: Any, solid: Solid) -> None:
 def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
     mesh = _mesh(body.points, body.faces, body.lines)
     look: dict[str, Any] = {"color": body.color}
-    if content.scale is not None:
-        mesh["displacement"] = body.displacement * content.scale.factor
+    if content.scale is not None and body.values is not None:
+        mesh["values"] = body.values * content.scale.factor
         look = {
-            "scalars": "displacement",
+            "scalars": "values",
             "cmap": COLORMAP,
+            "nan_color": body.color,
             "clim": (0.0, content.scale.top or 1.0),
             "show_scalar_bar": False,
         }
@@ -90,7 +107,7 @@ def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
         smooth_shading=True,
         split_sharp_edges=len(body.faces) > 0,
         feature_angle=_FEATURE_DEGREES,
-        line_width=6,
+        line_width=2 if len(body.faces) else 6,
         **_LIGHT,
         **look,
     )
@@ -124,9 +141,9 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     if content.notes:
         text = "\n".join(content.notes)
         plotter.add_text(text, position=(0.02, 0.02), font_size=0.72 * small, **place)
-    if content.scale is not None and content.deformed:
+    if content.scale is not None and content.bar:
         plotter.add_scalar_bar(
-            title=f"displacement [{content.scale.unit}]\n",
+            title=f"{content.scale.label}\n",
             mapper=_colored_mapper(plotter),
             vertical=True,
             position_x=0.885,
@@ -162,7 +179,7 @@ def _aim(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     low, high = np.array([s.min() for s in spans]), np.array([s.max() for s in spans])
     width, height, depth = high - low
     reach = max(width + height + depth, 1e-9)
-    bar = _BAR if content.scale is not None else 0.0
+    bar = _BAR if content.bar else 0.0
     needed = max(height / _ROOM[1], width * size[1] / size[0] / (_ROOM[0] - bar), 0.02 * reach)
     scale = 0.5 * _MARGIN * needed  # half of the height shown
     middle = 0.5 * (low + high)

@@ -3,10 +3,11 @@
 The command line and the Python API use the same functions.
 """
 
-from flexmb.workflow.bodies import flexible_bodies, reduce_mesh
+from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
 from flexmb.workflow.place import output_folder
+from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import run_model, run_scene, simulate
@@ -18,6 +19,8 @@ __all__ = [
     "CheckOutcome",
     "CheckReport",
     "Listing",
+    "Reduced",
+    "ReducedScene",
     "RunReport",
     "Warmed",
     "check_scene",
@@ -26,6 +29,7 @@ __all__ = [
     "new_scene",
     "output_folder",
     "reduce_mesh",
+    "reduce_scene",
     "resume",
     "resume_run",
     "run_model",

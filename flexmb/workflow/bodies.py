@@ -6,7 +6,7 @@ A mistake in one body does not hide those of the others: all are told, each unde
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,43 +28,38 @@ if TYPE_CHECKING:
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["flexible_bodies", "reduce_mesh", "surveyed_bodies"]
+__all__ = ["flexible_bodies", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
-def reduce_mesh(
-    mesh: str | Path,
-    *,
-    material: Any,
-    interfaces: Mapping[str, str] | None = None,
-    sections: Mapping[str, Any] | None = None,
-    output: str | Path | None = None,
-    progress: Progress = silent,
-    **options: Any,
-) -> tuple[FlexBody, Path]:
-    """Reduce a mesh to a flexible body and save it (`<mesh>.flexbody.h5` by default)."""
-    from flexmb import fe
-    from flexmb.flexbody import save
-
-    body = fe.reduce(
-        mesh,
-        material=material,
-        interfaces=interfaces or {},
-        sections=sections or None,
-        progress=progress,
-        **options,
-    )
-    path = Path(output) if output is not None else Path(f"{Path(mesh).stem}.flexbody.h5")
-    return body, save(body, path)
-
-
 def flexible_bodies(
-    model: Model, folder: Path, *, fresh: bool = False, progress: Progress = silent
+    model: Model,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    only: Collection[str] | None = None,
+    inspect: Callable[..., None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:
     """The reduced bodies of a model by name, their files in `folder`, and notes for the user.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    folder : Path
+        Where the files are, and go.
+    fresh : bool
+        Reduce meshes anew even if an equal reduction is there.
+    only : collection of str, optional
+        Bodies to take; all by default.
+    inspect : callable, optional
+        Called with all that a reduction makes, as `flexmb.reduce` does; meshes are reduced anew.
+    progress : Progress
+        Told every phase.
 
     Raises
     ------
@@ -81,11 +76,15 @@ def flexible_bodies(
     errors: list[tuple[str, FlexmbError]] = []
 
     names = _file_names(model.bodies)
-    for name, spec in model.bodies.items():
+    taken = {name: spec for name, spec in model.bodies.items() if only is None or name in only}
+    for name, spec in taken.items():
         file = folder / names[name]
         try:
             if isinstance(spec, MeshBodySpec):
-                bodies[name] = _reduced(model, name, spec, file, fresh, notes, progress)
+                known = None if fresh or inspect else _reused(model, name, spec, file, notes)
+                bodies[name] = known or _reduced(model, name, spec, inspect, notes, progress)
+                if known is None:
+                    save(bodies[name], file)
             elif isinstance(spec, FlexbodySpec):
                 bodies[name] = _held(model, spec)
                 save(bodies[name], file)
@@ -181,32 +180,41 @@ def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[s
     return spec.mesh.model_dump(exclude_none=True), options
 
 
+def _reused(
+    model: Model, name: str, spec: MeshBodySpec, file: Path, notes: list[str]
+) -> FlexBody | None:
+    """The body in the file, if it was made from the same input."""
+    from flexmb import fe
+    from flexmb.flexbody import load
+
+    if not file.exists():
+        return None
+    try:
+        body = load(file)
+    except BodyFileError:
+        return None  # of another version, or cut off: made anew
+    mesh, options = _reduction(model, name, spec)
+    if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+        return None
+    notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
+    notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
+    return body
+
+
 def _reduced(
     model: Model,
     name: str,
-    spec: Any,
-    file: Path,
-    fresh: bool,
+    spec: MeshBodySpec,
+    inspect: Callable[..., None] | None,
     notes: list[str],
     progress: Progress,
 ) -> FlexBody:
-    """The body of a mesh, reused if its file was made from the same input."""
+    """The body of a mesh, reduced."""
     from flexmb import fe
-    from flexmb.flexbody import load, save
 
     mesh, options = _reduction(model, name, spec)
-    if not fresh and file.exists():
-        try:
-            body = load(file)
-        except BodyFileError:
-            body = None  # of another version, or cut off: made anew
-        if body is not None and body.provenance.get("key") == fe.reduction_key(mesh, **options):
-            notes.append(f"{name}: reduction reused from {file} (--fresh makes it anew)")
-            notes += [f"{name}: {told}" for told in body.provenance["warnings"].splitlines()]
-            return body
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
-        body = fe.reduce(mesh, **options, progress=progress)
+        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
     notes += [f"{name}: {entry.message}" for entry in caught]
-    save(body, file)
     return body

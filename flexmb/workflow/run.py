@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import copy
-import tempfile
 import time
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import FlexmbWarning, OutputError, SceneError, SolverError
+from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.progress import Progress, silent
 from flexmb.workflow.begin import beginning
 from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.finish import finish
 from flexmb.workflow.origin import ORIGIN, origin_text
-from flexmb.workflow.place import output_folder
+from flexmb.workflow.place import output_folder, writable_folder
 from flexmb.workflow.reports import RunReport
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def run_model(
     model.validate()
     if model.dynamics is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
-    folder = _writable(Path(output))
+    folder = writable_folder(Path(output))
     started = time.perf_counter()
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
@@ -179,14 +178,3 @@ def simulate(
     for note in [*report.notes, *failed]:
         warnings.warn(note, FlexmbWarning, stacklevel=2)
     return Result(report.result)
-
-
-def _writable(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError as error:
-        files = [path for path in (folder, *folder.parents) if path.is_file()]
-        why = f"{files[0]} is a file" if files else error.strerror
-        raise OutputError(f"cannot write to the output folder {folder}: {why}") from None

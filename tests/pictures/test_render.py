@@ -11,24 +11,12 @@ import slidercrank
 
 from flexmb.errors import ViewError
 from flexmb.results import Result
-from flexmb.view import backend, render
-
-NO_VTK = backend.Verdict(False, "", "VTK cannot render here: a library is missing", "install it")
+from flexmb.view import render
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return Result(slidercrank.make(tmp_path_factory.mktemp("run")))
-
-
-@pytest.fixture(params=["vtk", "matplotlib"])
-def drawn_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Both ways of drawing; VTK is left out where it does not work."""
-    if request.param == "matplotlib":
-        monkeypatch.setattr(backend, "probe", lambda fresh=False: NO_VTK)
-    elif not backend.probe().works:
-        pytest.skip("VTK does not render on this machine")
-    return request.param
 
 
 def _pixels(path: Path) -> np.ndarray:
@@ -60,8 +48,7 @@ def test_time_and_exaggeration_change_the_picture(result, tmp_path: Path, drawn_
     assert (_drawn(first) != _drawn(plain)).mean() > 0.005
 
 
-def test_the_simple_picture_says_what_is_missing(result, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(backend, "probe", lambda fresh=False: NO_VTK)
+def test_the_simple_picture_says_what_is_missing(result, tmp_path: Path, without_vtk) -> None:
     picture = _pixels(render(result, output=tmp_path / "a.png", size=(800, 450)))
     assert _drawn(picture)[-30:].mean() > 0.005
 

@@ -12,6 +12,7 @@ import numpy as np
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.meshes.skin import skin_lines, skin_triangles
+from flexmb.fe.recovery.beams import extruded_beams
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.parts import NodeModes, Surface
 from flexmb.progress import Progress, silent
@@ -52,16 +53,20 @@ def node_modes(
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:
-    """The skin of the body and the motion of its points per unit modal coordinate."""
+    """The skin of the body and the motion of its points per unit modal coordinate.
+
+    Mesh nodes first, then the corners of the beams' sections.
+    """
     triangles, lines = skin_triangles(fe.blocks, fe.mesh.points), skin_lines(fe.blocks)
     used = np.union1d(triangles, lines)
     rows = np.searchsorted(nodes.ids, used)
+    beams = extruded_beams(fe, nodes)
     return Surface(
-        fe.mesh.points[used],
-        np.searchsorted(used, triangles),
+        np.concatenate([fe.mesh.points[used], beams.points]),
+        np.concatenate([np.searchsorted(used, triangles), beams.faces + len(used)]),
         np.searchsorted(used, lines),
-        nodes.Phi_t[rows],
-        used,
+        np.concatenate([nodes.Phi_t[rows], beams.modes]),
+        np.concatenate([used, beams.node_ids]),
     )
 
 

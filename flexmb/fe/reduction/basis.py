@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.assembly.numbering import skew
 from flexmb.fe.interfaces.make import ModelInterface
 from flexmb.fe.reduction.planar import Mirror
@@ -46,6 +47,8 @@ class ReducedBasis:
         ``"free"``, ``"attachment"``, ``"load"`` or ``"user"``.
     directions : tuple of int
         Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
+    loads : tuple of LoadPattern
+        Loads the body shall know.
     """
 
     basis: FloatArray
@@ -57,6 +60,7 @@ class ReducedBasis:
     labels: tuple[str, ...]
     kinds: tuple[str, ...]
     directions: tuple[int, ...] = SPATIAL
+    loads: tuple[LoadPattern, ...] = ()
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

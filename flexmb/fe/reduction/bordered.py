@@ -15,6 +15,7 @@ from scipy.linalg import lu_factor, lu_solve, qr
 from scipy.sparse import csr_array
 
 from flexmb.fe.solver.linear_solver import Factor, factor
+from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress
 
@@ -35,7 +36,12 @@ class Bordered:
     points : (n, 3) float
         Place of each degree of freedom [m].
     progress : Progress
-        Told the phase ``"factor"``.
+        Told the phases ``"order"`` and ``"factor"``.
+
+    Raises
+    ------
+    SingularMatrix
+        A part moves freely; ``dofs`` are its rows of K.
     """
 
     def __init__(
@@ -44,12 +50,14 @@ class Bordered:
         self._W, self._n = W, K.shape[0]
         held = determinate(R) if R.shape[1] else np.zeros(0, dtype=int)
         self._left = np.setdiff1d(np.arange(self._n), held)
-        progress("factor", 0.0, f"{len(self._left)} unknowns")
         self._factor: Factor | None = None
         if len(self._left):
-            part = K if not len(held) else K[self._left][:, self._left]
-            self._factor = factor(part)
-        progress("factor", 1.0)
+            part = K if not len(held) else csr_array(K[self._left][:, self._left])
+            try:
+                self._factor = factor(part, points[self._left], progress)
+            except SingularMatrix as error:
+                error.dofs = self._left[error.dofs]
+                raise
         self._R = R
         self._border()
 
@@ -84,6 +92,8 @@ class Bordered:
         self._small = lu_factor(scale[:, None] * small * scale)
 
     def _plain(self, f: FloatArray) -> FloatArray:
+        if self._factor is not None and len(self._left) == self._n:
+            return self._factor.solve(f)
         u = np.zeros_like(f)
         if self._factor is not None:
             u[self._left] = self._factor.solve(f[self._left])

@@ -64,11 +64,11 @@ def craig_bampton(
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
-        Those with ``residual`` add their static responses.
+        Loads of the body; those with ``residual`` add their static responses.
 
     Raises
     ------
@@ -102,6 +102,7 @@ def craig_bampton(
         ),
         ("constraint",) * c + ("fixed-interface",) * len(omega2) + ("load",) * len(stiff),
         directions,
+        loads,
     )
 
 

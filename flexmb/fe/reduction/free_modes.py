@@ -26,10 +26,11 @@ from flexmb.fe.reduction.planar import Mirror, symmetric_modes
 from flexmb.fe.reduction.relief import Relief
 from flexmb.fe.reduction.residual import load_columns, residual_vectors
 from flexmb.fe.solver.linear_solver import factor
+from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
-__all__ = ["free_modes", "relieved_inverse"]
+__all__ = ["free_modes", "lowest_free", "relieved_inverse"]
 
 _DENSE = 300
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
@@ -57,11 +58,11 @@ def free_modes(
     modes : int, mapping or ModeChoice
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
-        Those with ``residual`` add their static responses.
+        Loads of the body; those with ``residual`` add their static responses.
 
     Raises
     ------
@@ -86,9 +87,8 @@ def free_modes(
     F = load_columns(fe, loads)
     responses = relief.fields(inverse(F)) if F.shape[1] else F
     progress("modes", 1.0)
-    return free_basis(
-        fe, (), directions, (omega2, V), residual_vectors(fe, responses, V), kind="load"
-    )
+    residual = residual_vectors(fe, responses, V)
+    return free_basis(fe, (), directions, (omega2, V), residual, loads)
 
 
 def relieved_inverse(
@@ -96,13 +96,10 @@ def relieved_inverse(
 ) -> Callable[[FloatArray], FloatArray]:
     """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
     left = np.setdiff1d(np.arange(fe.numbering.n), determinate(fe.rigid))
-    progress("factor", 0.0, f"{len(left)} unknowns")
-    K = fe.K[left][:, left]
     try:
-        inner = factor(K)
-    except ReductionError as error:
-        raise ReductionError(loose_part(fe, K, left, error)) from error
-    progress("factor", 1.0)
+        inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
+    except SingularMatrix as error:
+        raise ReductionError(loose_part(fe, left[error.dofs])) from error
 
     def inverse(f: FloatArray) -> FloatArray:
         u = np.zeros_like(f)
@@ -122,7 +119,7 @@ def _chosen(
     limit = fe.numbering.n - 6
     count = _FIRST if choice.count is None else choice.count
     while True:
-        omega2, V = _lowest(fe, inverse, count, mirror, progress)
+        omega2, V = lowest_free(fe, inverse, count, mirror, progress)
         complete = len(omega2) < count or count >= limit
         if choice.count is not None:
             if choice.count > len(omega2):
@@ -136,13 +133,14 @@ def _chosen(
         count *= 2
 
 
-def _lowest(
+def lowest_free(
     fe: FEMatrices,
     inverse: Callable[[FloatArray], FloatArray],
     count: int,
     mirror: Mirror | None,
     progress: Progress,
 ) -> Modes:
+    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
     n, limit = fe.numbering.n, fe.numbering.n - 6
     if count == 0:
         return np.zeros(0), np.zeros((n, 0))

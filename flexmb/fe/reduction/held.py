@@ -23,6 +23,7 @@ from flexmb.fe.reduction.bordered import Bordered
 from flexmb.fe.reduction.eigen import dense_modes, lowest_modes, start_vector
 from flexmb.fe.reduction.loose import loose_part
 from flexmb.fe.reduction.mass import held_mass_solve
+from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -43,7 +44,7 @@ class Held:
     directions : tuple of int
         Motions of an interface that exist, of six; the others are held for good.
     progress : Progress
-        Told the phase ``"factor"``.
+        Told the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -72,8 +73,8 @@ class Held:
         points = fe.dof_points[self.dofs]
         try:
             self._bordered = Bordered(self._K, self._W, R, points, progress)
-        except ReductionError as error:
-            raise ReductionError(loose_part(fe, self._K, self.dofs, error)) from error
+        except SingularMatrix as error:
+            raise ReductionError(loose_part(fe, self.dofs[error.dofs])) from error
         self._motion = self._interface_motion()
         self.modes = self._constraint_modes(csr_array(K_i[:, self._b]))
         K = self.modes.T @ (fe.K @ self.modes)

@@ -5,6 +5,7 @@ In: a finite-element model, its interfaces, a method and its modes. Out: a :clas
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from flexmb.errors import Problem, ReductionError, nearest
@@ -12,6 +13,7 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.interfaces.make import ModelInterface
 from flexmb.fe.reduction.basis import ReducedBasis
+from flexmb.fe.reduction.choice import mode_choice
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
 from flexmb.fe.reduction.free_interface import free_interface
 from flexmb.fe.reduction.free_modes import free_modes
@@ -19,7 +21,7 @@ from flexmb.fe.reduction.planar import Mirror
 from flexmb.fe.reduction.user import user_modes
 from flexmb.progress import Progress, silent
 
-__all__ = ["METHODS", "reduce_model"]
+__all__ = ["METHODS", "asked_modes", "reduce_model"]
 
 
 class Method(Protocol):
@@ -45,6 +47,26 @@ METHODS: dict[str, Method] = {
 """Methods by name."""
 
 _DEFAULT_MODES = {"craig-bampton": 20, "free-interface": 20, "guyan": 0}
+
+
+def asked_modes(method: str, modes: Any) -> Any:
+    """What a method is asked for: the modes that are given, or its default.
+
+    Raises
+    ------
+    ReductionError
+        An unknown method, a choice that cannot be, or user modes that are not given.
+    """
+    if method not in METHODS:
+        names = tuple(METHODS)
+        problem = Problem("reduction", f'unknown "{method}"', names, nearest(str(method), names))
+        raise ReductionError.from_problems([problem])
+    if method == "user":
+        if modes is None or isinstance(modes, int | float | Mapping):
+            what = 'reduction = "user" takes modes = an array, or the path of an .npz file'
+            raise ReductionError.from_problems([Problem("modes", f"{what}, given {modes!r}")])
+        return modes
+    return mode_choice(_DEFAULT_MODES[method] if modes is None else modes)
 
 
 def reduce_model(
@@ -80,15 +102,7 @@ def reduce_model(
         An unknown method, a static reduction without interfaces, user modes that are not given,
         or what the method refuses.
     """
-    if method not in METHODS:
-        names = tuple(METHODS)
-        problem = Problem("reduction", f'unknown "{method}"', names, nearest(str(method), names))
-        raise ReductionError.from_problems([problem])
-    if method == "user" and (modes is None or isinstance(modes, int | dict)):
-        what = 'reduction = "user" takes modes = an array, or the path of an .npz file'
-        raise ReductionError.from_problems([Problem("modes", f"{what}, given {modes!r}")])
-    if modes is None:
-        modes = _DEFAULT_MODES[method]
+    modes = asked_modes(method, modes)
     if interfaces or method == "user":
         return METHODS[method](fe, interfaces, modes, progress, mirror, loads)
     if method == "guyan":

@@ -88,7 +88,7 @@ def user_modes(
     mirror : Mirror, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
-        None with ``residual``: residual vectors come with the other methods.
+        Loads of the body, none with ``residual``: such vectors come with the other methods.
 
     Raises
     ------
@@ -120,15 +120,16 @@ def user_modes(
     kinds = ("rigid",) * r + ("user",) * (k - r)
     K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
     return ReducedBasis(
-        basis, K, M, np.eye(k)[:, :r], motion, interfaces, labels, kinds, directions
+        basis, K, M, np.eye(k)[:, :r], motion, interfaces, labels, kinds, directions, loads
     )
 
 
 def _from_file(path: Path) -> Any:
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            if not isinstance(stored, np.lib.npyio.NpzFile):
-                raise ReductionError(f"modes: {path} is no .npz file: write it with numpy.savez")
+        stored = np.load(path, allow_pickle=False)
+        if isinstance(stored, np.ndarray):
+            raise ReductionError(f"modes: {path} is no .npz file: write it with numpy.savez")
+        with stored:
             names = tuple(stored.files)
             name = "modes" if "modes" in names or len(names) != 1 else names[0]
             if name not in names:
@@ -137,7 +138,7 @@ def _from_file(path: Path) -> Any:
             return stored[name]
     except OSError as error:
         raise ReductionError(f"modes: {path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, zipfile.BadZipFile, AttributeError) as error:
+    except (EOFError, ValueError, zipfile.BadZipFile) as error:
         raise ReductionError(f"modes: {path} is no .npz file of arrays of numbers") from error
 
 

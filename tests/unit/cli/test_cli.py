@@ -31,7 +31,7 @@ class Outcome:
     source: str = "both links in line"
 
     def place(self, unit: str) -> str:
-        return f"{self.sensor} at t = {self.time:g} {unit}"
+        return self.sensor if self.time is None else f"{self.sensor} at t = {self.time:g} {unit}"
 
 
 @dataclass
@@ -52,6 +52,7 @@ class Workflow(types.ModuleType):
         self.report = Report(result, {"rod": result.parent / "rod.flexbody.h5"})
         self.called: dict[str, Any] = {}
         self.failure: BaseException | None = None
+        self.passed = True
 
     def _call(self, *given: Any, **named: Any) -> None:
         self.called = {"given": given, **named}
@@ -67,7 +68,15 @@ class Workflow(types.ModuleType):
 
     def reduce_mesh(self, *given: Any, **named: Any) -> Any:
         self._call(*given, **named)
-        return rigid_body(2.0, inertia=1.0, name="rod"), Path("rod.flexbody.h5")
+        body = rigid_body(2.0, inertia=1.0, name="rod")
+        return types.SimpleNamespace(body=body, path=Path("rod.flexbody.h5"), report=None)
+
+    def reduce_scene(self, *given: Any, **named: Any) -> Any:
+        self._call(*given, **named)
+        body = rigid_body(2.0, inertia=1.0, name="rod")
+        one = types.SimpleNamespace(body=body, path=Path("out/rod.flexbody.h5"), report=None)
+        checks = [Outcome(passed=self.passed, sensor="frequency 1 of rod, free", time=None)]
+        return types.SimpleNamespace(bodies=(one,), notes=["reused"], checks=checks)
 
     def check_scene(self, *given: Any, **named: Any) -> Any:
         self._call(*given, **named)
@@ -187,9 +196,43 @@ def test_reduce_reads_tables_as_in_a_scene(workflow: Workflow) -> None:
     assert called["material"] == {"E": 70e9, "nu": 0.3, "density": 2700}
     assert called["interfaces"] == {"a": "bore_a", "b": "bore_b"}
     assert called["sections"] == {"all": {"type": "circle", "radius": 0.01}}
-    assert (called["modes"], called["damping"], called["units"]) == (5, 0.0, "mm-t-s")
+    assert (called["modes"], called["units"]) == (5, "mm-t-s")
+    assert "damping" not in called  # left to the library
     assert "2 kg" in done.stdout
     assert "written: rod.flexbody.h5" in done.stdout
+
+
+def test_reduce_takes_a_scene(workflow: Workflow) -> None:
+    done = call("reduce", "a.toml", "--body", "rod", "--set", "r=1", "--up-to", "500", "-o", "out")
+    assert done.exit_code == 0, done.output
+    workflow.called.pop("progress")
+    assert workflow.called == {
+        "given": (Path("a.toml"),),
+        "body": "rod",
+        "overrides": {"r": "1"},
+        "output": Path("out"),
+        "report": True,
+        "up_to": 500.0,
+    }
+    for shown in ("flexible body rod", "note: reused", "frequency 1 of rod", "out/rod.flexbody.h5"):
+        assert shown in done.stdout
+    workflow.passed = False
+    assert call("reduce", "a.toml").exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("a.toml", "--material", "steel"), "a scene says it itself"),
+        (("a.toml", "--modes", "5"), "a scene says it itself"),
+        (("a.msh", "--material", "steel", "--body", "rod"), "belongs to a scene"),
+        (("a.msh",), "is needed with a mesh file"),
+    ],
+)
+def test_reduce_refuses_options_of_the_other_kind(workflow, words, sentence) -> None:
+    done = call("reduce", *words)
+    assert done.exit_code == 2
+    assert sentence in " ".join(done.stderr.split())
 
 
 def test_check_shows_counts(workflow: Workflow) -> None:
@@ -225,7 +268,7 @@ def test_a_file_that_is_neither_result_nor_body_is_named(tmp_path: Path) -> None
     assert done.exit_code == 2
     assert "not an HDF5 file" in done.stderr
     save(rigid_body(1.0, inertia=1.0), tmp_path / "b.flexbody.h5")
-    assert 'a "flexmb-flexbody" file' in call("render", str(tmp_path / "b.flexbody.h5")).stderr
+    assert "no modes to draw" in call("render", str(tmp_path / "b.flexbody.h5")).stderr
 
 
 def test_help_and_version() -> None:

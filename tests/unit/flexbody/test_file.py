@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import h5py
 import numpy as np
 import pytest
 from femeshes import block, line
 
-from flexmb.errors import BodyFileError, OutputError
+from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
-from flexmb.flexbody import load, rigid_body, save
+from flexmb.flexbody import LoadVector, SectionForceModes, StressModes, load, rigid_body, save
 from flexmb.flexbody.schema import RESERVED, TABLE
 
 ENDS = {"left": "x0", "right": "x1"}
@@ -23,7 +23,14 @@ def solid():
 
 def beam():
     sections = {"all": rectangle(0.02, 0.03)}
-    return reduce(line(3), material="steel", interfaces={"a": "root"}, sections=sections, modes=3)
+    ends = {"a": "root", "b": "tip"}
+    return reduce(line(3), material="steel", interfaces=ends, sections=sections, modes=0)
+
+
+def loaded():
+    """A beam with everything that a body can hold."""
+    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(6.0))
+    return replace(beam(), loads=(push, replace(push, name="pull")))
 
 
 def plain():
@@ -47,7 +54,7 @@ def assert_same(one, two):
         assert one == two or (hasattr(one, "items") and dict(one) == dict(two))
 
 
-@pytest.mark.parametrize("make", [solid, beam, plain])
+@pytest.mark.parametrize("make", [solid, beam, loaded, plain])
 def test_what_is_written_is_read(make, tmp_path):
     body = make()
     path = save(body, tmp_path / "one.flexbody.h5")
@@ -56,14 +63,14 @@ def test_what_is_written_is_read(make, tmp_path):
 
 
 def test_writing_what_was_read_gives_the_same_bytes(tmp_path):
-    one = save(solid(), tmp_path / "one.h5")
+    one = save(loaded(), tmp_path / "one.h5")
     two = save(load(one), tmp_path / "two.h5")
     assert one.read_bytes() == two.read_bytes()
 
 
 def test_every_dataset_of_the_table_is_in_the_file_and_no_other(tmp_path):
     found = []
-    with h5py.File(save(solid(), tmp_path / "one.h5")) as file:
+    with h5py.File(save(loaded(), tmp_path / "one.h5")) as file:
         file.visititems(lambda name, item: found.append(name) if hasattr(item, "shape") else None)
         assert all(file[name].attrs["content"] == "none" for name in RESERVED)
         assert file["frame"].attrs["choice"] == "mean-axis"
@@ -90,12 +97,17 @@ def put(path, value):
     [
         (lambda f: f.attrs.update(format="other"), "not a flexible body of flexmb"),
         (lambda f: f.attrs.pop("format"), "not a flexible body of flexmb"),
-        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 1"),
+        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 2"),
         (lambda f: f.attrs.pop("mass"), "is damaged"),
         (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
         (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
         (lambda f: f.__delitem__("frame"), "does not know .frame None"),
-        (lambda f: f["stress_recovery"].attrs.update(content="von Mises"), "stress_recovery"),
+        (lambda f: f["geometric_stiffness"].attrs.update(content="full"), "geometric_stiffness"),
+        (lambda f: f.pop("stress_recovery/layers"), "the body inside is not valid"),
+        (put("stress_recovery/part", np.full(42, 3)), "part: points outside the 1 names of parts"),
+        (put("stress_recovery/ids", np.arange(42)[::-1]), "ids: must be ascending"),
+        (put("stress_recovery/modes", np.full((42, 6, 10), np.nan)), "entries that are not finite"),
+        (put("stress_recovery/modes", np.zeros((42, 6, 4))), "stress_recovery/modes has shape"),
         (put("inertia/S1", [0.0, np.nan, 0.0]), "inertia/S1 has entries that are not finite"),
         (put("inertia/S1", [0.0, 0.0]), r"inertia/S1 has shape \(2,\), not \(3,\)"),
         (put("stiffness/D", np.zeros((3, 3))), "stiffness/D has shape"),
@@ -130,3 +142,30 @@ def test_a_truncated_file_is_refused(tmp_path, share):
 def test_a_folder_that_is_not_there(tmp_path):
     with pytest.raises(OutputError, match="cannot write the flexible body"):
         save(plain(), tmp_path / "nowhere" / "a.h5")
+
+
+def test_loads_and_stress_of_another_number_of_modes_are_refused():
+    body = beam()
+    with pytest.raises(ReductionError, match='"push" is used twice'):
+        replace(loaded(), loads=loaded().loads[:1] * 2)
+    short = LoadVector("push", (1, 0, 0), (0, 0, 0), [1.0])
+    with pytest.raises(ReductionError, match="load push: has 1 modes where the body has 6"):
+        replace(body, loads=(short,))
+    stress = StressModes([0], [0], [0], ("all",), ("top",), np.zeros((1, 6, 2)))
+    with pytest.raises(ReductionError, match="stress: has 2 modes where the body has 6"):
+        replace(body, stress=stress)
+    forces = SectionForceModes([[0, 1]], [np.eye(3)], np.zeros((1, 2, 6, 5)))
+    with pytest.raises(ReductionError, match="section_forces: has 5 modes"):
+        replace(body, section_forces=forces)
+
+
+def test_places_of_stress_by_node_and_layer():
+    names = ("bottom", "top")
+    stress = StressModes([3, 3, 8], [0, 0, 0], [0, 1, 1], ("all",), names, np.ones((3, 6, 2)))
+    assert list(stress.rows(node=3)) == [0, 1]
+    assert list(stress.rows(layer="top")) == [1, 2]
+    assert list(stress.rows(node=3, layer="top")) == [1]
+    assert len(stress.rows(layer="middle")) == 0
+    np.testing.assert_array_equal(
+        stress.at(np.array([1.0, 2.0]), np.array([2])), np.full((1, 6), 3)
+    )

@@ -123,3 +123,12 @@ def test_rigid_bodies_lie_in_every_plane():
 def test_names_of_planes():
     names = [plane_name(n) for n in ((0, 0, -1), (1, 0, 0), (0, 1, 0))]
     assert names == ["xy", "yz", "zx"]
+
+
+def test_the_stress_of_in_plane_modes_is_that_of_the_same_deformation(box):
+    spatial, flat = box[1], planar_body(box[1], Z)
+    eta = np.random.default_rng(3).normal(size=flat.m)
+    wanted = (flat.nodes.Phi_t @ eta).ravel()
+    same = np.linalg.lstsq(spatial.nodes.Phi_t.reshape(-1, spatial.m), wanted, rcond=None)[0]
+    stress, other = flat.stress.at(eta), spatial.stress.at(same)
+    np.testing.assert_allclose(stress, other, atol=1e-5 * np.abs(other).max())  # single precision

@@ -1,0 +1,127 @@
+"""How much memory there is, so that work that cannot fit is refused before it starts.
+
+In: a number of bytes. Out: an error with figures and advice if they are not there. On Linux the
+free memory is what the kernel holds available (/proc/meminfo), or what the control groups of the
+process leave, whichever is less; elsewhere the physical memory that os.sysconf tells; where that
+tells nothing (Windows) nothing is refused. The environment variable FLEXMB_MEMORY ("6 GB") lowers
+the limit.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from flexmb.errors import Problem, ReductionError
+
+__all__ = ["available_memory", "require_memory"]
+
+_VARIABLE = "FLEXMB_MEMORY"
+_UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
+_CGROUPS = Path("/sys/fs/cgroup")
+
+
+def require_memory(needed: float, what: str) -> None:
+    """Refuse work that takes more memory than there is.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes.
+    what : str
+        Name of the work, as subject of the sentence.
+
+    Raises
+    ------
+    ReductionError
+        Both figures, and what to do.
+    """
+    free, limit = available_memory(), _own_limit()
+    least = min((value for value in (free, limit) if value is not None), default=None)
+    if least is None or needed <= least:
+        return
+    source = f"{_VARIABLE} allows" if least == limit else "this machine has free"
+    raise ReductionError(
+        f"memory: {what} needs about {_text(needed)}, {source} {_text(least)}; take a coarser mesh "
+        "(half the nodes of a solid need about 40 % of it), shells or beams where the body is "
+        "thin, or a machine with more memory"
+    )
+
+
+def available_memory() -> float | None:
+    """Bytes this process may still take; None where the system does not tell."""
+    found = [value for value in (_meminfo(), *_cgroups()) if value is not None]
+    return min(found) if found else _physical()
+
+
+def _own_limit() -> float | None:
+    text = os.environ.get(_VARIABLE, "").strip()
+    if not text:
+        return None
+    found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *([KMGT]B|)", text, re.IGNORECASE)
+    try:
+        assert found is not None
+        return float(found[1]) * _UNITS[found[2].upper()]
+    except (AssertionError, ValueError):
+        what = f'must be a size such as "6 GB", given "{text}"'
+        raise ReductionError.from_problems([Problem(_VARIABLE, what)]) from None
+
+
+def _meminfo() -> float | None:
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return None
+    values = dict(line.split(":", 1) for line in lines if ":" in line)
+    kilobytes = values.get("MemAvailable", "").split()
+    return 1024.0 * int(kilobytes[0]) if kilobytes else None
+
+
+def _cgroups() -> list[float | None]:
+    """What each control group above this process leaves, version 2 and version 1."""
+    try:
+        lines = Path("/proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return []
+    found: list[float | None] = []
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            found += _left(_CGROUPS, path, "memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+            found += _left(_CGROUPS / "memory", path, *names)
+    return found
+
+
+def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[float | None]:
+    """Limit less usage of a group and of all above it; file cache counts as free."""
+    here = root / path.strip("/")
+    found: list[float | None] = []
+    for folder in (here, *here.parents):
+        if not folder.is_relative_to(root):
+            break
+        try:
+            most = float((folder / limit).read_text())  # "max" is no number: no limit
+            used = float((folder / usage).read_text())
+            rows = (folder / "memory.stat").read_text().splitlines()
+            cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
+        except (OSError, ValueError):
+            continue
+        found.append(most - used + cached)
+    return found
+
+
+def _physical() -> float | None:
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _text(size: float) -> str:
+    for unit in ("TB", "GB"):
+        if size >= _UNITS[unit]:
+            return f"{size / _UNITS[unit]:.2g} {unit}"
+    return f"{size / 1e6:.2g} MB"

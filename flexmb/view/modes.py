@@ -1,0 +1,168 @@
+"""Pictures of the mode shapes of a flexible body, one or several in a grid.
+
+In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are held. Out: a PNG file:
+each mode deformed over the undeformed body, its number and frequency above it, coloured by its
+displacement over the largest. Modes are the natural ones of the reduced body, numbered from 1
+as in the checks of a scene; those of the free body are its modal coordinates, from eta.0 on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ViewError
+from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody.held import held_modes
+from flexmb.view.camera import body_camera
+from flexmb.view.content import Camera, Content, Deformed, Scale
+from flexmb.view.files import writable_file
+from flexmb.view.mechanism import size_of
+from flexmb.view.picture import check_exaggeration, check_size, draw_panels
+from flexmb.view.style import BODIES
+
+__all__ = ["render_modes"]
+
+Array = NDArray[np.float64]
+
+_FIRST = 6  # modes drawn where none are named
+_SEEN = 0.10  # of the body's size that a mode moves it at most
+_JOINT = 0.012  # radius of an interface's ball as a share of the body's size
+_CELL = (640, 420)  # pixels of a panel where the size is not given
+_ALONE = (1280, 720)
+
+
+def render_modes(
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None = None,
+    *,
+    held: Sequence[str] = (),
+    exaggeration: float | str = "auto",
+    direction: tuple[float, float, float] | None = None,
+    size: tuple[int, int] | None = None,
+    output: str | Path = "modes.png",
+) -> Path:
+    """Draw mode shapes of a flexible body.
+
+    Parameters
+    ----------
+    body : FlexBody or path
+        The body, or its file.
+    modes : int or sequence of int, optional
+        Which, from 1; the first six by default.
+    held : sequence of str, optional
+        Interfaces that are held while the body vibrates, such as ``("root",)``; by default the body
+        is free, and its rigid motions do not count.
+    exaggeration : float or "auto"
+        Factor on modes of unit modal mass; ``"auto"`` lets each move by a tenth of the body's size.
+    direction : three floats, optional
+        From the body towards the eye, body axes; across its longest extent by default.
+    size : two ints, optional
+        Width and height of the picture in pixels.
+    output : path
+        A file that ends in .png.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ViewError
+        A mode that the body has not, nothing to draw, an option that cannot be.
+    ReductionError
+        An interface to be held that the body has not.
+    BodyFileError
+        The file is missing or damaged.
+    """
+    path = writable_file(output, (".png",))
+    found = body if isinstance(body, FlexBody) else load(body)
+    surface = found.surface
+    if found.m == 0 or surface is None or not len(surface.points):
+        raise ViewError(f"the body {found.name} has no modes to draw, or no surface")
+    frequencies, motion = _motions(found, held)
+    numbers = _numbers(found, modes, len(frequencies))
+    check_exaggeration(exaggeration)
+    columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
+    rows = -(-len(numbers) // columns)
+    pixels = size or (_ALONE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
+    check_size((pixels[0] // columns, pixels[1] // rows))
+    camera = body_camera(surface.points, direction)
+    caption = f"{found.name}, {'held at ' + ', '.join(held) if held else 'free'}"
+    panels = [
+        _panel(
+            found,
+            motion[:, :, k - 1],
+            (f"mode {k}: {frequencies[k - 1]:.4g} Hz", caption),
+            exaggeration,
+            camera,
+        )
+        for k in numbers
+    ]
+    draw_panels(panels, path, pixels, columns)
+    return path
+
+
+def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
+    """Frequencies (k,) [Hz], and motion (n + i, 3, k) of surface points, then of interfaces."""
+    assert body.surface is not None
+    places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
+    moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
+    points = np.concatenate([body.surface.points, places])
+    shapes = np.concatenate([body.surface.modes, moved])
+    found = held_modes(body, held)
+    return found.frequencies, found.shapes(points, shapes)
+
+
+def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> list[int]:
+    if modes is None:
+        return list(range(1, min(_FIRST, count) + 1))
+    asked = [modes] if isinstance(modes, int) else list(modes)
+    wrong = [k for k in asked if not 1 <= k <= count]
+    if wrong or not asked:
+        given = ", ".join(str(k) for k in wrong) or "none"
+        what = f"the body {body.name} has the modes 1 to {count}, given {given}"
+        raise ViewError(what)
+    return asked
+
+
+def _panel(
+    body: FlexBody,
+    motion: Array,
+    texts: tuple[str, str],
+    exaggeration: float | str,
+    camera: Camera,
+) -> Content:
+    """One mode; the texts are its title and its caption."""
+    assert body.surface is not None
+    points, size = body.surface.points, size_of(body.surface.points) or 1.0
+    u = motion[: len(points)]
+    amount = np.linalg.norm(u, axis=1)
+    largest = float(amount.max()) or 1.0
+    factor = _SEEN * size / largest if isinstance(exaggeration, str) else float(exaggeration)
+    drawn = Deformed(
+        body.name,
+        points + factor * u,
+        points,
+        body.surface.faces,
+        body.surface.lines,
+        amount,
+        BODIES[0],
+        amount,
+    )
+    places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
+    return Content(
+        title=texts[0],
+        caption=texts[1],
+        solids=(),
+        deformed=(drawn,),
+        joints=places + factor * motion[len(points) :],
+        joint_radius=_JOINT * size,
+        scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
+        camera=camera,
+        bar=False,
+    )
