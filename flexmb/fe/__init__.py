@@ -18,7 +18,6 @@ from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.sections.beam import Section, circle, rectangle, section_from, tube
-from flexmb.fe.sections.shell import Layer, ShellSection, shell
 from flexmb.fe.sections.solid import SolidSection
 
 __all__ = [
@@ -27,12 +26,10 @@ __all__ = [
     "Block",
     "FEMatrices",
     "Integrals",
-    "Layer",
     "Mesh",
     "ReducedModes",
     "RigidInterface",
     "Section",
-    "ShellSection",
     "SolidSection",
     "assemble",
     "circle",
@@ -50,7 +47,6 @@ __all__ = [
     "reduction_key",
     "resolve",
     "section_from",
-    "shell",
     "surface",
     "tube",
 ]

@@ -22,7 +22,7 @@ from shellkit import (
     static,
 )
 
-from flexmb.fe.sections.shell import Layer, shell
+from flexmb.fe.sections.shell import Layer, layered, shell
 from flexmb.materials import Material, OrthotropicMaterial
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -138,7 +138,7 @@ def test_turned_fibres_are_a_turned_plate(kind):
     """Fibres along y by orientation, by layer angle, and by turning the plate: the same plate."""
     h = 0.05
     along_y = shell(h, material=GRAPHITE, orientation=(0.0, 1.0, 0.0))
-    by_angle = shell(layers=[Layer(h, GRAPHITE, np.pi / 2)])
+    by_angle = layered([Layer(h, GRAPHITE, np.pi / 2)])
     turned = sheet((6, 6), kind, DISTORT, lambda st: np.pad(st[:, ::-1], ((0, 0), (0, 1))))
     clamped = EDGES["CFFF"]
     first = bending_frequencies(plate(6, kind, along_y), clamped, 3)
@@ -172,7 +172,7 @@ def cross_ply_frequency(C, rho, h, S):
 def test_unsymmetric_cross_ply_plate(kind):
     """Bending and membrane are coupled by two plies at 0 and 90 degrees, h/a = 0.01."""
     h = 0.01
-    section = shell(layers=[Layer(h / 2, GRAPHITE), Layer(h / 2, GRAPHITE, np.pi / 2)])
+    section = layered([Layer(h / 2, GRAPHITE), Layer(h / 2, GRAPHITE, np.pi / 2)])
     S = section.laminate.S
     assert S[0, 0] == pytest.approx(S[1, 1], rel=1e-12)
     exact = cross_ply_frequency(GRAPHITE.plane_stress(), GRAPHITE.density, h, S[0, 0])
