@@ -35,6 +35,10 @@ def reduction_key(
     damping: float = 0.0,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
+    ties: Mapping[str, Any] | None = None,
+    masses: Mapping[str, Any] | None = None,
+    springs: Mapping[str, Any] | None = None,
+    mass_matrix: str = "consistent",
     plane: str | None = None,
 ) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
@@ -57,9 +61,17 @@ def reduction_key(
         "method": _METHOD,
         "file": VERSION,
     }
-    if plane is not None:
-        chosen["plane"] = plane
-    return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
+    extras = {"ties": ties, "masses": masses, "springs": springs, "plane": plane}
+    if mass_matrix != "consistent":
+        extras["mass_matrix"] = mass_matrix
+    chosen |= {key: value for key, value in extras.items() if value}
+    text = json.dumps(chosen, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as lists, mappings as tables."""
+    return value.tolist() if hasattr(value, "tolist") else dict(value)
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:

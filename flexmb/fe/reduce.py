@@ -54,6 +54,9 @@ def reduce(
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
+    masses: Mapping[str, Mapping[str, Any]] | None = None,
+    springs: Mapping[str, Mapping[str, Any]] | None = None,
+    mass_matrix: str = "consistent",
     plane: str | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -80,6 +83,14 @@ def reduce(
         Section [m] by mesh group, or under ``"all"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group of one, nodes: group}}``.
+    masses : mapping of str to mapping, optional
+        ``{name: {at: node or group, mass: kg, inertia: [Jxx, Jyy, Jzz] or 3 x 3 about its own
+        centre [kg m^2], offset: arm from the node [m]}}``.
+    springs : mapping of str to mapping, optional
+        ``{name: {between: two nodes or groups of one, stiffness: N/m, or six [N/m, N m/rad] with
+        axes: two directions}}``.
+    mass_matrix : str
+        ``"consistent"``, or ``"hrz"`` for mass lumped at the nodes.
     plane : str, optional
         ``"xy"``, ``"yz"`` or ``"zx"`` of the mesh's frame, for a planar scene: only modes that are
         symmetric about that plane (through the centre of mass) are kept and counted by ``modes``;
@@ -100,7 +111,11 @@ def reduce(
     progress("read", 0.0)
     given = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
     progress("read", 1.0)
-    fe = assemble(given.scaled(scale), matter, chosen, progress, ties=ties)
+    extras: dict[str, Any] = {"ties": ties, "masses": masses, "springs": springs}
+    extras = {key: dict(value) for key, value in extras.items() if value}
+    if mass_matrix != "consistent":
+        extras["mass_matrix"] = mass_matrix
+    fe = assemble(given.scaled(scale), matter, chosen, progress, **extras)
     ties = make_interfaces(fe, interfaces or {})
     require_one_part(fe, ties)
     found = suspicions(fe)
@@ -110,7 +125,7 @@ def reduce(
     reduced = _basis(fe, ties, modes, mirror, progress)
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
-    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping}
+    options: dict[str, Any] = {"units": units, "modes": modes, "damping": damping, **extras}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
         options["plane"] = plane
