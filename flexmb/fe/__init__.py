@@ -17,12 +17,13 @@ from flexmb.fe.reduce import make_body, reduce
 from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
+from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.sections.thin_walls import box_section, i_section
 
 __all__ = [
     "ELEMENTS",

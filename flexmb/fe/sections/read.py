@@ -12,10 +12,11 @@ from typing import Any
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.material import resolve
+from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
 from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.sections.thin_walls import box_section, i_section
 
 __all__ = ["SECTIONS", "section_from"]
 
