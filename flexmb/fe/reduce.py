@@ -20,6 +20,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.checks.hinges import require_hinges_held
 from flexmb.fe.checks.model import mode_infos, orphans, require_one_part, suspicions
 from flexmb.fe.interfaces.rigid import RigidInterface, make_interfaces
 from flexmb.fe.key import mesh_hash, reduction_key
@@ -118,6 +119,7 @@ def reduce(
     fe = assemble(given.scaled(scale), matter, chosen, progress, **extras)
     ties = make_interfaces(fe, interfaces or {})
     require_one_part(fe, ties)
+    require_hinges_held(fe, [tie.nodes for tie in ties])
     found = suspicions(fe)
     for sentence in found:
         warnings.warn(sentence, FlexmbWarning, stacklevel=2)

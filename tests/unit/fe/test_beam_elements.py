@@ -16,6 +16,7 @@ from flexmb.fe import (
     general,
     i_section,
     rectangle,
+    reduce,
     resolve,
     tapered,
 )
@@ -265,3 +266,39 @@ def test_twist_about_the_shear_centre_couples_with_bending():
     M = np.array([[m + rotary, -c * m], [-c * m, m * (polar + c * c)]])
     exact = np.sqrt(eigh(K, M, eigvals_only=True))
     assert found[0] == pytest.approx(exact[0], rel=2e-3)
+
+
+def test_a_section_without_stress_points_has_no_layers():
+    section = general(1e-4, 1e-9, 1e-9, 1e-9).with_material(MATTER)
+    assert LINE.stress_layers(section) == ()
+    assert LINE.stress(np.array([[START, END]]), section).shape == (1, 2, 0, 6, 12)
+
+
+@pytest.mark.parametrize("interfaces", [{"a": "root"}, {"a": "root", "b": "tip"}])
+def test_a_hinge_that_nothing_holds_is_refused_with_its_node(interfaces):
+    """At a free tip a released turn has no stiffness, nor at an interface of that node alone."""
+    hinged = {"all": rectangle(0.01, 0.02, releases={"end": ["rz"]})}
+    with pytest.raises(MeshError, match=r"node 4 turns about \(0, 0, 1\) without any stiffness"):
+        reduce(line(4), material=MATTER, sections=hinged, interfaces=interfaces, modes=2)
+
+
+def test_a_hinge_inside_a_body_is_reduced():
+    """Three beams in a triangle, one of them hinged at a corner: softer than welded."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.4, 0.8, 0.0]])
+    cells = {"line": np.array([[0, 1], [1, 2], [2, 0]])}
+    sets = {"base": {"line": np.array([0])}, "sides": {"line": np.array([1, 2])}}
+    nodes = {"left": np.array([0]), "top": np.array([2])}
+    hinged = rectangle(0.02, 0.02, releases={"start": ["ry", "rz"]})
+    sections = {"base": hinged, "sides": rectangle(0.02, 0.02)}
+    mesh = Mesh(points, cells, nodes, sets)
+    body = reduce(
+        mesh, material=MATTER, sections=sections, interfaces={"a": "left", "b": "top"}, modes=2
+    )
+    stiff = reduce(
+        mesh,
+        material=MATTER,
+        sections=sections | {"base": rectangle(0.02, 0.02)},
+        interfaces={"a": "left", "b": "top"},
+        modes=2,
+    )
+    assert 0 < body.K[0, 0] < stiff.K[0, 0]
