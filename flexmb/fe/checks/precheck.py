@@ -12,6 +12,8 @@ from typing import Any
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.elements.select import select_elements
+from flexmb.fe.interfaces.make import InterfaceLike
+from flexmb.fe.interfaces.selectors import asked_nodes, checked_words
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.sections.read import section_from
@@ -21,7 +23,7 @@ __all__ = ["mesh_problems"]
 
 def mesh_problems(
     mesh: str | os.PathLike[str] | Mesh,
-    interfaces: Mapping[str, str] | None = None,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
     sections: Mapping[str, Any] | None = None,
 ) -> list[Problem]:
     """Everything that keeps a mesh from becoming the body, as far as reading it can tell.
@@ -30,8 +32,8 @@ def mesh_problems(
     ----------
     mesh : path or Mesh
         The mesh.
-    interfaces : mapping of str to str, optional
-        Mesh group by interface name.
+    interfaces : mapping of str to str or mapping, optional
+        Mesh group by interface name, or a table of words.
     sections : mapping of str to section or mapping, optional
         By mesh group.
     """
@@ -45,9 +47,10 @@ def mesh_problems(
         select_elements(read, chosen)
     except MeshError as error:
         problems += error.problems
-    for name, group in (interfaces or {}).items():
+    for name, given in (interfaces or {}).items():
+        where = f"interfaces.{name}"
         try:
-            read.group_nodes(group, f"interfaces.{name}")
+            asked_nodes(read, where, checked_words(where, given))
         except MeshError as error:
             problems += error.problems
     return problems

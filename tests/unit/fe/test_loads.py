@@ -18,7 +18,9 @@ from flexmb.fe import (
     rectangle,
     resolve,
 )
+from flexmb.fe.meshes.shapes import plate
 from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.sections.shell import shell
 
 STEEL = resolve("steel")
 
@@ -64,6 +66,16 @@ def test_uniaxial_pressure_gives_uniform_strain(box):
     u = np.zeros(box.numbering.n)
     u[box.numbering.table[:, :3]] = s * strain
     np.testing.assert_allclose(box.K @ u, loads[0].f + loads[1].f, atol=1e-6 * 1e6)
+
+
+def test_pressure_on_shells_acts_along_their_normal():
+    """A plate in the xy plane, 1 x 0.5: p A along z, at its centre; its edge as a line load."""
+    fe = assemble(plate(1.0, 0.5, divisions=(4, 3)), STEEL, {"all": shell(0.01)})
+    load = one(fe, type="pressure", group="surface", pressure=200.0)
+    np.testing.assert_allclose(load.force, [0, 0, 100], atol=1e-10)
+    np.testing.assert_allclose(load.moment, [0, -50, 0], atol=1e-10)
+    load = one(fe, type="line", group="x1", force=[0, 0, 6])
+    np.testing.assert_allclose(load.force, [0, 0, 3], atol=1e-12)
 
 
 def test_traction_and_line_loads(box, bar):
