@@ -23,11 +23,14 @@ from flexmb.fe.assembly.scatter import Accumulator
 from flexmb.fe.assembly.ties import Tie, dependence, followers, make_ties
 from flexmb.fe.elements.select import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
 __all__ = ["FEMatrices", "assemble"]
+
+_BYTES = 16.0  # of memory for each entry of the element matrices: 14 measured, mass included
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,7 @@ def assemble(
     blocks = select_elements(mesh, sections, material)
     tied = make_ties(mesh, ties or {})
     numbering = _numbering(mesh, blocks, tied)
+    _require_memory(blocks, numbering)
     stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, mesh.points)
     total, done = sum(len(block.nodes) for block in blocks), 0
     for block in blocks:
@@ -143,6 +147,14 @@ def assemble(
     K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
     progress("assemble", 1.0)
     return FEMatrices(mesh, material, blocks, numbering, K, M, inertia, tied, follow)
+
+
+def _require_memory(blocks: tuple[Block, ...], numbering: Numbering) -> None:
+    entries = sum(
+        len(block.nodes) * (block.nodes.shape[1] * (6 if block.family.rotations else 3)) ** 2
+        for block in blocks
+    )
+    require_memory(_BYTES * entries, f"the assembly of {numbering.n_all} degrees of freedom")
 
 
 def _numbering(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
