@@ -30,7 +30,7 @@ from flexmb.progress import Progress, silent
 
 __all__ = ["FEMatrices", "assemble"]
 
-_BYTES = 16.0  # of memory for each entry of the element matrices: 14 measured, mass included
+_BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
 
 
 @dataclass(frozen=True, eq=False)

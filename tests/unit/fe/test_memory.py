@@ -61,11 +61,11 @@ def test_where_there_are_no_control_groups_nothing_is_said(tmp_path):
 
 
 def test_matrices_that_do_not_fit_are_not_assembled(monkeypatch):
-    """Six tetrahedra of 30 x 30 entries in a block: 86 kB at 16 bytes an entry."""
-    monkeypatch.setenv("FLEXMB_MEMORY", "80 KB")
+    """Six tetrahedra of 30 x 30 entries in a block: 97 kB at 18 bytes an entry."""
+    monkeypatch.setenv("FLEXMB_MEMORY", "90 KB")
     with pytest.raises(
-        ReductionError, match=r"the assembly of 81 degrees .* needs about 0\.086 MB"
+        ReductionError, match=r"the assembly of 81 degrees .* needs about 0\.097 MB"
     ):
         assemble(block((1, 1, 1)), resolve("steel"))
-    monkeypatch.setenv("FLEXMB_MEMORY", "90 KB")
+    monkeypatch.setenv("FLEXMB_MEMORY", "100 KB")
     assemble(block((1, 1, 1)), resolve("steel"))
