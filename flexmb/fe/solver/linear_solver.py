@@ -91,6 +91,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
 
 def _canonical(K: csr_array) -> csr_array:
     """The matrix with one entry for each place."""
+    K = csr_array(K)
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
