@@ -9,6 +9,13 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefQuad, RefTri
 
 
+def held(fe, *groups):
+    """Degrees of freedom of pairs of a group and directions, such as ("x0", "xyz")."""
+    table, sets = fe.numbering.table, fe.mesh.node_sets
+    parts = [table[sets[name], "xyz".index(axis)] for name, axes in groups for axis in axes]
+    return np.unique(np.concatenate(parts))
+
+
 def solve(fe, f, held, moved=0.0):
     """Displacements under loads ``f`` with degrees of freedom ``held`` at ``moved``."""
     u = np.zeros(fe.numbering.n)

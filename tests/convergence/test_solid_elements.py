@@ -1,13 +1,12 @@
-"""Solid elements against closed forms: slopes on distorted meshes, bending, curved bodies."""
+"""Solid elements against closed forms: slopes on distorted meshes, bending, spinning."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from femeshes import held_frequencies, slope, solid_box
-from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
-from solidkit import clamped_block, nodal_stress, pressure, solve
+from solidkit import clamped_block, held, nodal_stress, solve
 from truthkit import reference
 
 from flexmb.fe import SolidSection, assemble, geometric_stiffness, resolve
@@ -18,13 +17,6 @@ STEEL = resolve("steel")
 NO_POISSON = resolve({"E": 200e9, "nu": 0.0, "density": 8000})
 SECOND_ORDER = ("tetra10", "hexahedron20", "hexahedron27", "wedge15")
 pytestmark = pytest.mark.filterwarnings("ignore:.*first-order tetrahedra", "ignore:.*bulk modulus")
-
-
-def held(fe, *groups):
-    """Degrees of freedom of groups in directions, such as "x0": "xyz"."""
-    table, sets = fe.numbering.table, fe.mesh.node_sets
-    parts = [table[sets[name], "xyz".index(axis)] for name, axes in groups for axis in axes]
-    return np.unique(np.concatenate(parts))
 
 
 @pytest.mark.parametrize(
@@ -187,115 +179,3 @@ def test_bending_stress_of_a_cantilever(kind, distort, tolerance):
     stress = nodal_stress(fe, solve(fe, f, held(fe, ("x0", "xyz"))))
     top = (np.abs(points[:, 0] - 2.5) < 1e-9) & (np.abs(points[:, 2] - 1) < 1e-9)
     np.testing.assert_allclose(stress[top, 0], -1e3 * 7.5 * 0.5 * 12, rtol=tolerance)
-
-
-def tube(points, inner=1.0, outer=2.0, height=0.4):
-    """A unit cube as a quarter of a tube."""
-    r, angle = inner + (outer - inner) * points[:, 0], np.pi / 2 * points[:, 1]
-    return np.stack([r * np.cos(angle), r * np.sin(angle), height * points[:, 2]], axis=1)
-
-
-def tube_energy(kind, n, nu):
-    """Error of the strain energy of a long tube whose inner radius 1 is widened, outer radius 2.
-
-    Lame: u = (1 + nu)/(3 E) ((1 - 2 nu) r + 4/r) for unit pressure, whose work is the energy.
-    """
-    matter = resolve({"E": 1e9, "nu": nu, "density": 1000})
-    fe = assemble(solid_box(kind, (n, 2 * n, 1), shape=tube), matter)
-    r = np.hypot(*fe.mesh.points[:, :2].T)
-    radial = (1 + nu) / 3e9 * ((1 - 2 * nu) * r + 4 / r)
-    exact = fe.mesh.points * [1, 1, 0] * (radial / r)[:, None]
-    wide = np.zeros(fe.numbering.n)
-    wide[fe.numbering.table[:, :3]] = exact
-    level = ("z0", "z"), ("z1", "z")
-    inside = fe.mesh.node_sets["x0"]
-    fixed = np.union1d(held(fe, *level, ("y0", "y"), ("y1", "x")), held(fe, ("x0", "xy")))
-    fixed = np.union1d(fixed, fe.numbering.table[:, 2])
-    u = solve(fe, np.zeros(len(wide)), fixed, wide[fixed])
-    return u @ (fe.K @ u) / (radial[inside[0]] * np.pi / 2 * 0.4) - 1
-
-
-@pytest.mark.parametrize("kind", SECOND_ORDER)
-def test_curved_elements_of_a_tube_under_pressure(kind):
-    """Energy at order 4, as its error is the square of that of the strains."""
-    errors = [tube_energy(kind, n, 0.3) for n in (2, 4)]
-    assert slope((2, 4), errors) < -3.5
-    assert abs(errors[1]) < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("kind", "low", "high"),
-    [("hexahedron", 0, 0.03), ("tetra10", 0, 0.01), ("wedge15", 0, 0.01), ("tetra", 1, 100)],
-)
-def test_nearly_incompressible_tube(kind, low, high):
-    """nu = 0.499 on a coarse mesh: elements that lock are off by more than their own size."""
-    assert low < tube_energy(kind, 2, 0.499) < high
-
-
-def test_thick_simply_supported_plate_against_exact_elasticity():
-    """10 x 10 x 1 m, sides held along themselves and across: sines in the plane, and through the
-    thickness the antisymmetric Rayleigh-Lamb waves; in the plane, shear waves sin(pi y/a).
-
-    NAFEMS test FV21 is this plate by thick-plate theory.
-    """
-    matter = resolve({"E": 200e9, "nu": 0.3, "density": 8000})
-    fe = assemble(solid_box("hexahedron20", (8, 8, 2), (10, 10, 1)), matter)
-    sides = [
-        (name, axes) for name, axes in (("x0", "yz"), ("x1", "yz"), ("y0", "xz"), ("y1", "xz"))
-    ]
-    found = held_frequencies(fe, held(fe, *sides), 6) / (2 * np.pi)
-    bending = [lamb(matter, 1.0, np.pi / 10 * np.hypot(m, n)) for m, n in ((1, 1), (2, 1), (2, 2))]
-    shear = np.sqrt(matter.G / matter.density) / 20
-    wanted = np.array([bending[0], bending[1], bending[1], shear, shear, bending[2]])
-    assert bending[0] == pytest.approx(45.9712, abs=1e-4)
-    errors = found / wanted - 1
-    assert (errors > 0).all()  # Rayleigh's principle
-    assert errors.max() < 3e-3
-
-
-def lamb(matter, thickness, k):
-    """Lowest antisymmetric Rayleigh-Lamb frequency [Hz] of a plate at wave number k [1/m].
-
-    Achenbach, Wave Propagation in Elastic Solids, eq. 6.68, with p and q imaginary at low speed.
-    """
-    h, cs = thickness / 2, np.sqrt(matter.G / matter.density)
-    cl = cs * np.sqrt((2 - 2 * matter.nu) / (1 - 2 * matter.nu))
-
-    def mismatch(omega):
-        p, q = np.sqrt(k**2 - (omega / cl) ** 2), np.sqrt(k**2 - (omega / cs) ** 2)
-        return (k**2 + q**2) ** 2 * np.tanh(p * h) - 4 * k**2 * p * q * np.tanh(q * h)
-
-    return brentq(mismatch, 1e-3 * k * cs, 0.95 * k * cs, xtol=1e-9) / (2 * np.pi)
-
-
-def ellipses(points):
-    """A unit cube as a quarter of the plate of NAFEMS test LE10."""
-    r, angle = points[:, 0], np.pi / 2 * points[:, 1]
-    x, y = (2 + 1.25 * r) * np.cos(angle), (1 + 1.75 * r) * np.sin(angle)
-    return np.stack([x, y, 0.6 * points[:, 2]], axis=1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "tolerance"),
-    [
-        ("hexahedron20", 0.01),
-        ("hexahedron27", 0.01),
-        ("wedge15", 0.03),
-        ("tetra10", 0.04),
-        ("hexahedron", 0.04),
-    ],
-)
-def test_le10_thick_elliptic_plate(kind, tolerance):
-    """Stress at a corner of the hole's edge, where it is extrapolated from one side only."""
-    matter = resolve({"E": 210e9, "nu": 0.3, "density": 7800})
-    fe = assemble(solid_box(kind, (8, 12, 4), shape=ellipses), matter)
-    points, rim = fe.mesh.points, fe.mesh.node_sets["x1"]
-    middle = rim[np.abs(points[rim, 2] - 0.3) < 1e-9]
-    fixed = held(fe, ("y0", "y"), ("y1", "x"), ("x1", "xy"))
-    fixed = np.union1d(fixed, fe.numbering.table[middle, 2])
-    f = pressure(fe, fe.mesh.node_sets["z1"], 1e6)
-    stress = nodal_stress(fe, solve(fe, f, fixed))
-    corner = np.linalg.norm(points - [2, 0, 0.6], axis=1).argmin()
-    wanted = reference("solids", "le10_thick_plate")["value"]
-    assert stress[corner, 1] == pytest.approx(wanted, rel=tolerance)

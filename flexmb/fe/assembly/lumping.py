@@ -3,8 +3,9 @@
 In: consistent masses of elements. Out: :class:`NodalInertia`. Each element keeps its mass exactly;
 its nodes share it as the diagonal does, which is positive for every family (row sums are not).
 Where nodes turn, the mean of the three rotational entries, scaled alike, becomes an isotropic
-moment of inertia. So mass is exact, and moments of inertia are those of the lumps, which approach
-the body's as the mesh is refined. Source: Hinton, Rock, Zienkiewicz (1976), A note on mass
+moment of inertia. So mass is exact; moments of inertia are those of the lumps, which approach the
+body's as the mesh is refined but for what the sections of beams and shells have of their own.
+Source: Hinton, Rock, Zienkiewicz (1976), A note on mass
 lumping, Earthquake Engineering and Structural Dynamics 4.
 """
 

@@ -43,6 +43,7 @@ class BeamFields:
             self.section = bound.section
             if self.section.at(0.0) is not self.section:
                 self._span = bound.span
+                assert len(x) == len(bound.span), "a tapered block goes as a whole"
         self._place(x)
         self._interpolate()
         middle = self._values(np.array([0.5]), ("A", "Iy", "Iz", "ky", "kz"))
@@ -78,7 +79,7 @@ class BeamFields:
     def _interpolate(self) -> None:
         ne = len(self.length)
         ends = np.stack([np.zeros(ne), self.length], axis=1).reshape(1, -1)
-        mesh = MeshLine(ends, np.arange(2 * ne).reshape(ne, 2).T)
+        mesh = MeshLine(ends, np.ascontiguousarray(np.arange(2 * ne).reshape(ne, 2).T))
         order = _ORDER if self._span is None else _TAPERED_ORDER
         linear = CellBasis(mesh, ElementLineP1(), intorder=order)
         self._cubic = CellBasis(mesh, ElementLineHermite(), intorder=order)
@@ -160,7 +161,7 @@ class BeamFields:
         """The sections at both ends of each element; one row for all if they are the same."""
         if self._span is None:
             return [[self.section, self.section]]
-        return [[self.section.at(s) for s in row] for row in self._span[:ne]]
+        return [[self.section.at(s) for s in row] for row in self._span]
 
     def ends_of(self, name: str, ne: int) -> FloatArray:
         """(ne, 2, ...) a value of the section at the ends of the elements."""

@@ -26,6 +26,9 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["Fields", "Points", "make_fields", "make_points"]
 
+_LINEAR = {"triangle": 0.1**0.5, "quad": 1.0}
+"""Triangles keep a tenth of the energy of the linear part: with all of it curved meshes lock."""
+
 
 @dataclass(frozen=True, eq=False)
 class Fields:
@@ -43,6 +46,8 @@ class Fields:
         Mean rotation of the nodes about the normal less that of the mid-surface at the centre.
     length, tangent : (ne, k), (ne, k, 2) float
         Of the edges.
+    linear : float
+        Share of the linear part of the membrane strain that is kept.
     """
 
     flat: Flat
@@ -51,6 +56,7 @@ class Fields:
     drill: FloatArray
     length: FloatArray
     tangent: FloatArray
+    linear: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +91,13 @@ class Points:
         H = self.gradients(fields)
         rows = (H[:, :, 0, 0], H[:, :, 1, 1], H[:, :, 1, 0] + H[:, :, 0, 1])
         bent = (H[:, :, 0, 3], H[:, :, 1, 4], H[:, :, 1, 3] + H[:, :, 0, 4])
-        return np.stack([*rows, *bent], axis=2)
+        found = np.stack([*rows, *bent], axis=2)
+        if fields.linear < 1:
+            membrane = found[:, :, :3]
+            mean = np.einsum("eq,eqid->eid", self.area, membrane)[:, None]
+            mean /= self.area.sum(axis=1)[:, None, None, None]
+            found[:, :, :3] = mean + fields.linear * (membrane - mean)
+        return found
 
     def shear_strains(self, fields: Fields) -> FloatArray:
         """(ne, nq, 2, d) transverse shear strains xz, yz."""
@@ -109,7 +121,7 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
     Raises
     ------
     MeshError
-        The section's orientation is normal to an element.
+        The section's orientation is normal to an element, or an element is warped too much.
     """
     flat = flatten(x, section.orientation)
     start, end = (list(nodes) for nodes in zip(*EDGES[kind], strict=True))
@@ -139,7 +151,7 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
         - np.einsum("en,end->ed", slopes[:, 1], nodal[:, :, 0])
     )
     drill = corner[:, :, 5].mean(axis=1) - spin
-    return Fields(flat, nodal, phi / (1 + phi) * L * g, drill, length, tangent)
+    return Fields(flat, nodal, phi / (1 + phi) * L * g, drill, length, tangent, _LINEAR[kind])
 
 
 def _corner_fields(flat: Flat, offset: float) -> FloatArray:

@@ -17,7 +17,7 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["geometric_stiffness", "stiffness", "stress"]
 
-DRILLING = 1e-2
+DRILLING = 0.3
 """Stiffness against drilling, as a share of the in-plane shear stiffness: 1e-6 to 1 do alike."""
 
 

@@ -32,6 +32,8 @@ _UNREADABLE = (  # what meshio's parsers let through on a file they cannot parse
     AssertionError, ArithmeticError, RuntimeError, MemoryError, struct.error,
 )  # fmt: skip
 
+_FORGOTTEN = ("wedge15", "pyramid13", "hexahedron24")  # meshio 5.3.5 fails on these: no dimension
+
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a mesh in any format that meshio knows by its suffix.
@@ -62,6 +64,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 def _read_quietly(source: Path) -> Any:
     import meshio
 
+    for kind in _FORGOTTEN:
+        meshio._mesh.topological_dimension.setdefault(kind, 3)
     noise = io.StringIO()
     try:
         with (

@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from flexmb.errors import ReductionError
+from flexmb.fe.solver.threads import blas_threads
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -73,7 +74,8 @@ def lowest_modes(
     inverse = LinearOperator((n, n), matvec=counted, dtype=float)
     v0 = start_vector(n) if start is None else start
     try:
-        omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=_TOLERANCE)
+        with blas_threads():
+            omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=_TOLERANCE)
     except ArpackError as error:
         raise ReductionError(f"modes: the lowest {count} were not found ({error})") from error
     order = np.argsort(omega2)

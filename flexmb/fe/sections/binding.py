@@ -28,7 +28,7 @@ __all__ = ["MOTIONS", "BoundBeam", "Releases", "bind", "join_releases"]
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 """Motions of a node in the section's axes, x along the beam."""
 
-_MOST = 1000  # elements that share one bound section; batches of the assembly are larger
+_MOST = 100  # elements that share one bound section: no batch of the assembly is smaller
 _LOOSE = 1e-9  # smallest over largest hold of a chain that cannot move
 
 

@@ -6,20 +6,17 @@ the order of an element's nodes by the right-hand rule; bottom and top are named
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from numbers import Real
 
-import numpy as np
-
-from flexmb.errors import Problem, ReductionError, nearest
-from flexmb.fe.material import MaterialLike, resolve
+from flexmb.errors import Problem, ReductionError
 from flexmb.fe.sections.laminate import Laminate, laminate
-from flexmb.materials import AnyMaterial, OrthotropicMaterial
+from flexmb.materials import AnyMaterial
 
-__all__ = ["Layer", "ShellSection", "shell"]
+__all__ = ["Layer", "ShellSection", "layered", "shell"]
 
 Vector = tuple[float, float, float]
 
@@ -84,19 +81,21 @@ class ShellSection:
         problems = [] if self.layers else [Problem("section.layers", "has no layers")]
         for k, layer in enumerate(self.layers):
             where = "section" if len(self.layers) == 1 else f"section.layers[{k}]"
-            if not (isfinite(layer.thickness) and layer.thickness > 0):
-                what = f"must be positive, given {layer.thickness:g} m"
+            if not (_finite(layer.thickness) and layer.thickness > 0):
+                what = f"must be positive, in m, given {layer.thickness}"
                 problems.append(Problem(f"{where}.thickness", what))
-            if not isfinite(layer.angle):
-                problems.append(Problem(f"{where}.angle", f"must be finite, given {layer.angle}"))
-        if not isfinite(self.offset):
-            problems.append(Problem("section.offset", f"must be finite, given {self.offset} m"))
-        if not (isfinite(self.nonstructural) and self.nonstructural >= 0):
-            what = f"must not be negative, given {self.nonstructural:g} kg/m^2"
+            if not _finite(layer.angle):
+                what = f"must be a number, in rad, given {layer.angle}"
+                problems.append(Problem(f"{where}.angle", what))
+        if not _finite(self.offset):
+            what = f"must be a number, in m, given {self.offset}"
+            problems.append(Problem("section.offset", what))
+        if not (_finite(self.nonstructural) and self.nonstructural >= 0):
+            what = f"must not be negative, in kg/m^2, given {self.nonstructural}"
             problems.append(Problem("section.nonstructural", what))
         if self.orientation is not None:
-            direction = np.asarray(self.orientation, dtype=float)
-            if direction.shape != (3,) or not 0 < np.linalg.norm(direction) < np.inf:
+            numbers = len(self.orientation) == 3 and all(map(_finite, self.orientation))
+            if not (numbers and any(self.orientation)):
                 what = f"must be three numbers, not all zero, given {self.orientation}"
                 problems.append(Problem("section.orientation", what))
         if problems:
@@ -109,8 +108,19 @@ class ShellSection:
 
     @cached_property
     def laminate(self) -> Laminate:
-        """Stiffness and mass per area; every layer must have its material."""
-        return laminate(self.with_material(None).layers, self.nonstructural)
+        """Stiffness and mass per area.
+
+        Raises
+        ------
+        ReductionError
+            A layer without material.
+        """
+        layers = self.with_material(None).layers
+        missing = [k for k, layer in enumerate(layers) if layer.material is None]
+        if missing:
+            problems = [Problem(f"section.layers[{k}].material", "is missing") for k in missing]
+            raise ReductionError.from_problems(problems)
+        return laminate(layers, self.nonstructural)
 
     def with_material(self, default: AnyMaterial | None) -> ShellSection:
         """The section with the materials of all layers known."""
@@ -123,57 +133,28 @@ class ShellSection:
 
 
 def shell(
-    thickness: float | None = None,
-    layers: Sequence[Layer | Mapping[str, Any]] | None = None,
-    *,
+    thickness: float,
     offset: float = 0.0,
     orientation: Vector | None = None,
     nonstructural: float = 0.0,
-    material: MaterialLike | OrthotropicMaterial | None = None,
+    material: AnyMaterial | None = None,
     shear: bool = True,
 ) -> ShellSection:
-    """A shell section of one layer of that thickness [m], or of several layers.
-
-    ``layers`` are :class:`Layer` objects or mappings with their words; the other words are those of
-    :class:`ShellSection`.
-
-    Raises
-    ------
-    ReductionError
-        Neither or both of ``thickness`` and ``layers`` given, or values that cannot be.
-    MaterialError
-        An unknown material.
-    """
-    if (thickness is None) == (layers is None):
-        what = "a shell needs either thickness or layers"
-        raise ReductionError.from_problems([Problem("section", what)])
-    stack = [Layer(thickness)] if thickness is not None else _layers(layers or ())
-    place = None if orientation is None else tuple(orientation)
-    return ShellSection(tuple(stack), offset, place, nonstructural, _material(material), shear)
+    """A shell of one layer of that thickness [m]; the other words are those of ShellSection."""
+    return layered([Layer(thickness)], offset, orientation, nonstructural, material, shear)
 
 
-def _layers(given: Sequence[Layer | Mapping[str, Any]]) -> list[Layer]:
-    words, problems, found = tuple(field.name for field in fields(Layer)), [], []
-    for k, layer in enumerate(given):
-        if isinstance(layer, Layer):
-            found.append(layer)
-            continue
-        where = f"section.layers[{k}]"
-        wrong = [key for key in layer if key not in words]
-        problems += [
-            Problem(f"{where}.{key}", "unknown key", words, nearest(key, words)) for key in wrong
-        ]
-        if "thickness" not in layer:
-            problems.append(Problem(f"{where}.thickness", "is missing"))
-        elif not wrong:
-            material = _material(layer.get("material"))
-            found.append(Layer(layer["thickness"], material, layer.get("angle", 0.0)))
-    if problems:
-        raise ReductionError.from_problems(problems)
-    return found
+def layered(
+    layers: Sequence[Layer],
+    offset: float = 0.0,
+    orientation: Vector | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
+    """A shell of layers from the bottom to the top; the other words are those of ShellSection."""
+    return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
 
 
-def _material(given: MaterialLike | OrthotropicMaterial | None) -> AnyMaterial | None:
-    if given is None or isinstance(given, OrthotropicMaterial):
-        return given
-    return resolve(given)
+def _finite(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)

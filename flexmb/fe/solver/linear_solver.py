@@ -2,15 +2,16 @@
 
 In: a stiffness matrix, and where its unknowns are. Out: a :class:`Factor` that solves for one or
 many right sides. Small models go to SuperLU, large ones to a multifrontal Cholesky factorisation
-on BLAS with nested dissection. A matrix that leaves a motion free is refused with the part that
-moves, and one whose factors do not fit into memory before they are computed. Elimination without
-pivoting is stable here: residuals are at rounding of |K| |x|, so that a step of refinement (tried)
-changes nothing.
+on BLAS with nested dissection, or to PARDISO if that is installed. A matrix that leaves a motion
+free is refused with the part that moves, and one whose factors do not fit into memory before they
+are computed. Elimination without pivoting is stable here: residuals are at rounding of |K| |x|, so
+that a step of refinement (tried) changes nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from scipy.sparse import csr_array, diags_array
@@ -20,6 +21,7 @@ from flexmb.fe.solver.dissection import dissect
 from flexmb.fe.solver.graph import matrix_graph
 from flexmb.fe.solver.memory import require_memory
 from flexmb.fe.solver.multifrontal import Multifrontal
+from flexmb.fe.solver.pardiso import FOUND, Pardiso
 from flexmb.fe.solver.singular import (
     SHIFT,
     NotPositive,
@@ -73,11 +75,15 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
     """
     K = _canonical(K)
     scale = stiffness_scale(K)
-    compute = _small(scale) if K.shape[0] <= _SMALL else _large(K, points, progress)
-    try:
+    if K.shape[0] <= _SMALL:
+        compute = _small(scale)
+    else:
+        compute = _pardiso(progress) if FOUND else _large(K, points, progress)
+    found = None
+    with suppress(NotPositive):  # left behind at once, with all the memory its traceback holds
         found = compute(K)
-    except NotPositive as error:
-        raise _why(K, compute, error, points) from error
+    if found is None:
+        raise _why(K, compute, points)
     require_stiff(K, found.solve, points)
     progress("factor", 1.0)
     return found
@@ -85,6 +91,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
 
 def _canonical(K: csr_array) -> csr_array:
     """The matrix with one entry for each place."""
+    K = csr_array(K)
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
@@ -93,6 +100,10 @@ def _canonical(K: csr_array) -> csr_array:
 
 def _small(scale: FloatArray) -> Compute:
     return lambda matrix: SuperLU(matrix, scale)
+
+
+def _pardiso(progress: Progress) -> Compute:
+    return lambda matrix: Pardiso(matrix, progress)
 
 
 def _large(K: csr_array, points: FloatArray | None, progress: Progress) -> Compute:
@@ -111,23 +122,19 @@ def _plan(K: csr_array, points: FloatArray | None, progress: Progress) -> Fronts
     return plan
 
 
-def _why(
-    K: csr_array,
-    compute: Compute,
-    error: NotPositive,
-    points: FloatArray | None,
-) -> ReductionError:
+def _why(K: csr_array, compute: Compute, points: FloatArray | None) -> ReductionError:
     """What a matrix without factors lacks: a little stiffness everywhere makes free parts move."""
     try:
         shifted = compute(K + SHIFT * diags_array(K.diagonal()))
     except NotPositive as worse:
-        at = (
-            ""
-            if points is None
-            else f" at ({', '.join(f'{v:.4g}' for v in points[worse.index])}) m"
-        )
-        return ReductionError(
-            f"the stiffness matrix is not positive definite: degree of freedom {worse.index}{at} "
-            "has a negative stiffness"
-        )
+        return ReductionError(f"the stiffness matrix is not positive definite{_at(worse, points)}")
     return free_part(K, softest(K, shifted.solve, 4)[1], points)
+
+
+def _at(error: NotPositive, points: FloatArray | None) -> str:
+    if error.index < 0:
+        return ""
+    what = f": degree of freedom {error.index}"
+    if points is not None:
+        what += f" at ({', '.join(f'{value:.4g}' for value in points[error.index])}) m"
+    return f"{what} has a negative stiffness"

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.reduction import hex20_block
 from femeshes import block
 from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 
 from flexmb.errors import ReductionError
-from flexmb.fe import assemble, craig_bampton, make_interfaces, resolve
+from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, resolve
+from flexmb.fe.solver import linear_solver
 from flexmb.fe.solver.dissection import dissect
 from flexmb.fe.solver.graph import matrix_graph
 from flexmb.fe.solver.linear_solver import factor
 from flexmb.fe.solver.multifrontal import Multifrontal
+from flexmb.fe.solver.pardiso import FOUND, Pardiso
 from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.fe.solver.symbolic import fronts
 from flexmb.fe.solver.threads import blas_threads
+
+
+@pytest.fixture(autouse=True)
+def without_pardiso(monkeypatch):
+    """The solver of flexmb is tested also where PARDISO is installed."""
+    monkeypatch.setattr(linear_solver, "FOUND", False)
 
 
 def chain(n, held=True):
@@ -234,3 +243,59 @@ def test_modes_of_a_large_model_are_the_same_to_the_last_bit():
     moved = first.basis[:, :12] @ rigid
     np.testing.assert_allclose(moved, fe.rigid[:, :3], atol=1e-11)
     assert np.abs(first.K[:12, :12] @ rigid).max() < 1e-11 * np.abs(first.K).max()
+
+
+@pytest.mark.skipif(not FOUND, reason="pypardiso is not installed")
+def test_pardiso_is_used_if_it_is_installed(monkeypatch):
+    monkeypatch.setattr(linear_solver, "FOUND", True)
+    K, points = grid((18, 18, 18))
+    found = factor(K, points)
+    assert isinstance(found, Pardiso)
+    wave, value = standing_wave((18, 18, 18))
+    np.testing.assert_allclose(found.solve(wave), wave / value, atol=1e-11 / value)
+    b = np.random.default_rng(0).normal(size=(len(points), 3))
+    assert np.linalg.norm(K @ found.solve(b) - b) < 1e-10 * np.linalg.norm(b)
+    free, others = grid((5, 5, 5), held=False)
+    with pytest.raises(SingularMatrix, match="125 nodes"):
+        factor(csr_array(block_diag([K, free])), np.vstack([points, others + 50]))
+    monkeypatch.setenv("FLEXMB_MEMORY", "2 MB")
+    with pytest.raises(ReductionError, match="FLEXMB_MEMORY allows 2 MB"):
+        factor(K, points)
+
+
+def test_a_part_that_hangs_on_an_edge_is_named_by_the_reduction():
+    """Two blocks that share the three nodes of an edge; an interface holds one of them."""
+    one = block((2, 1, 1), (2.0, 1.0, 1.0))
+    points = np.vstack([one.points, one.points + [2, 0, 1]])
+    _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    cells = one.blocks["tetra10"]
+    tets = same.ravel()[np.vstack([cells, cells + len(one.points)])]
+    held = {"held": np.flatnonzero(points[first, 0] == 0)}
+    fe = assemble(Mesh(points[first], {"tetra10": tets}, held), resolve("steel"))
+    interfaces = make_interfaces(fe, {"left": "held"})
+    place = r"of .* nodes .* between \(2, 0, 1\) and \(4, 1, 2\) m"
+    with pytest.raises(ReductionError, match=f"{len(one.points) - 3} {place}"):
+        craig_bampton(fe, interfaces, 5)
+
+
+@pytest.mark.slow
+def test_a_large_bar_has_the_frequency_of_its_axial_wave():
+    """Held at both ends and without lateral contraction a bar vibrates along its axis at exactly
+    c / (2 L), c^2 = E / rho; quadratic elements of length h miss it by about (k h)^4 / 1440."""
+    n, E, density = 10, 2.1e11, 7850.0
+    mesh = hex20_block(n)
+    fe = assemble(mesh, resolve({"E": E, "nu": 0.0, "density": density}))
+    interfaces = make_interfaces(fe, {"left": "x0", "right": "x1"})
+    found = craig_bampton(fe, interfaces, 20)
+    exact = np.sqrt(E / density) / 8.0
+    frequencies = np.sqrt(np.diag(found.K)[12:]) / (2 * np.pi)
+    kh = np.pi / 4.0 / n
+    assert np.abs(frequencies / exact - 1).min() < 2 * kh**4 / 1440
+    held = np.concatenate([part.dofs for part in interfaces])
+    free = np.setdiff1d(np.arange(fe.numbering.n), held)
+    inertia = (fe.M @ found.basis[:, 12:])[free] * np.diag(found.K)[12:]
+    wrong = (fe.K @ found.basis)[free]
+    wrong[:, 12:] -= inertia
+    assert np.linalg.norm(wrong[:, 12:]) < 1e-10 * np.linalg.norm(inertia)
+    forces = abs(fe.K) @ np.abs(found.basis[:, :12])
+    assert np.linalg.norm(wrong[:, :12]) < 1e-10 * np.linalg.norm(forces)

@@ -35,7 +35,7 @@ def bar():
 
 @pytest.fixture(scope="module")
 def box():
-    fe = assemble(block((4, 1, 1), (1, 0.2, 0.15)), STEEL)
+    fe = assemble(block((3, 1, 1), (1, 0.2, 0.15)), STEEL)
     return fe, make_interfaces(fe, {"a": "x0", "b": {"group": "x1", "type": "rbe3"}})
 
 

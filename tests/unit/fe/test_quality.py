@@ -39,7 +39,7 @@ def bar():
 
 @pytest.fixture(scope="module")
 def box():
-    fe = assemble(block((3, 1, 1), (3, 0.8, 1.1), distort=0.2), STEEL)
+    fe = assemble(block((2, 1, 1), (2, 0.8, 1.1), distort=0.2), STEEL)
     return fe, make_interfaces(fe, {"left": "x0", "right": "x1"})
 
 

@@ -113,3 +113,32 @@ def test_coordinates_that_are_not_numbers(tmp_path):
     meshio.write(path, mesh, binary=False)
     with pytest.raises(MeshError, match="node 3 has a coordinate that is not a number"):
         read_mesh(path)
+
+
+_GMSH = {  # number of the kind, its corners, corners whose mean the others are (gmsh manual)
+    "tetra10": (11, 4, "01 12 20 30 23 13"),
+    "hexahedron20": (17, 8, "01 03 04 12 15 23 26 37 45 47 56 67"),
+    "hexahedron27": (
+        12, 8,
+        "01 03 04 12 15 23 26 37 45 47 56 67 0321 0154 0473 1265 2376 4567 01234567",
+    ),
+    "wedge15": (18, 6, "01 02 03 12 14 25 34 35 45"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", _GMSH)
+def test_nodes_of_second_order_solids_come_in_the_order_of_the_elements(kind, tmp_path):
+    from flexmb.fe.elements.registry import FAMILIES
+
+    reference = FAMILIES[kind].reference
+    number, corners, middles = _GMSH[kind]
+    x = reference.nodes[:corners]
+    x = np.vstack([x, *(x[[int(c) for c in some]].mean(axis=0) for some in middles.split())])
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(x))]
+    lines += [f"{n} {a} {b} {c}" for n, (a, b, c) in enumerate(x, start=1)]
+    nodes = " ".join(str(n) for n in range(1, len(x) + 1))
+    lines += ["$EndNodes", "$Elements", "1", f"1 {number} 2 1 1 {nodes}", "$EndElements", ""]
+    path = tmp_path / "one.msh"
+    path.write_text("\n".join(lines))
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.points[mesh.blocks[kind][0]], reference.nodes)

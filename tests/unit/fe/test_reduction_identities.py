@@ -23,8 +23,10 @@ from flexmb.fe import (
     resolve,
 )
 from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.meshes.shapes import plate
 from flexmb.fe.reduction.choice import interface_shares
 from flexmb.fe.reduction.held import Held
+from flexmb.fe.sections.shell import shell
 
 STEEL = resolve("steel")
 SPATIAL = (0, 1, 2, 3, 4, 5)
@@ -32,7 +34,7 @@ LOOSE = {"group": "x1", "type": "rbe3"}
 
 
 def solid(**interfaces):
-    fe = assemble(block((3, 1, 1), (3, 0.8, 1.1), distort=0.2), STEEL)
+    fe = assemble(block((2, 1, 1), (2, 0.8, 1.1), distort=0.2), STEEL)
     return fe, make_interfaces(fe, interfaces)
 
 
@@ -56,7 +58,7 @@ def beams():
 
 def solid_and_beam():
     """A block and a beam that an rbe2 tie seats on it: with degrees of freedom that follow."""
-    solid, beam = block((2, 1, 1), (1, 0.1, 0.2)), line(3, (1, 0.05, 0.1), (2, 0.05, 0.1))
+    solid, beam = block((1, 1, 1), (1, 0.1, 0.2)), line(2, (1, 0.05, 0.1), (2, 0.05, 0.1))
     n = len(solid.points)
     sets = {name: nodes + n for name, nodes in beam.node_sets.items()}
     cells = {**solid.blocks, "line": beam.blocks["line"] + n}
@@ -66,7 +68,13 @@ def solid_and_beam():
     return fe, make_interfaces(fe, {"left": {"group": "x0", "type": "rbe3"}, "tip": "tip"})
 
 
-MODELS = [rigid, weighted, mixed, beams, solid_and_beam]
+def shells():
+    """Edges: their nodes lie on a line and hold by their rotations."""
+    fe = assemble(plate(1.0, 0.6, divisions=(4, 2), skew=0.2), STEEL, {"all": shell(0.02)})
+    return fe, make_interfaces(fe, {"a": "x0", "b": {"group": "x1", "type": "rbe3"}})
+
+
+MODELS = [rigid, weighted, mixed, beams, solid_and_beam, shells]
 
 
 @pytest.fixture(params=MODELS, ids=[model.__name__ for model in MODELS], scope="module")
