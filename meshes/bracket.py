@@ -1,8 +1,9 @@
 """Make bracket.msh: an angle bracket with bolt holes, second-order tetrahedra, in millimetres.
 
 Run ``python meshes/bracket.py`` (needs the package gmsh). A foot in the xy plane with two holes
-for bolts along z, an upright wall along x = 0 with a bore along x for a bearing, a gusset between them in the
-xz plane. Physical groups: surfaces ``bolt1``, ``bolt2`` and ``bore``, volume ``bracket``.
+for bolts along z, an upright wall along x = 0 with a bore along x for a bearing, a gusset between
+them in the xz plane. Physical groups: surfaces ``bolt1``, ``bolt2`` and ``bore``, volume
+``bracket``.
 """
 
 from __future__ import annotations

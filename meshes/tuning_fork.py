@@ -1,8 +1,8 @@
 """Make tuning_fork.msh: a steel tuning fork for A4, second-order tetrahedra, in millimetres.
 
 Run ``python meshes/tuning_fork.py`` (needs the package gmsh). Two square-edged prongs along +x
-beside each other in y, on a solid base; a round stem along -x. Physical groups: the surface ``stem_end``, the
-volume ``fork``.
+beside each other in y, on a solid base; a round stem along -x. Physical groups: the surface
+``stem_end``, the volume ``fork``.
 """
 
 from __future__ import annotations
