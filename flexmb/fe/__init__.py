@@ -29,12 +29,14 @@ from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.methods import METHODS, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.user import user_modes
+from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from
+from flexmb.fe.sections.shell import Layer, ShellSection, layered, shell
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.sections.thin_walls import box_section, i_section
 
 __all__ = [
     "ELEMENTS",
@@ -44,6 +46,7 @@ __all__ = [
     "FEMatrices",
     "Finding",
     "Integrals",
+    "Layer",
     "LoadPattern",
     "Mesh",
     "ModeChoice",
@@ -51,6 +54,7 @@ __all__ = [
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
+    "ShellSection",
     "SolidSection",
     "Stopwatch",
     "Survey",
@@ -67,6 +71,7 @@ __all__ = [
     "guyan",
     "i_section",
     "integrals",
+    "layered",
     "make_body",
     "make_interfaces",
     "make_loads",
@@ -85,6 +90,7 @@ __all__ = [
     "resolve",
     "section_from",
     "surface",
+    "shell",
     "survey",
     "tapered",
     "tube",
