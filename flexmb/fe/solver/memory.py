@@ -70,7 +70,7 @@ def _own_limit() -> float | None:
 
 def _meminfo() -> float | None:
     try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return None
     values = dict(line.split(":", 1) for line in lines if ":" in line)
@@ -81,7 +81,7 @@ def _meminfo() -> float | None:
 def _cgroups() -> list[float | None]:
     """What each control group above this process leaves, version 2 and version 1."""
     try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
     found: list[float | None] = []
@@ -103,9 +103,9 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
         if not folder.is_relative_to(root):
             break
         try:
-            most = float((folder / limit).read_text())  # "max" is no number: no limit
-            used = float((folder / usage).read_text())
-            rows = (folder / "memory.stat").read_text().splitlines()
+            most = float((folder / limit).read_text(encoding="utf-8"))  # "max" is no number: no limit
+            used = float((folder / usage).read_text(encoding="utf-8"))
+            rows = (folder / "memory.stat").read_text(encoding="utf-8").splitlines()
             cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
         except (OSError, ValueError):
             continue
