@@ -82,5 +82,6 @@ QUAD = Shell(
 TRIANGLE = Shell(
     "triangle",
     "shell: flat triangle, three nodes with six motions each, thin or thick, layered "
-    "(DKMT bending, Allman membrane); needs a section",
+    "(DKMT bending, Allman membrane); needs a section; too stiff where thin shells are twisted: "
+    "quadrilaterals are better there",
 )

@@ -121,7 +121,7 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
     Raises
     ------
     MeshError
-        The section's orientation is normal to an element.
+        The section's orientation is normal to an element, or an element is warped too much.
     """
     flat = flatten(x, section.orientation)
     start, end = (list(nodes) for nodes in zip(*EDGES[kind], strict=True))

@@ -6,19 +6,17 @@ the order of an element's nodes by the right-hand rule; bottom and top are named
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from numbers import Real
-from typing import Any
 
-from flexmb.errors import Problem, ReductionError, nearest
-from flexmb.fe.material import MaterialLike, resolve
+from flexmb.errors import Problem, ReductionError
 from flexmb.fe.sections.laminate import Laminate, laminate
-from flexmb.materials import AnyMaterial, OrthotropicMaterial
+from flexmb.materials import AnyMaterial
 
-__all__ = ["Layer", "ShellSection", "shell"]
+__all__ = ["Layer", "ShellSection", "layered", "shell"]
 
 Vector = tuple[float, float, float]
 
@@ -135,61 +133,28 @@ class ShellSection:
 
 
 def shell(
-    thickness: float | None = None,
-    layers: Sequence[Layer | Mapping[str, Any]] | None = None,
-    *,
+    thickness: float,
     offset: float = 0.0,
     orientation: Vector | None = None,
     nonstructural: float = 0.0,
-    material: MaterialLike | OrthotropicMaterial | None = None,
+    material: AnyMaterial | None = None,
     shear: bool = True,
 ) -> ShellSection:
-    """A shell section of one layer of that thickness [m], or of several layers.
+    """A shell of one layer of that thickness [m]; the other words are those of ShellSection."""
+    return layered([Layer(thickness)], offset, orientation, nonstructural, material, shear)
 
-    ``layers`` are :class:`Layer` objects or mappings with their words; the other words are those of
-    :class:`ShellSection`.
 
-    Raises
-    ------
-    ReductionError
-        Neither or both of ``thickness`` and ``layers`` given, or values that cannot be.
-    MaterialError
-        An unknown material.
-    """
-    if (thickness is None) == (layers is None):
-        what = "a shell needs either thickness or layers"
-        raise ReductionError.from_problems([Problem("section", what)])
-    stack = [Layer(thickness)] if thickness is not None else _layers(layers or ())
-    place = None if orientation is None else tuple(orientation)
-    return ShellSection(tuple(stack), offset, place, nonstructural, _material(material), shear)
+def layered(
+    layers: Sequence[Layer],
+    offset: float = 0.0,
+    orientation: Vector | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
+    """A shell of layers from the bottom to the top; the other words are those of ShellSection."""
+    return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
 
 
 def _finite(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
-
-
-def _layers(given: Sequence[Layer | Mapping[str, Any]]) -> list[Layer]:
-    words, problems, found = tuple(field.name for field in fields(Layer)), [], []
-    for k, layer in enumerate(given):
-        if isinstance(layer, Layer):
-            found.append(layer)
-            continue
-        where = f"section.layers[{k}]"
-        wrong = [key for key in layer if key not in words]
-        problems += [
-            Problem(f"{where}.{key}", "unknown key", words, nearest(key, words)) for key in wrong
-        ]
-        if "thickness" not in layer:
-            problems.append(Problem(f"{where}.thickness", "is missing"))
-        elif not wrong:
-            material = _material(layer.get("material"))
-            found.append(Layer(layer["thickness"], material, layer.get("angle", 0.0)))
-    if problems:
-        raise ReductionError.from_problems(problems)
-    return found
-
-
-def _material(given: MaterialLike | OrthotropicMaterial | None) -> AnyMaterial | None:
-    if given is None or isinstance(given, OrthotropicMaterial):
-        return given
-    return resolve(given)

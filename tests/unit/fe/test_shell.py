@@ -12,7 +12,7 @@ from flexmb.fe.elements.registry import ADVICE, FAMILIES
 from flexmb.fe.elements.shell_axes import warp
 from flexmb.fe.elements.shell_fields import make_fields, make_points
 from flexmb.fe.elements.shell_reference import reference
-from flexmb.fe.sections.shell import Layer, shell
+from flexmb.fe.sections.shell import Layer, layered, shell
 from flexmb.materials import Material, OrthotropicMaterial
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -25,7 +25,7 @@ SECTIONS = {
     "thin": shell(1e-3, material=STEEL),
     "thick": shell(0.2, material=STEEL),
     "offset": shell(0.02, material=STEEL, offset=0.03, nonstructural=40.0),
-    "layered": shell(layers=LAYUP, offset=-2e-3, orientation=(1.0, 2.0, 0.5)),
+    "layered": layered(LAYUP, offset=-2e-3, orientation=(1.0, 2.0, 0.5)),
     "unsheared": shell(0.02, material=STEEL, shear=False),
 }
 
@@ -221,13 +221,13 @@ def test_rotations_are_the_nodes_own(kind):
 def test_layers_of_one_material_are_one_layer():
     whole = FAMILIES["quad"].stiffness(corners("quad"), SECTIONS["thick"])[0]
     layers = [Layer(0.05, STEEL), Layer(0.1, STEEL, 0.7), Layer(0.05, STEEL)]
-    parts = FAMILIES["quad"].stiffness(corners("quad"), shell(layers=layers))[0]
+    parts = FAMILIES["quad"].stiffness(corners("quad"), layered(layers))[0]
     assert parts == pytest.approx(whole, abs=ROUND * whole.max())
 
 
 def test_stress_of_layers_is_that_of_the_outermost():
     """Uniaxial strain of a laminate: each face has the stress of its own turned layer."""
-    section, x = shell(layers=LAYUP, orientation=SKEW[:, 0]), corners("quad")
+    section, x = layered(LAYUP, orientation=SKEW[:, 0]), corners("quad")
     u = np.zeros((4, 6))
     u[:, :3] = np.outer((x[0] - x[0, 0]) @ SKEW[:, 0], SKEW[:, 0]) * 1e-3
     s = np.einsum("klid,d->kli", FAMILIES["quad"].stress(x, section)[0], u.ravel())
