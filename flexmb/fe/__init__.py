@@ -34,7 +34,7 @@ from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.sections.thin_walls import box_section, i_section
 
 __all__ = [
     "ELEMENTS",

@@ -186,7 +186,7 @@ def _point_values(fields: BeamFields, ne: int) -> FloatArray:
         for row in fields.end_sections(ne)
     ]
     values = np.array(found, dtype=float)
-    values = values.reshape(*values.shape[:2], -1, 8)
+    values = values.reshape(len(found), 2, len(found[0][0]), 8)
     return np.broadcast_to(values, (ne, *values.shape[1:]))
 
 

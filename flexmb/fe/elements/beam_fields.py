@@ -79,7 +79,7 @@ class BeamFields:
     def _interpolate(self) -> None:
         ne = len(self.length)
         ends = np.stack([np.zeros(ne), self.length], axis=1).reshape(1, -1)
-        mesh = MeshLine(ends, np.arange(2 * ne).reshape(ne, 2).T)
+        mesh = MeshLine(ends, np.ascontiguousarray(np.arange(2 * ne).reshape(ne, 2).T))
         order = _ORDER if self._span is None else _TAPERED_ORDER
         linear = CellBasis(mesh, ElementLineP1(), intorder=order)
         self._cubic = CellBasis(mesh, ElementLineHermite(), intorder=order)

@@ -11,6 +11,7 @@ from typing import Any
 
 from flexmb.errors import FlexmbError, MaterialError, Problem, ReductionError
 from flexmb.fe.material import resolve
+from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
 from flexmb.fe.sections.shell import Layer, ShellSection

@@ -7,7 +7,7 @@ import pytest
 from femeshes import held_frequencies, line
 from scipy.linalg import eigh
 
-from flexmb.errors import MaterialError, MeshError
+from flexmb.errors import MaterialError
 from flexmb.fe import (
     Mesh,
     angle_section,
@@ -147,41 +147,6 @@ def test_components_add_up_to_the_mass_and_agree_with_rigid_turns():
             np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
-def test_released_ends_are_hinges():
-    """Clamped nodes, hinged elements: pinned-pinned and clamped-pinned roots pi^2, 15.4182."""
-    for releases, root in (
-        ({"start": ["rz"], "end": ["rz"]}, np.pi**2),
-        ({"end": ["rz"]}, 15.41820571698),
-    ):
-        section = rectangle(1e-3, 2e-3, shear=False, releases=releases)
-        fe = assemble(line(12), MATTER, {"all": section})
-        table = fe.numbering.table
-        held = np.union1d(np.union1d(table[0], table[-1]), table[:, (0, 2, 3, 4)].ravel())
-        found = held_frequencies(fe, held, 1)[0]
-        scale = np.sqrt(MATTER.E * section.Iz / (MATTER.density * section.A))
-        assert found / scale == pytest.approx(root, rel=2e-5)
-
-
-def test_a_hinge_between_two_groups_transmits_force_and_no_moment():
-    """Cantilever of 1 m and a bar of 1 m hinged on it, its far end on a roller: P/2 each."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [1.5, 0, 0], [2, 0, 0]], dtype=float)
-    cells = {"line": np.array([[0, 1], [1, 2], [2, 3]])}
-    sets = {"arm": {"line": np.array([0])}, "bar": {"line": np.array([1, 2])}}
-    section = rectangle(0.02, 0.02, shear=False)
-    bar = rectangle(0.02, 0.02, shear=False, releases={"start": ["ry", "rz"]})
-    fe = assemble(Mesh(points, cells, {}, sets), MATTER, {"arm": section, "bar": bar})
-    table, force = fe.numbering.table, np.zeros(fe.numbering.n)
-    force[table[2, 1]] = 1.0
-    free = np.setdiff1d(
-        np.arange(fe.numbering.n), [*table[0], table[3, 1], table[3, 2], table[3, 3]]
-    )
-    u = np.zeros(fe.numbering.n)
-    u[free] = np.linalg.solve(fe.K.toarray()[np.ix_(free, free)], force[free])
-    EI = MATTER.E * section.Iz
-    assert u[table[1, 1]] == pytest.approx(0.5 / (3 * EI), rel=1e-9)
-    assert u[table[2, 1]] == pytest.approx(0.25 / (3 * EI) + 1 / (48 * EI), rel=1e-9)
-
-
 def test_geometric_stiffness_of_a_turned_bar():
     """A bar under tension N that turns rigidly: its end forces turn with it, N/L across."""
     fe = body("rectangle", 1)
@@ -207,35 +172,6 @@ def test_small_facts_of_the_family():
 
 
 FIBRE = OrthotropicMaterial("fibre", (1e11, 1e10, 1e10), (0.3, 0.3, 0.3), (5e9, 3e9, 5e9), 1600.0)
-RING = Mesh(np.eye(3), {"line": np.array([[0, 1], [1, 2], [2, 0]])})
-FORK = Mesh(
-    np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]], dtype=float),
-    {"line": np.array([[0, 1], [1, 2], [1, 3]])},
-)
-TWO = Mesh(
-    np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float),
-    {"line": np.array([[0, 1], [2, 3]])},
-)
-CONE = tapered(circle(0.2), circle(0.1))
-
-
-@pytest.mark.parametrize(
-    ("mesh", "section", "sentence"),
-    [
-        (RING, CONE, "form one chain from end to end, but they form a ring"),
-        (FORK, CONE, "they branch at node 1: give each chain a group"),
-        (TWO, CONE, "they have 4 ends"),
-        (
-            line(3),
-            circle(0.1, releases={"start": ["rx"], "end": ["rx"]}),
-            "rx at node 0 and rx at node 3 let the elements between move on their own",
-        ),
-        (line(1), circle(0.1, releases={"start": ["uy", "rz"], "end": ["rz"]}), "a mechanism"),
-    ],
-)
-def test_refused_chains(mesh, section, sentence):
-    with pytest.raises(MeshError, match=sentence):
-        assemble(mesh, MATTER, {"all": section})
 
 
 def test_orthotropic_beams_are_refused():
@@ -265,3 +201,9 @@ def test_twist_about_the_shear_centre_couples_with_bending():
     M = np.array([[m + rotary, -c * m], [-c * m, m * (polar + c * c)]])
     exact = np.sqrt(eigh(K, M, eigvals_only=True))
     assert found[0] == pytest.approx(exact[0], rel=2e-3)
+
+
+def test_a_section_without_stress_points_has_no_layers():
+    section = general(1e-4, 1e-9, 1e-9, 1e-9).with_material(MATTER)
+    assert LINE.stress_layers(section) == ()
+    assert LINE.stress(np.array([[START, END]]), section).shape == (1, 2, 0, 6, 12)

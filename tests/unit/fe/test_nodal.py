@@ -7,7 +7,7 @@ import pytest
 from femeshes import block, held_frequencies, line, slope
 
 from flexmb.errors import MeshError, ReductionError
-from flexmb.fe import Mesh, assemble, rectangle, resolve
+from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 SECTION = {"all": rectangle(0.1, 0.2)}
@@ -211,3 +211,19 @@ def test_refused_springs(spring, sentence):
 def test_an_unknown_mass_matrix():
     with pytest.raises(ReductionError, match='unknown "lumped"; allowed: consistent, hrz'):
         assemble(line(1), MATTER, SECTION, mass_matrix="lumped")
+
+
+def test_a_reduced_body_carries_its_masses_and_springs(tmp_path):
+    """Mass of the body, and another fingerprint for other masses, springs or mass matrix."""
+    given = {"units": "SI", "material": MATTER, "sections": SECTION, "modes": 3}
+    mass = {"load": {"at": "tip", "mass": 7.0, "inertia": np.eye(3)}}
+    spring = {"tie": {"between": ["root", "tip"], "stiffness": 1e6}}
+    ends = {"a": "root", "b": "tip"}
+    plain = reduce(line(4), interfaces=ends, **given)
+    body = reduce(line(4), interfaces=ends, **given, masses=mass, springs=spring, mass_matrix="hrz")
+    assert body.mass == pytest.approx(plain.mass + 7)
+    assert "load" in body.provenance["masses"] and body.provenance["mass_matrix"] == "hrz"
+    file = tmp_path / "mesh"
+    file.write_text("any")
+    options = [{}, {"masses": mass}, {"springs": spring}, {"mass_matrix": "hrz"}]
+    assert len({reduction_key(file, **given, **extra) for extra in options}) == 4

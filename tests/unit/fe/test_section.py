@@ -6,8 +6,20 @@ import math
 
 import pytest
 
-from flexmb.errors import ReductionError
-from flexmb.fe import BeamSection, circle, rectangle, section_from, tube
+from flexmb.errors import FlexmbError, ReductionError
+from flexmb.fe import (
+    BeamSection,
+    angle_section,
+    box_section,
+    circle,
+    general,
+    i_section,
+    rectangle,
+    resolve,
+    section_from,
+    tapered,
+    tube,
+)
 
 
 def test_rectangle():
@@ -60,3 +72,87 @@ def test_refused_values():
         BeamSection(1, -1, 1, 1)
     with pytest.raises(ReductionError, match="section.orientation: must be three numbers"):
         BeamSection(1, 1, 1, 1, orientation=(0, 0, 0))
+
+
+def test_tables_of_all_types():
+    """A table says the same as the function of its type."""
+    wide = {"type": "I", "height": 0.3, "width": 0.15, "web": 0.008, "flange": 0.012}
+    assert section_from(wide) == i_section(0.3, 0.15, 0.008, 0.012)
+    box = {"type": "box", "y": 0.1, "z": 0.2, "web": 0.004, "offset": [0.0, 0.1]}
+    assert section_from(box) == box_section(0.1, 0.2, 0.004, offset=(0.0, 0.1))
+    corner = {"type": "L", "y": 0.1, "z": 0.2, "web": 0.01, "nonstructural": 2.0}
+    assert section_from(corner) == angle_section(0.1, 0.2, 0.01, nonstructural=2.0)
+    cone = {
+        "type": "tapered",
+        "start": {"type": "circle", "radius": 0.2},
+        "end": {"type": "circle", "radius": 0.1},
+        "releases": {"start": ["ry", "rz"]},
+        "material": "steel",
+    }
+    found = section_from(cone)
+    assert found == tapered(
+        circle(0.2), circle(0.1), releases={"start": ["ry", "rz"]}, material=resolve("steel")
+    )
+    assert found.at(0.5).A == pytest.approx(math.pi * 0.15**2)
+
+
+def test_principal_axes_of_given_moments():
+    """A rectangle b by h turned by 30 degrees has its own moments and that angle."""
+    b, h, t = 0.02, 0.05, math.radians(30)
+    Iy, Iz = b * h**3 / 12, h * b**3 / 12
+    c, s = math.cos(t), math.sin(t)
+    turned = general(
+        b * h,
+        Iy * c * c + Iz * s * s,
+        Iy * s * s + Iz * c * c,
+        1e-9,
+        Iyz=s * c * (Iz - Iy),
+        points={"corner": (c * b / 2 - s * h / 2, s * b / 2 + c * h / 2)},
+    )
+    assert (turned.Iy, turned.Iz, turned.angle) == pytest.approx((Iy, Iz, t))
+    assert (turned.points[0].y, turned.points[0].z) == pytest.approx((b / 2, h / 2))
+
+
+ROUND = {"type": "circle", "radius": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (
+            {"type": "I", "height": 0.1, "width": 0.1, "web": 0.2, "flange": 0.06},
+            "s.flange: the flanges must leave room.*\ns.web: must not exceed the width",
+        ),
+        ({"type": "box", "y": 0.1, "z": 0.1, "web": 0.05}, "s.web: must be less than half of 0.1"),
+        ({"type": "L", "y": 0.1, "z": 0.1, "web": 0.2}, "s.web: must be less than 0.1 m"),
+        (ROUND | {"offset": [1, 2, 3]}, "s.offset: must be two numbers"),
+        (ROUND | {"offset": [0.0, float("nan")]}, "s.offset: must be two numbers"),
+        (ROUND | {"nonstructural": -1}, "s.nonstructural: must not be negative"),
+        (ROUND | {"ky": 0}, "s.ky: must be positive"),
+        (ROUND | {"releases": {"start": ["rr"]}}, 's.releases.start: unknown "rr"'),
+        (ROUND | {"releases": {"begin": ["rx"]}}, "s.releases.begin: unknown key"),
+        (ROUND | {"material": "stel"}, 'unknown material "stel"; nearest: steel'),
+        ({"type": "tapered", "start": ROUND}, "a tapered needs start, end; end is missing"),
+        ({"type": "tapered", "start": ROUND, "end": {"type": "crcle"}}, 's.end.type: unknown "crc'),
+        (
+            {"type": "tapered", "start": ROUND, "end": ROUND | {"orientation": [1, 0, 0]}},
+            "s.orientation: must be the same at both ends",
+        ),
+        (
+            {"type": "tapered", "start": ROUND, "end": ROUND | {"releases": {"end": ["rx"]}}},
+            "s.releases: belong to the tapered section as a whole",
+        ),
+        (
+            {
+                "type": "tapered",
+                "start": {"type": "L", "y": 0.1, "z": 0.2, "web": 0.01},
+                "end": {"type": "L", "y": 0.1, "z": 0.1, "web": 0.01},
+            },
+            "s: the principal axes must not turn along the beam",
+        ),
+        (3.0, "s: a section or a table with its type is expected, given 3.0"),
+    ],
+)
+def test_refused_shapes(given, sentence):
+    with pytest.raises(FlexmbError, match=sentence):
+        section_from(given, "s")
