@@ -21,6 +21,7 @@ import numpy as np
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
 from flexmb.fe.assembly.loads import make_loads
+from flexmb.fe.checks.hinges import require_hinges_held
 from flexmb.fe.checks.mass import point_mass
 from flexmb.fe.checks.mesh import Finding
 from flexmb.fe.checks.model import mode_infos, orphans, suspicions
@@ -136,6 +137,7 @@ def reduce(
     given = given.scaled(scale)
     fe = assemble(given, matter, chosen, progress, **joints, mass_matrix=mass_matrix)
     held = make_interfaces(fe, interfaces or {})
+    require_hinges_held(fe, [part.nodes for part in held])
     found = suspicions(fe, held, point_mass(masses))
     for finding in found:
         if finding.level == "warning":

@@ -17,7 +17,7 @@ from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
 from flexmb.fe.sections.shell import Layer, ShellSection
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.sections.thin_walls import box_section, i_section
 from flexmb.fe.tables import call, kind_of, rooted
 from flexmb.materials import AnyMaterial
 

@@ -103,7 +103,9 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
         if not folder.is_relative_to(root):
             break
         try:
-            most = float((folder / limit).read_text(encoding="utf-8"))  # "max" is no number: no limit
+            most = float(
+                (folder / limit).read_text(encoding="utf-8")
+            )  # "max" is no number: no limit
             used = float((folder / usage).read_text(encoding="utf-8"))
             rows = (folder / "memory.stat").read_text(encoding="utf-8").splitlines()
             cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
