@@ -29,6 +29,7 @@ from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.methods import METHODS, reduce_model
 from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
 from flexmb.fe.reduction.user import user_modes
+from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from

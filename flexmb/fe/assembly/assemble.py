@@ -27,11 +27,14 @@ from flexmb.fe.assembly.springs import Spring, make_springs, spring_stiffness
 from flexmb.fe.assembly.ties import Tie, dependence, followers, make_ties
 from flexmb.fe.elements.select import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
 __all__ = ["FEMatrices", "assemble", "number_model"]
+
+_BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +167,7 @@ def assemble(
     blocks = select_elements(mesh, sections, material)
     tied = make_ties(mesh, ties or {})
     numbering = number_model(mesh, blocks, tied)
+    _require_memory(blocks, numbering)
     points, lumped = mesh.points, mass_matrix == "hrz"
     stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, points)
     lumps = _add_elements(blocks, (stiffness, mass), (numbering, points), lumped, progress)
@@ -204,6 +208,14 @@ def _add_elements(
             done += len(nodes)
             progress("assemble", min(0.99, done / total))
     return lumps.total()
+
+
+def _require_memory(blocks: tuple[Block, ...], numbering: Numbering) -> None:
+    entries = sum(
+        len(block.nodes) * (block.nodes.shape[1] * (6 if block.family.rotations else 3)) ** 2
+        for block in blocks
+    )
+    require_memory(_BYTES * entries, f"the assembly of {numbering.n_all} degrees of freedom")
 
 
 def number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:

@@ -22,7 +22,9 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 __all__ = ["Dissection", "dissect"]
 
 _LEAF = 240  # degrees of freedom of a piece that is not cut further
-_WINDOW = 0.3  # smallest share of a piece on one side of a cut
+_WINDOW = 0.3  # smallest share of a piece that is wanted on either side of a cut
+_LOPSIDED = 10.0  # by which a cut outside this window must be better
+_SLIM = 0.2  # share of the largest extent below which a piece is not cut along an axis
 _DIGITS = 1e-9  # coordinates closer than this share of the extent are one
 
 
@@ -94,7 +96,7 @@ def _axes(places: FloatArray) -> list[FloatArray]:
     found = []
     for x in (*centred.T, *turned.T):
         extent = np.ptp(x)
-        if extent > 0.2 * np.ptp(places, axis=0).max():
+        if extent > _SLIM * np.ptp(places, axis=0).max():
             found.append(np.round((x - x.min()) / (extent * _DIGITS)))
     return found
 
@@ -118,7 +120,7 @@ def _position(inner: csr_array, x: FloatArray, weights: FloatArray) -> tuple[flo
         here - _cumulated(above, weights, at), _cumulated(below, weights, at) - here
     )
     cost = (smaller + 1.0) / (share * (1 - share))
-    cost[np.minimum(share, 1 - share) < _WINDOW] *= 10.0
+    cost[np.minimum(share, 1 - share) < _WINDOW] *= _LOPSIDED
     best = int(cost.argmin())
     return float(cost[best]), float(at[best])
 

@@ -49,8 +49,7 @@ class Graph:
 def matrix_graph(K: csr_array, points: FloatArray | None = None) -> Graph:
     """The graph of ``K`` (n, n), with ``points`` (n, 3) if known."""
     n = K.shape[0]
-    here = points is not None
-    same = (points[1:] == points[:-1]).all(axis=1) if here else _same_pattern(K)
+    same = _same_pattern(K) if points is None else (points[1:] == points[:-1]).all(axis=1)
     first = np.concatenate([[0], np.flatnonzero(~same) + 1, [n]])
     neighbours = _quotient(K, first)
     places = _distances(neighbours) if points is None else points[first[:-1]]

@@ -11,6 +11,7 @@ that a step of refinement (tried) changes nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from scipy.sparse import csr_array, diags_array
@@ -78,10 +79,11 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
         compute = _small(scale)
     else:
         compute = _pardiso(progress) if FOUND else _large(K, points, progress)
-    try:
+    found = None
+    with suppress(NotPositive):  # left behind at once, with all the memory its traceback holds
         found = compute(K)
-    except NotPositive as error:
-        raise _why(K, compute, error, points) from error
+    if found is None:
+        raise _why(K, compute, points)
     require_stiff(K, found.solve, points)
     progress("factor", 1.0)
     return found
@@ -89,6 +91,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
 
 def _canonical(K: csr_array) -> csr_array:
     """The matrix with one entry for each place."""
+    K = csr_array(K)
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
@@ -119,12 +122,7 @@ def _plan(K: csr_array, points: FloatArray | None, progress: Progress) -> Fronts
     return plan
 
 
-def _why(
-    K: csr_array,
-    compute: Compute,
-    error: NotPositive,
-    points: FloatArray | None,
-) -> ReductionError:
+def _why(K: csr_array, compute: Compute, points: FloatArray | None) -> ReductionError:
     """What a matrix without factors lacks: a little stiffness everywhere makes free parts move."""
     try:
         shifted = compute(K + SHIFT * diags_array(K.diagonal()))

@@ -122,7 +122,8 @@ def free_part(K: csr_array, motion: FloatArray, points: FloatArray | None = None
         part = f"its {len(nodes)} nodes lie between {low} and {high} m"
     return _error(
         "the stiffness matrix with all interfaces held is singular: a part moves freely "
-        f"({part}); hold it by an interface, or connect it to the rest by more nodes",
+        f"({part}); hold it by an interface, connect it to the rest by more nodes, or make it less "
+        "stiff beside what holds it: beyond 1e12 times numbers cannot tell",
         dofs,
     )
 

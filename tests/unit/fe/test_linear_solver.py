@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.reduction import hex20_block
 from femeshes import block
 from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 
 from flexmb.errors import ReductionError
-from flexmb.fe import assemble, craig_bampton, make_interfaces, resolve
+from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, resolve
 from flexmb.fe.solver import linear_solver
 from flexmb.fe.solver.dissection import dissect
 from flexmb.fe.solver.graph import matrix_graph
@@ -260,3 +261,41 @@ def test_pardiso_is_used_if_it_is_installed(monkeypatch):
     monkeypatch.setenv("FLEXMB_MEMORY", "2 MB")
     with pytest.raises(ReductionError, match="FLEXMB_MEMORY allows 2 MB"):
         factor(K, points)
+
+
+def test_a_part_that_hangs_on_an_edge_is_named_by_the_reduction():
+    """Two blocks that share the three nodes of an edge; an interface holds one of them."""
+    one = block((2, 1, 1), (2.0, 1.0, 1.0))
+    points = np.vstack([one.points, one.points + [2, 0, 1]])
+    _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    cells = one.blocks["tetra10"]
+    tets = same.ravel()[np.vstack([cells, cells + len(one.points)])]
+    held = {"held": np.flatnonzero(points[first, 0] == 0)}
+    fe = assemble(Mesh(points[first], {"tetra10": tets}, held), resolve("steel"))
+    interfaces = make_interfaces(fe, {"left": "held"})
+    place = r"nodes lie between \(2, 0, 1\) and \(4, 1, 2\) m"
+    with pytest.raises(ReductionError, match=f"{len(one.points) - 3} {place}"):
+        craig_bampton(fe, interfaces, 5)
+
+
+@pytest.mark.slow
+def test_a_large_bar_has_the_frequency_of_its_axial_wave():
+    """Held at both ends and without lateral contraction a bar vibrates along its axis at exactly
+    c / (2 L), c^2 = E / rho; quadratic elements of length h miss it by about (k h)^4 / 1440."""
+    n, E, density = 10, 2.1e11, 7850.0
+    mesh = hex20_block(n)
+    fe = assemble(mesh, resolve({"E": E, "nu": 0.0, "density": density}))
+    interfaces = make_interfaces(fe, {"left": "x0", "right": "x1"})
+    found = craig_bampton(fe, interfaces, 20)
+    exact = np.sqrt(E / density) / 8.0
+    frequencies = np.sqrt(np.diag(found.K)[12:]) / (2 * np.pi)
+    kh = np.pi / 4.0 / n
+    assert np.abs(frequencies / exact - 1).min() < 2 * kh**4 / 1440
+    held = np.concatenate([part.dofs for part in interfaces])
+    free = np.setdiff1d(np.arange(fe.numbering.n), held)
+    inertia = (fe.M @ found.basis[:, 12:])[free] * np.diag(found.K)[12:]
+    wrong = (fe.K @ found.basis)[free]
+    wrong[:, 12:] -= inertia
+    assert np.linalg.norm(wrong[:, 12:]) < 1e-10 * np.linalg.norm(inertia)
+    forces = abs(fe.K) @ np.abs(found.basis[:, :12])
+    assert np.linalg.norm(wrong[:, :12]) < 1e-10 * np.linalg.norm(forces)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from femeshes import block
 
 from flexmb.errors import ReductionError
+from flexmb.fe import assemble, resolve
 from flexmb.fe.solver import memory
 from flexmb.fe.solver.memory import available_memory, require_memory
 
@@ -56,3 +58,14 @@ def test_control_groups_of_version_2_count_with_all_above(tmp_path):
 
 def test_where_there_are_no_control_groups_nothing_is_said(tmp_path):
     assert memory._left(tmp_path, "/x", "memory.max", "memory.current", "inactive_file") == []
+
+
+def test_matrices_that_do_not_fit_are_not_assembled(monkeypatch):
+    """Six tetrahedra of 30 x 30 entries in a block: 97 kB at 18 bytes an entry."""
+    monkeypatch.setenv("FLEXMB_MEMORY", "90 KB")
+    with pytest.raises(
+        ReductionError, match=r"the assembly of 81 degrees .* needs about 0\.097 MB"
+    ):
+        assemble(block((1, 1, 1)), resolve("steel"))
+    monkeypatch.setenv("FLEXMB_MEMORY", "100 KB")
+    assemble(block((1, 1, 1)), resolve("steel"))
