@@ -233,14 +233,16 @@ def words(form: Form) -> str:
         return "table"
     if "anyOf" in form:
         parts = list(dict.fromkeys(words(part) for part in form["anyOf"]))
-        told = " or ".join(part for part in parts if part != "name" or len(parts) == 1)
+        plain = [part for part in parts if part != "name" or len(parts) == 1]
+        told = " or ".join(parts if plain == ["table"] else plain)
     elif form.get("type") == "array":
         count = f"{form['minItems']} x " if form.get("minItems") else "list of "
         told = f"{count}{words(form['items'])}"
     elif form.get("type") == ["integer", "string"]:
         return f"whole number from {form['minimum']} on"
     else:
-        told = {"string": "name", "boolean": "true | false"}.get(str(form.get("type")), "number")
+        kind = "name" if form.get("type") == _NAMED["type"] else str(form.get("type"))
+        told = {"name": "name", "string": "name", "boolean": "true | false"}.get(kind, "number")
     sign = ", positive" if "exclusiveMinimum" in form else ", >= 0" if "minimum" in form else ""
     unit = f" {form['description']}" if "description" in form else ""
     return f"{told}{unit}{sign}"

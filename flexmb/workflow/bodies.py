@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["body_problems", "flexible_bodies", "surveyed_bodies"]
+__all__ = ["flexible_bodies", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -116,11 +116,6 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
     return names
 
 
-def body_problems(model: Model) -> list[Problem]:
-    """What is wrong with the meshes and body files of a model, as far as reading them can tell."""
-    return surveyed_bodies(model)[1]
-
-
 def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb import fe
@@ -161,9 +156,13 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
 
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in MeshBodySpec.model_fields
-        where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
-        told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
+        place, what = problem.where, problem.what
+        if not place:  # a sentence that begins with its place
+            front, _, rest = what.partition(": ")
+            known = front.split(".")[0] in MeshBodySpec.model_fields
+            place, what = (front, rest) if known else ("", what)
+        gap = "." if place.split(".")[0] in MeshBodySpec.model_fields else ": " if place else ""
+        told.append(Problem(f"bodies.{name}{gap}{place}", what, problem.allowed, problem.nearest))
     return told
 
 

@@ -147,11 +147,56 @@ def _functions() -> Listing:
 
 def _elements() -> Listing:
     from flexmb.fe import ELEMENTS
-    from flexmb.model.sections import SECTION_TYPES
 
     table = Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
-    about = "Elements of a mesh that make up a flexible body; others only name groups:"
-    return Listing("elements of flexible bodies", ((about, table), *_fields(SECTION_TYPES)))
+    about = "Elements that make up a flexible body: solids always, surfaces and lines where a "
+    about += "section names them (flexmb list sections); others only name groups:"
+    return Listing("elements of flexible bodies", ((about, table),))
+
+
+def _meshes() -> Listing:
+    from flexmb.model.meshes import MESH_TYPES
+
+    about = 'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
+    about += '{ type = "box", size = [1, 0.1, 0.1] }. Elements not told by divisions: along the '
+    about += "longest edge 10 (20 of first order), along the others as many as make their edges as "
+    about += "long, at least 2; around circles 16 (32):"
+    return Listing(
+        "meshes: [bodies.name] mesh = ...", ((about, Table((), [])), *_fields(MESH_TYPES))
+    )
+
+
+def _sections() -> Listing:
+    from flexmb.model.beam_sections import ReleasesSpec
+    from flexmb.model.sections import SECTION_TYPES, LayerSpec
+
+    about = "The section of each element group of a mesh; all takes what no other names:"
+    kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
+    return Listing(
+        "sections: [bodies.name] sections.group = { ... }",
+        ((about, Table((), [])), *_fields(kinds)),
+    )
+
+
+def _reductions() -> Listing:
+    from flexmb.model.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
+    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.meshloads import LOAD_TYPES
+    from flexmb.model.reduction import METHODS as REDUCTIONS
+    from flexmb.model.reduction import ModesSpec
+
+    kinds = {
+        "a body": MeshBodySpec,
+        "modes": ModesSpec,
+        "an interface": InterfaceSpec,
+        "a tie": TieSpec,
+        "a mass": MassSpec,
+        "a spring": NodeSpringSpec,
+        **LOAD_TYPES,
+    }
+    about = "How the mesh of a flexible body becomes modes:"
+    table = Table(("reduction", "what it keeps"), list(REDUCTIONS.items()))
+    return Listing("flexible bodies: [bodies.name]", ((about, table), *_fields(kinds)))
 
 
 def _methods() -> Listing:
@@ -167,6 +212,7 @@ def _methods() -> Listing:
 
 def _materials() -> Listing:
     from flexmb.materials import LIBRARY
+    from flexmb.model.material import MATERIAL_KINDS
 
     rows = [
         (entry.name, f"{entry.E / 1e9:g}", f"{entry.nu:g}", f"{entry.density:g}", entry.source)
@@ -174,7 +220,7 @@ def _materials() -> Listing:
     ]
     about = "Linear elastic and isotropic; typical values, give your own where grades matter:"
     columns = ("material", "E [GPa]", "nu", "density [kg/m^3]", "source")
-    return Listing("materials", ((about, Table(columns, rows)),))
+    return Listing("materials", ((about, Table(columns, rows)), *_fields(MATERIAL_KINDS)))
 
 
 def _units() -> Listing:
@@ -251,7 +297,13 @@ TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     "forces": ("forces, torques, springs and dampers", _forces),
     "drivers": ("joint coordinates as functions of time", _drivers),
     "functions": ("functions of time and what expressions know", _functions),
-    "elements": ("finite elements of flexible bodies, sections of beams", _elements),
+    "elements": ("finite elements of flexible bodies", _elements),
+    "meshes": ("simple shapes that need no mesh file", _meshes),
+    "sections": ("sections of beams, shells and solids", _sections),
+    "reductions": (
+        "how meshes become modes: methods, interfaces, ties, loads",
+        _reductions,
+    ),
     "methods": ("integrators and the settings of a run", _methods),
     "sensors": ("what a run can record", _sensors),
     "materials": ("built-in materials, their values and sources", _materials),

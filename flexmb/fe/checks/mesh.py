@@ -124,8 +124,10 @@ def _orphans(mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray]) -> 
     joined = [_used(cells), *(np.ravel(nodes) for nodes in linked)]
     missing = len(mesh.points) - len(np.unique(np.concatenate(joined)))
     if missing:
-        verb = "node belongs" if missing == 1 else "nodes belong"
-        yield Finding("note", f"{missing} {verb} to no element of the body and are left out")
+        what = "1 node belongs to no element of the body and is left out"
+        if missing > 1:
+            what = f"{missing} nodes belong to no element of the body and are left out"
+        yield Finding("note", what)
 
 
 def _inverted(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:

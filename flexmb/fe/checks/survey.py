@@ -28,6 +28,7 @@ from flexmb.fe.material import MaterialLike, plausibility, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.table import MeshLike, mesh_from
 from flexmb.fe.reduction.choice import mode_choice
+from flexmb.fe.reduction.user import read_user_modes
 from flexmb.fe.sections.read import sections_from
 from flexmb.units import unit_system
 
@@ -44,7 +45,7 @@ class Survey:
     Parameters
     ----------
     problems : list of Problem
-        What keeps it from being reduced; where there are some, the rest may be missing.
+        What keeps it from being reduced; where there are some, the rest is missing.
     findings : list of Finding
         Notes and warnings.
     elements : dict of str to int
@@ -114,6 +115,8 @@ def survey(
     problems += _mode_problems(model, held, modes, reduction)
     findings = _findings(read, blocks, (held, tied, joined))
     problems += [Problem(read.source, f.sentence) for f in findings if f.level == "error"]
+    if problems:
+        return Survey(problems)
     if matter is not None:
         findings += [Finding("warning", sentence) for sentence in plausibility(matter)]
     counts: dict[str, int] = {}
@@ -180,9 +183,11 @@ def _mode_problems(
     model: _Model, held: tuple[ModelInterface, ...], modes: Any, reduction: str
 ) -> list[Problem]:
     """More modes asked for than there are degrees of freedom that the interfaces leave free."""
-    if reduction not in ("craig-bampton", "free-interface"):
-        return []
     problems: list[Problem] = []
+    if reduction == "user":
+        _attempt(problems, read_user_modes, modes)
+    if reduction not in ("craig-bampton", "free-interface"):
+        return problems
     choice = _attempt(problems, mode_choice, modes)
     if choice is None or choice.count is None:
         return problems

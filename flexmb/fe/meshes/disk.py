@@ -45,7 +45,7 @@ def disk(
         Of a solid [m]; none makes it a shell.
     divisions : int or list of int
         Elements along the radius (of a full disk: outside of its core), around, and through the
-        thickness (solids only). Around a full disk a multiple of four.
+        thickness (solids only). Around a full disk a multiple of 4, with tetrahedra of 8.
     elements : str
         Kind of solid or surface elements; ``"hexahedron20"`` or ``"quad"`` by default.
 
@@ -65,8 +65,9 @@ def disk(
         what = f"must be less than the radius {radius:g} m, given {inner:g}"
         problems.append(Problem("mesh.inner", what))
     turns = 0 if problems or divisions is None else rule.chosen(divisions, words)[1]
-    if full and turns % 4:
-        what = f"must be a multiple of four around a full disk, given {turns}"
+    step = 8 if str(elements).startswith("tetra") else 4  # tetrahedra of core and rings conform
+    if full and turns % step:
+        what = f"must be a multiple of {step} around a full disk, given {turns}"
         problems.append(Problem("mesh.divisions", what))
     refuse(problems)
     kind = elements or KINDS[3 if solid else 2][0]

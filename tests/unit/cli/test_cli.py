@@ -80,7 +80,10 @@ class Workflow(types.ModuleType):
 
     def check_scene(self, *given: Any, **named: Any) -> Any:
         self._call(*given, **named)
-        return types.SimpleNamespace(title="A scene", counts={"bodies": 3}, notes=["none"])
+        rod = {"kept coordinates": "11 = 6*2 interfaces + 5 modes - 6"}
+        return types.SimpleNamespace(
+            title="A scene", counts={"bodies": 3}, notes=["none"], bodies={"rod": rod}
+        )
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,11 @@ from flexmb.model.expression import CONSTANTS, FUNCTIONS
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.functions import FUNCTION_FORMS
 from flexmb.model.joints import COORDINATES, JOINT_TYPES
+from flexmb.model.meshbody import MeshBodySpec
+from flexmb.model.meshes import MESH_TYPES
+from flexmb.model.meshloads import LOAD_TYPES
+from flexmb.model.reduction import METHODS as REDUCTIONS
+from flexmb.model.sections import SECTION_TYPES
 from flexmb.model.sensors import SENSOR_TYPES
 from flexmb.model.shapes import SHAPES
 from flexmb.units import UNIT_SYSTEMS
@@ -35,6 +40,9 @@ ALL = {
     "drivers": (*COORDINATES, *DriverSpec.model_fields),
     "functions": (*FUNCTION_FORMS, *FUNCTIONS, *CONSTANTS),
     "elements": ELEMENTS,
+    "meshes": MESH_TYPES,
+    "sections": SECTION_TYPES,
+    "reductions": (*REDUCTIONS, *MeshBodySpec.model_fields, *LOAD_TYPES),
     "methods": (*METHOD_NAMES, *DynamicsSpec.model_fields),
     "sensors": SENSOR_TYPES,
     "materials": LIBRARY,

@@ -1,0 +1,178 @@
+"""What is said of a mesh: each defect is planted once, and a good mesh is silent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from
+from flexmb.fe.checks.mass import mass_sentence, nominal_mass
+from flexmb.fe.checks.mesh import SLIVER, WARP, size_sentence
+from flexmb.fe.checks.shape import scaled_jacobian, warp
+from flexmb.fe.meshes.table import mesh_from
+
+BOX = mesh_from({"type": "box", "size": [2.0, 1.0, 1.0], "divisions": [2, 1, 1]})
+PLATE = mesh_from({"type": "plate", "length": 2.0, "width": 1.0, "divisions": [2, 1]})
+SHELL = section_from({"type": "shell", "thickness": 0.01})
+
+
+def told(mesh, level=None, **options):
+    found = mesh_report(mesh, **options)
+    return [f.sentence for f in found if level in (None, f.level)]
+
+
+def moved(mesh, node, to):
+    points = mesh.points.copy()
+    points[node] = to
+    return replace(mesh, points=points)
+
+
+def test_a_good_mesh_is_silent():
+    assert told(BOX) == told(PLATE) == []
+
+
+def test_regular_elements_have_quality_one():
+    """Verdict's scaled Jacobian: 1 for the regular element, and its closed form elsewhere."""
+    h = math.sqrt(3) / 2
+    triangle = np.array([[[0, 0, 0], [1, 0, 0], [0.5, h, 0]]])
+    tetra = np.array([[[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1.0]]])
+    cube = mesh_from({"type": "box", "size": [1, 1, 1], "elements": "hexahedron", "divisions": 1})
+    wedge = np.concatenate([triangle, triangle + [0, 0, 1]], axis=1)
+    assert scaled_jacobian("triangle", triangle) == pytest.approx(1)
+    assert scaled_jacobian("tetra10", tetra) == pytest.approx(1)
+    assert scaled_jacobian("tetra", tetra[:, [0, 2, 1, 3]]) == pytest.approx(1)  # left-handed
+    assert scaled_jacobian("hexahedron", cube.points[cube.blocks["hexahedron"]]) == 1
+    assert scaled_jacobian("wedge15", wedge) == pytest.approx(1)
+    for angle in (30, 75):  # a rhombus: the sine of its angle
+        a = math.radians(angle)
+        b = [math.cos(a), math.sin(a), 0]
+        rhombus = np.array([[[0, 0, 0], [1, 0, 0], np.add([1, 0, 0], b), b]])
+        assert scaled_jacobian("quad", rhombus) == pytest.approx(math.sin(a))
+    assert scaled_jacobian("line", np.zeros((1, 2, 3))) is None
+
+
+def test_warp_is_the_height_over_the_root_of_the_area():
+    """A unit square with corners h above and below its plane by turns."""
+    h = 0.01
+    square = np.array([[[0, 0, h], [1, 0, -h], [1, 1, h], [0, 1, -h]]])
+    assert warp(square) == pytest.approx(h, rel=1e-3)
+    assert warp(1000 * square) == pytest.approx(h, rel=1e-3)
+    assert warp(square * [1, 1, 0]) == 0
+
+
+def test_orphan_nodes_are_noted():
+    more = Mesh(np.vstack([BOX.points, [[9, 9, 9]]]), BOX.blocks, {}, BOX.element_sets)
+    assert told(more) == ["1 node belongs to no element of the body and is left out"]
+    linked = [np.array([len(BOX.points), 0])]
+    assert told(more, "note", linked=linked) == []
+
+
+def test_coincident_nodes_are_counted_and_placed():
+    """Two boxes side by side, not merged: 8 pairs on the face that they share."""
+    n = len(BOX.points)
+    both = np.vstack([BOX.points, BOX.points + [2.0, 0, 0]])
+    cells = BOX.blocks["hexahedron20"]
+    mesh = Mesh(both, {"hexahedron20": np.vstack([cells, cells + n])})
+    pairs, parts = told(mesh, "warning")
+    assert pairs.startswith("8 pairs of nodes coincide, the first node")
+    assert "at (2, " in pairs
+    assert "falls into 2 parts that share no nodes" in parts
+    assert f"has {n} nodes" in parts
+    joined = [np.append(BOX.node_sets["x1"], BOX.node_sets["x0"] + n)]
+    assert told(mesh, linked=joined) == []
+
+
+def test_inverted_elements_are_errors():
+    corner = BOX.node_sets["x0"][0]
+    folded = moved(BOX, corner, [5.0, 0.2, 0.3])
+    (sentence,) = told(folded, "error")
+    assert '1 of 2 elements of kind "hexahedron20" are flat, folded or turned inside' in sentence
+
+
+def test_slivers_are_told_with_the_least_quality():
+    """A tetrahedron of height e over a regular base: quality falls with e."""
+    h = math.sqrt(3) / 2
+    for height, wanted in ((0.5, False), (0.01, True)):
+        points = np.array([[0, 0, 0], [1, 0, 0], [0.5, h, 0], [0.5, h / 3, height]])
+        mesh = Mesh(points, {"tetra": np.array([[0, 1, 2, 3]])})
+        found = [s for s in told(mesh, "warning") if "slivers" in s]
+        assert bool(found) == wanted
+        quality = scaled_jacobian("tetra", points[None])[0]
+        assert (quality < SLIVER) == wanted
+        if wanted:
+            assert f"the least {quality:.2g}" in found[0]
+
+
+def test_warped_quads_are_told_where_they_are_shells():
+    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.02])
+    (sentence,) = told(lifted, "warning")
+    assert 'of 2 elements of kind "quad" are warped' in sentence
+    assert f"more than {WARP:g} of an edge" in sentence
+    straight = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 1e-4])
+    assert told(straight) == []
+    bent = moved(BOX, BOX.node_sets["x1"][0], BOX.points[BOX.node_sets["x1"][0]] + [0.02, 0, 0])
+    assert told(bent) == []  # sides of solids may be warped
+
+
+def test_a_slip_of_units_shows_in_the_size():
+    assert size_sentence(np.array([[0, 0, 0], [0.5, 0, 0]])) == ""
+    assert "extends over 450 m" in size_sentence(np.array([[0, 0, 0], [450.0, 0, 0]]))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "section", "mass"),
+    [
+        ({"type": "beam", "length": 2.0}, {"type": "rectangle", "y": 0.1, "z": 0.2}, 0.04 * 7850),
+        (
+            {"type": "beam", "length": 2.0},
+            {"type": "rectangle", "y": 0.1, "z": 0.2, "nonstructural": 3.0},
+            0.04 * 7850 + 6.0,
+        ),
+        (  # a frustum: L (A + sqrt(A B) + B)/3
+            {"type": "beam", "length": 3.0},
+            {
+                "type": "tapered",
+                "start": {"type": "circle", "radius": 0.1},
+                "end": {"type": "circle", "radius": 0.2},
+            },
+            math.pi * 0.07 * 7850,
+        ),
+        (
+            {"type": "plate", "length": 2.0, "width": 1.0},
+            {
+                "type": "layered",
+                "nonstructural": 2.0,
+                "layers": [
+                    {"thickness": 0.01},
+                    {"thickness": 0.02, "material": {"E": 1e9, "nu": 0.3, "density": 100.0}},
+                ],
+            },
+            2.0 * (0.01 * 7850 + 0.02 * 100 + 2.0),
+        ),
+        (
+            {"type": "box", "size": [2.0, 1.0, 0.5]},
+            {"type": "solid", "material": "aluminium"},
+            2700.0,
+        ),
+    ],
+    ids=["beam", "nonstructural", "tapered", "layered", "solid"],
+)
+def test_the_mass_of_elements_is_that_of_the_matrix(mesh, section, mass):
+    fe = assemble(mesh_from(mesh), resolve("steel"), {"all": section_from(section)})
+    assert nominal_mass(fe.blocks, fe.mesh.points) == pytest.approx(mass, rel=1e-12)
+    assert mass_sentence(fe) == ""
+    wrong = replace(fe, M=1.01 * fe.M)
+    assert "the mass matrix holds" in mass_sentence(wrong)
+
+
+def test_a_reduction_warns_and_keeps_what_it_found():
+    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.02])
+    points = np.vstack([lifted.points, [[0, 0, 9]]])
+    mesh = Mesh(points, lifted.blocks, lifted.node_sets, lifted.element_sets)
+    with pytest.warns(UserWarning, match="are warped"):
+        body = reduce(mesh, material="steel", sections={"all": SHELL}, modes=2)
+    assert "are warped" in body.provenance["warnings"]
+    assert "1 node belongs to no element" in body.provenance["notes"]

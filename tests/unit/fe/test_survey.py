@@ -1,0 +1,203 @@
+"""Problems of a mesh found by reading it: all at once, before any assembly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from femeshes import block
+
+from flexmb.errors import MeshError
+from flexmb.fe import Mesh, assemble, make_interfaces, mesh_problems, reduce, resolve, survey
+from flexmb.fe.meshes.table import mesh_from
+
+BOX = block((2, 1, 1))
+
+
+def test_a_good_mesh_has_no_problems():
+    assert mesh_problems(BOX, {"a": "x0", "b": "x1"}) == []
+
+
+def test_all_problems_at_once(tmp_path):
+    faces = Mesh(BOX.points, {"triangle6": BOX.blocks["triangle6"]}, {}, BOX.element_sets)
+    found = [str(problem) for problem in mesh_problems(faces, {"a": "x2", "b": "y"})]
+    assert len(found) == 3
+    assert "has no volume elements" in found[0]
+    assert found[1] == 'interfaces.a: mesh has no group "x2"; allowed: x0, x1'
+    assert "interfaces.b" in found[2]
+    assert "no such mesh file" in str(mesh_problems(tmp_path / "a.msh")[0])
+    wrong = mesh_problems(BOX, sections={"all": {"type": "ellipse"}})
+    assert "ellipse" in str(wrong[0])
+
+
+def test_all_wrong_groups_of_interfaces_are_told_at_once():
+    with pytest.raises(MeshError) as caught:
+        make_interfaces(assemble(BOX, resolve("steel")), {"a": "x2", "b": "x1", "c": "y"})
+    assert [problem.where for problem in caught.value.problems] == ["interfaces.a", "interfaces.c"]
+
+
+PLATE = {"type": "plate", "length": 0.4, "width": 0.1, "divisions": [4, 2]}
+SHELL = {"all": {"type": "shell", "thickness": 0.01}}
+ENDS = {"a": "x0", "b": {"group": "x1", "type": "rbe3"}}
+
+
+def told(mesh=PLATE, **options):
+    words = {"material": "steel", "sections": SHELL, "interfaces": ENDS, "modes": 4}
+    return survey(mesh, **(words | options))
+
+
+def test_it_says_what_a_reduction_will_keep():
+    found = told(masses={"m": {"at": "x1y1", "mass": 2.0}})
+    assert found.problems == []
+    assert found.elements == {"quad": 8}
+    assert found.dofs == 15 * 6
+    assert found.mass == pytest.approx(0.4 * 0.1 * 0.01 * 7850 + 2.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "coordinates"),
+    [
+        ({}, 10),
+        ({"reduction": "guyan"}, 6),
+        ({"reduction": "free-interface"}, 16),
+        ({"interfaces": {}}, 4),
+        ({"modes": {"count": 7}}, 13),
+        ({"plane": "zx"}, 7),
+    ],
+    ids=["craig-bampton", "guyan", "free-interface", "free modes", "table", "in a plane"],
+)
+def test_coordinates_are_those_of_the_body(options, coordinates):
+    found = told(**options)
+    assert found.problems == []
+    assert str(coordinates) in found.coordinates.replace("up to ", "").split(" ")[0]
+    words = {"material": "steel", "sections": SHELL, "interfaces": ENDS, "modes": 4} | options
+    if options.get("reduction") == "guyan":
+        words["modes"] = None
+    assert reduce(PLATE, **words).m == coordinates
+
+
+def test_modes_by_frequency_are_not_counted():
+    assert told(modes={"frequency": 1e3}).coordinates == (
+        "12 of 2 interfaces + modes by frequency - 6"
+    )
+
+
+LINES = {"type": "beam", "length": 1.0, "divisions": 4}
+SOLID = {"type": "box", "size": [1.0, 0.1, 0.1], "divisions": [4, 1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ({"sections": {}}, "plate: has no volume elements, and no lines or surfaces with a"),
+        ({"mesh": LINES, "sections": {}}, "beam: has no volume elements, and no lines or surfaces"),
+        (
+            {"sections": {"all": {"type": "shell", "thickness": -1}}},
+            "sections.all.thickness: must be positive, given -1 m",
+        ),
+        (
+            {"sections": {"all": {"type": "shell"}}},
+            "sections.all.thickness: is missing",
+        ),
+        (
+            {"sections": {"all": {"type": "circle", "radius": 0.1}}, "mesh": SOLID},
+            "sections.all: the group has no line elements in box",
+        ),
+        (
+            {"sections": {"surfase": SHELL["all"]}},
+            'sections.surfase: plate has no group "surfase"; nearest: surface',
+        ),
+        (
+            {"mesh": LINES, "sections": {"all": {"type": "general", "A": -1.0, "Iy": 1, "Iz": 1,
+             "J": 1}}, "interfaces": {"a": "start"}},
+            "sections.all.A: must be positive, given -1.0",
+        ),
+        (
+            {"mesh": LINES, "interfaces": {"a": "start"}, "sections": {"all": {"type": "circle",
+             "radius": 0.1, "releases": {"start": ["rw"]}}}},
+            'sections.all.releases.start: unknown "rw"',
+        ),
+        ({"interfaces": {"a": "x2"}}, 'interfaces.a: plate has no group "x2"'),
+        (
+            {"interfaces": {"a": {"center": [9, 9, 9], "radius": 0.1}}},
+            "interfaces.a: there are no nodes of the body's elements among those within 0.1 m",
+        ),
+        (
+            {"mesh": SOLID, "sections": {}, "interfaces": {"a": {"nodes": [0, 1]}}},
+            "interfaces.a: the 2 nodes given (0, 1) lie on a line or a point",
+        ),
+        ({"interfaces": {"a": "x0", "b": "x0y0"}}, "interfaces.b: shares 1 nodes (0) with"),
+        ({"modes": 500}, "modes: 500 asked, but the model has only"),
+        ({"modes": {"cuont": 5}}, "modes.cuont: unknown key; nearest: count"),
+        (
+            {"ties": {"t": {"type": "rbe2", "reference": "x9", "nodes": "x0"}}},
+            'ties.t.reference: plate has no group "x9"',
+        ),
+        ({"masses": {"m": {"at": "x9", "mass": 1.0}}}, 'masses.m.at: plate has no group "x9"'),
+        (
+            {"springs": {"s": {"between": ["x0y0", "x0y0"], "stiffness": 1.0}}},
+            "springs.s.between: both ends are node 0",
+        ),
+        (
+            {"loads": {"p": {"type": "pressure", "group": "top", "pressure": 1.0}}},
+            'loads.p.group: plate has no group "top"',
+        ),
+        (
+            {"loads": {"p": {"type": "force", "node": 99, "force": [1.0, 0, 0]}}},
+            "loads.p.node: 99 is no node",
+        ),
+        ({"material": "stel"}, 'material: unknown material "stel"; nearest: steel'),
+        ({"mesh": {"type": "plate", "length": 1}}, "mesh.width: is missing"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_reduced_is_told_before(options, wanted):
+    mesh = options.pop("mesh", PLATE)
+    text = "\n".join(str(problem) for problem in told(mesh, **options).problems)
+    assert wanted in text
+
+
+def test_mistakes_of_all_options_come_at_once():
+    found = told(
+        sections={"all": {"type": "shell", "thickness": 0}, "x0": {"type": "circl"}},
+        interfaces={"a": "x2"},
+        material={"E": -1, "nu": 0.3, "density": 1},
+        springs={"s": {"between": ["x9", 1], "stiffness": 1.0}},
+        loads={"p": {"type": "pressure", "group": "top", "pressure": 1.0}},
+    )
+    assert [problem.where for problem in found.problems] == [
+        "sections.all.thickness",
+        "sections.x0.type",
+        "material.E",
+        "springs.s.between[0]",
+        "interfaces.a",
+        "loads.p.group",
+    ]
+
+
+def test_two_parts_are_a_problem_unless_a_tie_joins_them():
+    one = mesh_from(PLATE | {"elements": "quad"})
+    n = len(one.points)
+    points = np.vstack([one.points, one.points + [0.5, 0, 0]])
+    quads = np.vstack([one.blocks["quad"], one.blocks["quad"] + n])
+    sets = {
+        "x0": one.node_sets["x0"],
+        "tie": np.append(one.node_sets["x1"], one.node_sets["x0"] + n),
+    }
+    mesh = Mesh(points, {"quad": quads}, sets | {"far": np.array([2 * n - 1])})
+    apart = told(mesh, interfaces={"a": "x0"})
+    assert [str(p) for p in apart.problems] == [
+        "mesh: the mesh falls into 2 parts that share no nodes and no interface; the smallest has "
+        "15 nodes, one of them node 0 at (0, -0.05, 0) m: merge coincident nodes, or make the "
+        "parts conform"
+    ]
+    tie = {"t": {"type": "rbe2", "reference": int(sets["tie"][0]), "nodes": "tie"}}
+    assert told(mesh, interfaces={"a": "x0"}, ties=tie).problems == []
+
+
+def test_suspicious_sizes_and_materials_are_warnings():
+    big = {"type": "plate", "length": 400.0, "width": 100.0, "divisions": [4, 2]}
+    heavy = {"E": 210e9, "nu": 0.3, "density": 7.85e-9}
+    found = told(big, material=heavy)
+    assert [finding.level for finding in found.findings] == ["warning"] * 3
+    text = " ".join(finding.sentence for finding in found.findings)
+    assert "extends over 400 m" in text
+    assert "given in t/mm^3? Then it is 7850 kg/m^3" in text
