@@ -15,9 +15,10 @@ import numpy as np
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.meshes.centroid import group_centroid
+from flexmb.fe.meshes.mesh import Mesh
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["WORDS", "Choice", "choose", "listed"]
+__all__ = ["WORDS", "Choice", "asked_nodes", "checked_words", "choose", "listed"]
 
 WORDS = ("group", "node", "nodes", "center", "radius", "type", "weights", "position")
 """What the table of an interface may say."""
@@ -65,9 +66,8 @@ def choose(fe: FEMatrices, where: str, given: str | Mapping[str, Any]) -> Choice
     MeshError
         Unknown, missing or contradicting words, no such group or node, no nodes of the body.
     """
-    words = {"group": given} if isinstance(given, str) else given
-    _check_words(where, words)
-    about, asked = _asked(fe, where, words)
+    words = checked_words(where, given)
+    about, asked = asked_nodes(fe.mesh, where, words)
     nodes = np.intersect1d(asked, fe.numbering.nodes)
     if not len(nodes):
         raise MeshError.from_problems([Problem(where, _no_nodes(fe, about, words))])
@@ -90,7 +90,15 @@ def listed(nodes: IntArray) -> str:
     return f"{shown}, ..." if len(nodes) > _SHOWN else shown
 
 
-def _check_words(where: str, words: Mapping[str, Any]) -> None:
+def checked_words(where: str, given: str | Mapping[str, Any]) -> Mapping[str, Any]:
+    """The words of an interface as a table.
+
+    Raises
+    ------
+    MeshError
+        Unknown, missing or contradicting words, and values that cannot be; all at once.
+    """
+    words = {"group": given} if isinstance(given, str) else given
     problems = [
         Problem(f"{where}.{key}", "unknown key", WORDS, nearest(str(key), WORDS))
         for key in words
@@ -123,19 +131,27 @@ def _check_words(where: str, words: Mapping[str, Any]) -> None:
         problems.append(Problem(f"{where}.weights", what, _WEIGHTS, nearest(weights, _WEIGHTS)))
     if problems:
         raise MeshError.from_problems(problems)
+    return words
 
 
-def _asked(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> tuple[str, IntArray]:
+def asked_nodes(mesh: Mesh, where: str, words: Mapping[str, Any]) -> tuple[str, IntArray]:
+    """What the words choose, for messages, and the nodes of the mesh in the order of the words.
+
+    Raises
+    ------
+    MeshError
+        No such group or node.
+    """
     if "group" in words:
         group = words["group"]
-        return f'of the group "{group}"', fe.mesh.group_nodes(group, where)
+        return f'of the group "{group}"', mesh.group_nodes(group, where)
     if "center" in words:
-        gap = np.linalg.norm(fe.mesh.points - np.array(words["center"], dtype=float), axis=1)
+        gap = np.linalg.norm(mesh.points - np.array(words["center"], dtype=float), axis=1)
         place = ", ".join(f"{value:g}" for value in words["center"])
         return f"within {words['radius']:g} m of ({place})", np.flatnonzero(gap <= words["radius"])
     key = "node" if "node" in words else "nodes"
     given = [words[key]] if key == "node" else list(words[key])
-    count = len(fe.mesh.points)
+    count = len(mesh.points)
     wrong = [n for n in given if not _whole(n) or not 0 <= n < count]
     if wrong:
         what = f"{wrong[0]!r} is no node: numbers run from 0 to {count - 1}"

@@ -85,7 +85,9 @@ class Bordered:
         self._X = self._plain(self._W.T.toarray())
         S, WR = self._W @ self._X, self._W @ self._R
         scale = np.zeros(w + r)
-        scale[:w] = 1.0 / np.sqrt(np.diag(S))
+        give = np.diag(S)  # none where a mean is that of degrees of freedom which hold R
+        top = give.max() if give.max() > 0 else 1.0
+        scale[:w] = 1.0 / np.sqrt(np.where(give > 1e-9 * top, give, top))
         scale[w:] = 1.0 / np.linalg.norm(scale[:w, None] * WR, axis=0) if r else 0.0
         small = np.block([[0.5 * (S + S.T), WR], [WR.T, np.zeros((r, r))]])
         self._scale = scale

@@ -24,7 +24,7 @@ from flexmb.fe.reduction.free_interface import free_basis
 from flexmb.fe.reduction.loose import loose_part
 from flexmb.fe.reduction.planar import Mirror, symmetric_modes
 from flexmb.fe.reduction.relief import Relief
-from flexmb.fe.reduction.residual import load_columns, residual_vectors
+from flexmb.fe.reduction.residual import deforming, load_columns, residual_vectors
 from flexmb.fe.solver.linear_solver import factor
 from flexmb.fe.solver.singular import SingularMatrix
 from flexmb.flexbody.arrays import FloatArray
@@ -85,7 +85,7 @@ def free_modes(
     relief = Relief(fe.M, fe.rigid[:, directions])
     V = relief.fields(V)
     F = load_columns(fe, loads)
-    responses = relief.fields(inverse(F)) if F.shape[1] else F
+    responses = deforming(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
     progress("modes", 1.0)
     residual = residual_vectors(fe, responses, V)
     return free_basis(fe, (), directions, (omega2, V), residual, loads)

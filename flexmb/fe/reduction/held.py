@@ -20,7 +20,7 @@ from flexmb.fe.interfaces.make import ModelInterface
 from flexmb.fe.interfaces.rigid import RigidInterface
 from flexmb.fe.interfaces.weighted import WeightedInterface
 from flexmb.fe.reduction.bordered import Bordered
-from flexmb.fe.reduction.eigen import dense_modes, lowest_modes, start_vector
+from flexmb.fe.reduction.eigen import lowest_modes, start_vector
 from flexmb.fe.reduction.loose import loose_part
 from flexmb.fe.reduction.mass import held_mass_solve
 from flexmb.fe.solver.singular import SingularMatrix
@@ -29,6 +29,7 @@ from flexmb.progress import Progress, silent
 
 __all__ = ["Held"]
 
+_MASSLESS = 1e-12  # relative; 1 / omega^2 of a motion without mass is rounding
 _DENSE = 300  # below this many interior degrees of freedom full matrices are faster
 
 
@@ -117,14 +118,7 @@ class Held:
     def lowest(self, count: int, progress: Progress = silent) -> tuple[FloatArray, FloatArray]:
         """The lowest fixed-interface modes over the held body's own degrees of freedom."""
         if len(self.dofs) <= _DENSE or 2 * count >= self.count:
-            if not self._W.shape[0]:
-                return dense_modes(self._K, self.M, count)
-            N = null_space(self._W.toarray())
-            if count == 0:
-                return np.zeros(0), np.zeros((len(N), 0))
-            K, M = N.T @ (self._K @ N), N.T @ (self.M @ N)
-            omega2, V = eigh(K, M, subset_by_index=[0, count - 1])
-            return omega2, N @ V
+            return self._dense(count)
         start = self._bordered.solve(start_vector(len(self.dofs)))
         return lowest_modes(self.M, self._bordered.solve, count, progress, start)
 
@@ -138,6 +132,22 @@ class Held:
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(self.dofs))
         inner[self.dofs] = N
         return np.concatenate([self.modes, inner], axis=1)
+
+    def _dense(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """The same from full matrices, fewer where motions have no mass; the means are at rest."""
+        if count == 0:
+            return np.zeros(0), np.zeros((len(self.dofs), 0))
+        K, M = self._K.toarray(), self.M.toarray()
+        N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(K))
+        K, M = N.T @ K @ N, N.T @ M @ N
+        try:
+            omega2, V = eigh(K, M, subset_by_index=[0, count - 1])
+        except np.linalg.LinAlgError:  # some motions have no mass: by 1 / omega^2
+            sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
+            massive = sigma > _MASSLESS * sigma[-1]
+            sigma, V = sigma[massive], V[:, massive]
+            omega2, V = 1.0 / sigma[::-1], (V / np.sqrt(sigma))[:, ::-1]
+        return omega2, N @ V
 
     def _means(self) -> csr_array:
         rows = [part for part in self.interfaces if isinstance(part, WeightedInterface)]

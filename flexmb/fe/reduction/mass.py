@@ -20,8 +20,9 @@ _STEPS = 2000  # some dozens are usual; nodes with rotations of thin shells take
 
 
 def mass_solve(M: csr_array, B: FloatArray) -> FloatArray:
-    """(n, k) M^-1 B for all columns of B (n, k) together."""
-    inverse = 1.0 / M.diagonal()[:, None]
+    """(n, k) M^-1 B for all columns of B (n, k) together; zero where M has nothing."""
+    diagonal = M.diagonal()[:, None]
+    inverse = np.where(diagonal > 0, 1.0 / np.where(diagonal > 0, diagonal, 1.0), 0.0)
     X, R = np.zeros_like(B), B.copy()
     Z = inverse * R
     P, energy = Z.copy(), np.sum(R * Z, axis=0)

@@ -76,9 +76,21 @@ def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArr
         Reduced matrices; K R = 0.
     R : (k, 6) float
         Rigid motions, fewer in a plane.
+
+    Raises
+    ------
+    ReductionError
+        A motion without mass.
     """
-    scale = 1.0 / np.sqrt(np.diag(M))
-    L = cholesky(scale[:, None] * M * scale, lower=True)
+    massless = ~(np.diag(M) > 0)
+    scale = 1.0 / np.sqrt(np.where(massless, 1.0, np.diag(M)))
+    try:
+        L = cholesky(scale[:, None] * M * scale, lower=True)
+    except np.linalg.LinAlgError as error:
+        raise ReductionError(
+            "a motion of the reduced body has no mass, so its modes have no frequency: nodes that "
+            "hang on springs or ties alone need a mass, or must be no interface"
+        ) from error
     rigid = L.T @ (R / scale[:, None])
     rest = qr(rigid)[0][:, R.shape[1] :]
     half = solve_triangular(L, rest, lower=True, trans="T") * scale[:, None]

@@ -19,10 +19,16 @@ from flexmb.fe.reduction.held import Held
 from flexmb.fe.reduction.relief import Relief
 from flexmb.flexbody.arrays import FloatArray
 
-__all__ = ["held_responses", "load_columns", "relieved_responses", "residual_vectors"]
+__all__ = [
+    "deforming",
+    "held_responses",
+    "load_columns",
+    "relieved_responses",
+    "residual_vectors",
+]
 
 _HELD = 1e-10  # share of a response's energy below which the kept modes hold it but for rounding
-_NO_LOAD = 1e-9  # of a load: less is what rounding leaves of the weight of a free body
+_NOTHING = 1e-14  # of what a load would do to its own degrees of freedom, the rest held: rounding
 
 Modes = tuple[FloatArray, FloatArray]
 
@@ -41,8 +47,7 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
         return np.zeros(0), responses
     X = responses - V @ (V.T @ (fe.M @ responses))
     X = X - V @ (V.T @ (fe.M @ X))
-    whole = np.sum(responses * (fe.K @ responses), axis=0)
-    X = X[:, whole > 0] / np.sqrt(whole[whole > 0])
+    X = X / np.sqrt(np.sum(responses * (fe.K @ responses), axis=0))
     energy = X.T @ (fe.K @ X)
     L, pivots, rank, _ = dpstrf(0.5 * (energy + energy.T), tol=_HELD, lower=1)
     chosen = X[:, pivots[:rank] - 1]
@@ -60,16 +65,23 @@ def held_responses(held: Held, relief: Relief, loads: tuple[LoadPattern, ...]) -
     free body balance the load.
     """
     F = load_columns(held.fe, loads)
-    return held.solve(np.concatenate([F, relief.inertia(F)], axis=1))
+    F = np.concatenate([F, relief.inertia(F)], axis=1)
+    return deforming(held.fe, held.solve(F), F)
 
 
 def relieved_responses(held: Held, relief: Relief, F: FloatArray) -> FloatArray:
     """(n, r) deformation of the free body under loads F (n, r), about mean axes."""
-    relieved = relief.loads(F)
-    left = np.linalg.norm(relieved, axis=0) > _NO_LOAD * np.linalg.norm(F, axis=0)
-    return relief.fields(held.free(relieved[:, left]))
+    return deforming(held.fe, relief.fields(held.free(relief.loads(F))), F)
+
+
+def deforming(fe: FEMatrices, responses: FloatArray, F: FloatArray) -> FloatArray:
+    """The responses that are more than rounding, such as relief leaves of the weight."""
+    energy = np.sum(responses * (fe.K @ responses), axis=0)
+    local = np.sum(F**2 / fe.K.diagonal()[:, None], axis=0)
+    return responses[:, energy > _NOTHING * local]
 
 
 def load_columns(fe: FEMatrices, loads: tuple[LoadPattern, ...]) -> FloatArray:
+    """(n, r) the loads whose static response the basis shall hold."""
     chosen = [load.f for load in loads if load.residual]
     return np.stack(chosen, axis=1) if chosen else np.zeros((fe.numbering.n, 0))

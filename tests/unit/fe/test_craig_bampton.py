@@ -129,6 +129,21 @@ def test_free_modes_without_interfaces(monkeypatch):
         np.testing.assert_allclose(found.omega2, wanted, rtol=1e-8)
 
 
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+def test_a_body_that_is_all_interface(kind):
+    """One beam element held at both its nodes has nothing inside: its matrices are the body's."""
+    fe = assemble(line(1), STEEL, {"all": rectangle(0.02, 0.03)})
+    ends = {name: {"group": name, "type": kind} for name in ("root", "tip")}
+    found = craig_bampton(fe, make_interfaces(fe, ends), 0)
+    order = fe.numbering.table[:2].ravel()
+    scale = np.abs(fe.K).max()
+    np.testing.assert_allclose(found.K, fe.K.toarray()[np.ix_(order, order)], atol=1e-12 * scale)
+    wanted = eigh(fe.K.toarray(), fe.M.toarray(), eigvals_only=True)[6:]
+    np.testing.assert_allclose(orthonormalise(fe, found).omega2, wanted, rtol=1e-8)
+    with pytest.raises(ReductionError, match="1 asked, but the model has only 0 fixed-interface"):
+        craig_bampton(fe, make_interfaces(fe, ends), 1)
+
+
 def test_too_many_modes():
     fe, interfaces = beam()
     with pytest.raises(ReductionError, match="43 asked, but the model has only 42 fixed-interface"):

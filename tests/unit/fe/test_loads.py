@@ -18,7 +18,9 @@ from flexmb.fe import (
     rectangle,
     resolve,
 )
+from flexmb.fe.meshes.shapes import plate
 from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.sections.shell import shell
 
 STEEL = resolve("steel")
 
@@ -64,6 +66,16 @@ def test_uniaxial_pressure_gives_uniform_strain(box):
     u = np.zeros(box.numbering.n)
     u[box.numbering.table[:, :3]] = s * strain
     np.testing.assert_allclose(box.K @ u, loads[0].f + loads[1].f, atol=1e-6 * 1e6)
+
+
+def test_pressure_on_shells_acts_along_their_normal():
+    """A plate in the xy plane, 1 x 0.5: p A along z, at its centre; its edge as a line load."""
+    fe = assemble(plate(1.0, 0.5, divisions=(4, 3)), STEEL, {"all": shell(0.01)})
+    load = one(fe, type="pressure", group="surface", pressure=200.0)
+    np.testing.assert_allclose(load.force, [0, 0, 100], atol=1e-10)
+    np.testing.assert_allclose(load.moment, [0, -50, 0], atol=1e-10)
+    load = one(fe, type="line", group="x1", force=[0, 0, 6])
+    np.testing.assert_allclose(load.force, [0, 0, 3], atol=1e-12)
 
 
 def test_traction_and_line_loads(box, bar):
@@ -160,9 +172,31 @@ def test_a_load_the_basis_holds_already_adds_nothing(box):
     loads = make_loads(box, {"on b": {"type": "force", "group": "x1", **at_b}})
     plain, more = (free_interface(box, interfaces, 4, loads=given) for given in ((), loads))
     assert more.basis.shape == plain.basis.shape
+    # held at b the load does nothing; let go, the inertia it causes is a load like any other
+    held = craig_bampton(box, interfaces, 4, loads=loads)
+    assert held.kinds.count("load") == 1
+    bends = orthonormalise(box, held)
+    assert bends.omega2[-1] < 1e4 * bends.omega2[-2]
     told = {**LOADS["press"], "residual": False}
     unasked = make_loads(box, {"press": told})
     assert craig_bampton(box, interfaces, 4, loads=unasked).basis.shape[1] == 16
+
+
+def test_weight_adds_nothing_to_free_bodies_and_the_sag_to_held_ones(box):
+    """Asked for: after relief nothing is left; held at an interface the body sags by K_ii^-1 M g,
+    which is the response to its acceleration too: one vector."""
+    hang = {"type": "gravity", "acceleration": [0, 0, -9.81], "residual": True}
+    loads = make_loads(box, {"hang": hang})
+    interfaces = make_interfaces(box, {"wall": "x0"})
+    assert "load" not in free_modes(box, (), 3, loads=loads).kinds
+    assert free_interface(box, interfaces, 3, loads=loads).kinds.count("attachment") == 6
+    found = craig_bampton(box, interfaces, 1, loads=loads)
+    assert found.kinds.count("load") == 1
+    free = np.setdiff1d(np.arange(box.numbering.n), interfaces[0].dofs)
+    wanted = np.linalg.solve(box.K[free][:, free].toarray(), loads[0].f[free])
+    inner = found.basis[free, 6:]
+    got = inner @ np.linalg.solve(found.K[6:, 6:], inner.T @ loads[0].f[free])
+    np.testing.assert_allclose(got, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize(

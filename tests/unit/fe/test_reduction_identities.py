@@ -23,8 +23,10 @@ from flexmb.fe import (
     resolve,
 )
 from flexmb.fe.interfaces.rigid import RigidInterface
+from flexmb.fe.meshes.shapes import plate
 from flexmb.fe.reduction.choice import interface_shares
 from flexmb.fe.reduction.held import Held
+from flexmb.fe.sections.shell import shell
 
 STEEL = resolve("steel")
 SPATIAL = (0, 1, 2, 3, 4, 5)
@@ -66,7 +68,13 @@ def solid_and_beam():
     return fe, make_interfaces(fe, {"left": {"group": "x0", "type": "rbe3"}, "tip": "tip"})
 
 
-MODELS = [rigid, weighted, mixed, beams, solid_and_beam]
+def shells():
+    """Edges: their nodes lie on a line and hold by their rotations."""
+    fe = assemble(plate(1.0, 0.6, divisions=(4, 2), skew=0.2), STEEL, {"all": shell(0.02)})
+    return fe, make_interfaces(fe, {"a": "x0", "b": {"group": "x1", "type": "rbe3"}})
+
+
+MODELS = [rigid, weighted, mixed, beams, solid_and_beam, shells]
 
 
 @pytest.fixture(params=MODELS, ids=[model.__name__ for model in MODELS], scope="module")

@@ -1,0 +1,51 @@
+"""Motions without mass: modes there are, told how many, and a body that cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from femeshes import line
+from scipy.sparse import csr_array, diags_array
+
+from flexmb.errors import ReductionError
+from flexmb.fe import assemble, craig_bampton, make_interfaces, orthonormalise, rectangle, resolve
+from flexmb.fe.reduction.mass import mass_solve
+
+
+def bar(massless):
+    """A beam of eight elements with the mass of displacements alone at all nodes but some."""
+    fe = assemble(line(8), resolve("steel"), {"all": rectangle(0.02, 0.03)})
+    mass = np.zeros(fe.numbering.n)
+    mass[fe.numbering.table[:, :3]] = 1.0
+    mass[fe.numbering.table[massless]] = 0.0
+    return replace(fe, M=csr_array(diags_array(mass)))
+
+
+def test_lumped_masses_at_the_middle_of_a_clamped_beam():
+    """Massless bending: three lumps at nodes 3, 4, 5; the others follow without inertia. Axially a
+    chain of springs k = EA/h and three masses between walls, three springs at each end."""
+    fe = bar([0, 1, 2, 6, 7, 8])
+    ends = make_interfaces(fe, {"root": "root", "tip": "tip"})
+    found = craig_bampton(fe, ends, 9)
+    E, A, h = resolve("steel").E, 0.02 * 0.03, 1 / 8
+    k = E * A / h
+    K = k * np.array([[4 / 3, -1, 0], [-1, 2, -1], [0, -1, 4 / 3]])
+    got = np.diag(found.K)[12:]
+    for wanted in np.linalg.eigvalsh(K):
+        assert np.abs(got / wanted - 1).min() < 1e-8
+    with pytest.raises(ReductionError, match="10 asked, but the model has only 9 fixed-interface"):
+        craig_bampton(fe, ends, 10)
+    with pytest.raises(ReductionError, match="a motion of the reduced body has no mass"):
+        orthonormalise(fe, craig_bampton(fe, ends, 3))
+
+
+def test_solving_with_a_mass_matrix():
+    """A consistent one, and one with empty rows: zero there."""
+    fe = assemble(line(8), resolve("steel"), {"all": rectangle(0.02, 0.03)})
+    B = np.random.default_rng(0).normal(size=(fe.numbering.n, 3))
+    np.testing.assert_allclose(fe.M @ mass_solve(fe.M, B), B, atol=1e-10)
+    fe = bar([0, 1])
+    X = mass_solve(fe.M, fe.M @ B)
+    np.testing.assert_allclose(X, np.where(fe.M.diagonal()[:, None] > 0, B, 0), atol=1e-12)
