@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.fe.sections.angle import Angle
 from flexmb.fe.sections.beam_shapes import Rectangle, Tube
-from flexmb.fe.sections.thin_walls import Angle, Box, ISection
+from flexmb.fe.sections.thin_walls import Box, ISection
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["outline"]
