@@ -124,6 +124,6 @@ def _physical() -> float | None:
 
 def _text(size: float) -> str:
     for unit in ("TB", "GB"):
-        if size >= _UNITS[unit]:
+        if size >= 0.1 * _UNITS[unit]:
             return f"{size / _UNITS[unit]:.2g} {unit}"
     return f"{size / 1e6:.2g} MB"
