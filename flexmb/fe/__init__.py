@@ -33,6 +33,7 @@ from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.read import section_from
+from flexmb.fe.sections.shell import Layer, ShellSection, layered, shell
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
 from flexmb.fe.sections.thin_walls import box_section, i_section
@@ -45,6 +46,7 @@ __all__ = [
     "FEMatrices",
     "Finding",
     "Integrals",
+    "Layer",
     "LoadPattern",
     "Mesh",
     "ModeChoice",
@@ -52,6 +54,7 @@ __all__ = [
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
+    "ShellSection",
     "SolidSection",
     "Stopwatch",
     "Survey",
@@ -68,6 +71,7 @@ __all__ = [
     "guyan",
     "i_section",
     "integrals",
+    "layered",
     "make_body",
     "make_interfaces",
     "make_loads",
@@ -86,6 +90,7 @@ __all__ = [
     "resolve",
     "section_from",
     "surface",
+    "shell",
     "survey",
     "tapered",
     "tube",

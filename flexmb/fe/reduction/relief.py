@@ -8,12 +8,14 @@ R^T (inertia relief), and its deformation is told about mean axes, P^T u.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["Relief"]
+
+_MASSLESS = 1e-12  # relative; a line of point masses has no inertia about itself
 
 
 class Relief:
@@ -22,8 +24,11 @@ class Relief:
     def __init__(self, M: csr_array, R: FloatArray) -> None:
         self._R, self._MR = R, M @ R
         gram = R.T @ self._MR
-        self._scale = 1.0 / np.sqrt(np.diag(gram))
-        self._gram = cho_factor(self._scale[:, None] * gram * self._scale)
+        size = np.sqrt(np.diag(gram))
+        scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+        values, Q = eigh(scale[:, None] * gram * scale)
+        inverse = np.where(values > _MASSLESS, 1.0 / np.where(values > 0, values, 1.0), 0.0)
+        self._inverse = scale[:, None] * (Q * inverse) @ Q.T * scale
 
     def acceleration(self, f: FloatArray) -> FloatArray:
         """(r, ...) rigid acceleration under loads f (n, ...)."""
@@ -42,5 +47,4 @@ class Relief:
         return u - self._R @ self._solve(self._MR.T @ u)
 
     def _solve(self, b: FloatArray) -> FloatArray:
-        scale = self._scale if b.ndim == 1 else self._scale[:, None]
-        return scale * cho_solve(self._gram, scale * b)
+        return self._inverse @ b

@@ -14,7 +14,7 @@ from flexmb.fe.material import resolve
 from flexmb.fe.sections.angle import angle_section
 from flexmb.fe.sections.beam import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
-from flexmb.fe.sections.shell import Layer, ShellSection
+from flexmb.fe.sections.shell import Layer, ShellSection, layered, shell
 from flexmb.fe.sections.solid import SolidSection
 from flexmb.fe.sections.taper import TaperedSection, tapered
 from flexmb.fe.sections.thin_walls import box_section, i_section
@@ -26,29 +26,6 @@ __all__ = ["SECTIONS", "Section", "section_from", "sections_from"]
 Section = BeamSection | TaperedSection | ShellSection | SolidSection
 
 
-def _one_layer(
-    thickness: float,
-    offset: float = 0.0,
-    orientation: tuple[float, float, float] | None = None,
-    nonstructural: float = 0.0,
-    material: AnyMaterial | None = None,
-    shear: bool = True,
-) -> ShellSection:
-    layers = (Layer(thickness),)
-    return ShellSection(layers, offset, orientation, nonstructural, material, shear)
-
-
-def _layered(
-    layers: list[Layer],
-    offset: float = 0.0,
-    orientation: tuple[float, float, float] | None = None,
-    nonstructural: float = 0.0,
-    material: AnyMaterial | None = None,
-    shear: bool = True,
-) -> ShellSection:
-    return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
-
-
 SECTIONS: dict[str, Callable[..., Section]] = {
     "rectangle": rectangle,
     "circle": circle,
@@ -58,8 +35,8 @@ SECTIONS: dict[str, Callable[..., Section]] = {
     "L": angle_section,
     "general": general,
     "tapered": tapered,
-    "shell": _one_layer,
-    "layered": _layered,
+    "shell": shell,
+    "layered": layered,
     "solid": SolidSection,
 }
 """What makes a section of each type."""

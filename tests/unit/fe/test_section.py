@@ -132,8 +132,11 @@ ROUND = {"type": "circle", "radius": 0.1}
         (ROUND | {"releases": {"start": ["rr"]}}, 's.releases.start: unknown "rr"'),
         (ROUND | {"releases": {"begin": ["rx"]}}, "s.releases.begin: unknown key"),
         (ROUND | {"material": "stel"}, 'unknown material "stel"; nearest: steel'),
-        ({"type": "tapered", "start": ROUND}, "a tapered needs start, end; end is missing"),
-        ({"type": "tapered", "start": ROUND, "end": {"type": "crcle"}}, 's.end.type: unknown "crc'),
+        ({"type": "tapered", "start": ROUND}, "s.end: is missing"),
+        (
+            {"type": "tapered", "start": ROUND, "end": {"type": "crcle"}},
+            's.end.type: unknown sect',
+        ),
         (
             {"type": "tapered", "start": ROUND, "end": ROUND | {"orientation": [1, 0, 0]}},
             "s.orientation: must be the same at both ends",
@@ -150,7 +153,7 @@ ROUND = {"type": "circle", "radius": 0.1}
             },
             "s: the principal axes must not turn along the beam",
         ),
-        (3.0, "s: a section or a table with its type is expected, given 3.0"),
+        (3.0, "s: a table such as {type = ...} is expected, given 3.0"),
     ],
 )
 def test_refused_shapes(given, sentence):

@@ -92,7 +92,7 @@ SOLID = {"type": "box", "size": [1.0, 0.1, 0.1], "divisions": [4, 1, 1]}
         ({"mesh": LINES, "sections": {}}, "beam: has no volume elements, and no lines or surfaces"),
         (
             {"sections": {"all": {"type": "shell", "thickness": -1}}},
-            "sections.all.thickness: must be positive, given -1 m",
+            "sections.all.thickness: must be positive, in m, given -1",
         ),
         (
             {"sections": {"all": {"type": "shell"}}},
