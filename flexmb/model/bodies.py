@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
+from flexmb.model.attachments import Masses, Springs, Ties
 from flexmb.model.flexible import FlexibleSource, Groups, MaterialField, UnitsName
 from flexmb.model.inertia import Inertia, MassProperties
 from flexmb.model.markers import Marker
@@ -167,8 +168,8 @@ class RigidBodySpec(BodySpec):
 class MeshBodySpec(BodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
-    ``units`` are those of the mesh's coordinates, by default the scene's; sections and material are
-    told in the scene's.
+    ``units`` are those of the mesh's coordinates, by default the scene's; sections, material and
+    what hangs on its nodes are told in the scene's.
     """
 
     mesh: Text
@@ -178,6 +179,10 @@ class MeshBodySpec(BodySpec):
     modes: Annotated[int, Integer(0)] = 20
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
     sections: Sections = {}
+    ties: Ties = {}
+    masses: Masses = {}
+    springs: Springs = {}
+    mass_matrix: Literal["consistent", "hrz"] = "consistent"
 
 
 class FlexbodySpec(BodySpec):

@@ -150,7 +150,13 @@ def _read_one(value: Any, info: ValidationInfo) -> dict[str, Any]:
     spec, problems = read_variant("section", _SHAPES, value, names_of(info))
     if spec is None:
         raise fail(*problems)
-    return spec.model_dump(exclude_none=True)
+    return _table(spec)
+
+
+def _table(spec: Spec) -> dict[str, Any]:
+    """What a section says, in SI."""
+    values = {name: getattr(spec, name) for name in type(spec).model_fields}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _write_one(table: dict[str, Any], info: SerializationInfo) -> dict[str, Any]:
@@ -198,7 +204,7 @@ def _read(value: Any, info: ValidationInfo) -> dict[str, dict[str, Any]]:
         spec, found = read_variant("section", SECTION_TYPES, table, names_of(info))
         problems += under(str(group), found)
         if spec is not None:
-            sections[str(group)] = spec.model_dump(exclude_none=True)
+            sections[str(group)] = _table(spec)
     if problems:
         raise fail(*problems)
     return sections

@@ -30,6 +30,7 @@ __all__ = ["body_problems", "flexible_bodies", "reduce_mesh"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
+_TABLES = ("interfaces", "sections", "material", "ties", "masses", "springs")
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -148,7 +149,7 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
     told = []
     for problem in problems:
-        field = problem.where.split(".")[0] in ("interfaces", "sections", "material")
+        field = problem.where.split(".")[0] in _TABLES
         where = f"bodies.{name}{'.' if field else ': '}{problem.where}"
         told.append(Problem(where, problem.what, problem.allowed, problem.nearest))
     return told
@@ -177,7 +178,11 @@ def _reduced(
         "damping": spec.damping,
         "name": name,
         "sections": dict(spec.sections) or None,
+        "mass_matrix": spec.mass_matrix,
     }
+    for kind in ("ties", "masses", "springs"):
+        tables = getattr(spec, kind).items()
+        options[kind] = {key: one.model_dump(exclude_none=True) for key, one in tables}
     mesh = model.path(spec.mesh)
     if not fresh and file.exists():
         try:
