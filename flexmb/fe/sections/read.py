@@ -13,9 +13,9 @@ from typing import Any
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.material import resolve
 from flexmb.fe.sections.angle import angle_section
-from flexmb.fe.sections.beam import BeamSection, general
+from flexmb.fe.sections.beam import general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, section_of, tube
-from flexmb.fe.sections.taper import TaperedSection, tapered
+from flexmb.fe.sections.taper import tapered
 from flexmb.fe.sections.thin_walls import box_section, i_section
 
 __all__ = ["SECTIONS", "section_from"]
@@ -42,7 +42,7 @@ def section_from(given: Any, where: str = "section") -> Any:
         Unknown type, missing or unknown key, or impossible values.
     """
     if not isinstance(given, Mapping):
-        if isinstance(given, BeamSection | TaperedSection):
+        if hasattr(given, "with_material"):
             return given
         what = f"a section or a table with its type is expected, given {given!r}"
         raise ReductionError.from_problems([Problem(where, what)])

@@ -246,7 +246,7 @@ def cowper(mesh, nu, axis):
     """Cowper's coefficient by its definition, for a force along y (axis 0) or z (1).
 
     2 (1+nu) I/(nu/2 (I' - I) - A/I int x (chi + x y^2)), x along the force, chi harmonic with the
-    normal slope -n_x (nu x^2/2 + (1 - nu/2) y^2) - n_y (2 + nu) x y: equations 20 and 36 there.
+    normal slope -n_x (nu x^2/2 + (1 - nu/2) y^2) - n_y (2 + nu) x y.
     """
     center = moments(mesh)[1]
     along, across = axis, 1 - axis
