@@ -1,4 +1,4 @@
-"""The words of a reduction in the one call: methods, modes, interfaces and loads; its fingerprint."""
+"""The words of a reduction in the one call: methods, modes, interfaces, loads; its fingerprint."""
 
 from __future__ import annotations
 

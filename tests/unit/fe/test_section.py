@@ -135,7 +135,7 @@ ROUND = {"type": "circle", "radius": 0.1}
         ({"type": "tapered", "start": ROUND}, "s.end: is missing"),
         (
             {"type": "tapered", "start": ROUND, "end": {"type": "crcle"}},
-            's.end.type: unknown sect',
+            "s.end.type: unknown sect",
         ),
         (
             {"type": "tapered", "start": ROUND, "end": ROUND | {"orientation": [1, 0, 0]}},

@@ -29,6 +29,14 @@ def test_all_problems_at_once(tmp_path):
     assert "ellipse" in str(wrong[0])
 
 
+def test_interfaces_told_by_tables():
+    asked = {"a": {"group": "x1", "type": "rbe3"}, "b": {"center": [0, 0, 0], "radius": 0.6}}
+    assert mesh_problems(BOX, asked) == []
+    asked = {"a": {"group": "x2"}, "b": {"group": "x1", "type": "rbe4"}, "c": {"node": 10**6}}
+    where = [problem.where for problem in mesh_problems(BOX, asked)]
+    assert where == ["interfaces.a", "interfaces.b.type", "interfaces.c.node"]
+
+
 def test_all_wrong_groups_of_interfaces_are_told_at_once():
     with pytest.raises(MeshError) as caught:
         make_interfaces(assemble(BOX, resolve("steel")), {"a": "x2", "b": "x1", "c": "y"})
