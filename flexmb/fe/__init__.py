@@ -13,6 +13,7 @@ from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.section_forces import SectionForces, section_force_modes
 from flexmb.fe.reduce import make_body, reduce
 from flexmb.fe.reduction.craig_bampton import CraigBampton, craig_bampton
 from flexmb.fe.reduction.integrals import Integrals, integrals
@@ -35,6 +36,7 @@ __all__ = [
     "Mesh",
     "ReducedModes",
     "RigidInterface",
+    "SectionForces",
     "SolidSection",
     "TaperedSection",
     "angle_section",
@@ -56,6 +58,7 @@ __all__ = [
     "reduce",
     "reduction_key",
     "resolve",
+    "section_force_modes",
     "section_from",
     "surface",
     "tapered",
