@@ -209,11 +209,3 @@ def test_suspicious_sizes_and_materials_are_warnings():
     text = " ".join(finding.sentence for finding in found.findings)
     assert "extends over 400 m" in text
     assert "given in t/mm^3? Then it is 7850 kg/m^3" in text
-
-
-def test_interfaces_told_by_tables():
-    asked = {"a": {"group": "x1", "type": "rbe3"}, "b": {"center": [0, 0, 0], "radius": 0.6}}
-    asked_wrong = {"a": {"group": "x2"}, "b": {"group": "x1", "type": "rbe4"}, "c": {"node": 10**6}}
-    assert mesh_problems(BOX, asked) == []
-    where = [problem.where for problem in mesh_problems(BOX, asked_wrong)]
-    assert where == ["interfaces.a", "interfaces.b.type", "interfaces.c.node"]
