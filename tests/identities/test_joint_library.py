@@ -155,3 +155,74 @@ def test_a_link_without_length_is_told(case, monkeypatch):
     monkeypatch.setitem(CASES, case, (CASES[case][0], I, []))
     with pytest.raises(SceneError, match="joints.joint: the link has no length"):
         Bench(hinged(case))
+
+
+X, Y, Z = np.eye(3)
+FLAT = Z, np.array([0.8, 0.6, 0.0]), np.array([-0.6, 0.8, 0.0])
+PLANAR = {
+    "fixed": ({}, "I", []),
+    "revolute": ({"axis": Z}, "I", ["about I"]),
+    "prismatic": ({"axis": FLAT[1]}, "I", ["along"]),
+    "cylindrical": ({"axis": FLAT[1]}, "I", ["along"]),
+    "spherical": ({}, "I", ["about I"]),
+    "in-line": ({"axis": FLAT[1]}, "I", ["along", "about I"]),
+    "in-plane": ({"axis": FLAT[1]}, "I", ["across", "about I"]),
+    "orientation": ({}, "J", ["along", "across"]),
+    "distance": ({}, "J", ["about I", "about J"]),
+    "prismatic-spherical": ({"axis": FLAT[1]}, "J", ["along", "about J"]),
+    "revolute-revolute": ({"axis": Z, "second_axis": Z}, "J", ["about I", "about J"]),
+}
+
+
+def flat(point):
+    return np.array([point[0], point[1], 0.0])
+
+
+MOTIONS = {
+    "about I": turn(Z, flat(I)),
+    "about J": turn(Z, flat(J)),
+    "along": slide(FLAT[1]),
+    "across": slide(FLAT[2]),
+}
+
+
+@pytest.mark.parametrize("case", PLANAR)
+def test_planar_rows_vanish_on_all_motions_that_the_joint_allows(case):
+    fields, place, motions = PLANAR[case]
+    model = Model("one joint", plane="xy")
+    model.add_marker("ground.I", position=list(flat(I)))
+    start, r = Rotation.from_euler("z", 0.7), np.array([0.7, 0.1, 0.0])
+    local = start.inv().apply(flat(I if place == "I" else J) - r)
+    turned = start.inv().as_matrix().tolist()
+    model.add_body(
+        "b",
+        mass=1.0,
+        inertia=[1.0, 1.0, 1.0],
+        position=list(r),
+        orientation=start.as_matrix().tolist(),
+        markers={"J": {"position": list(local), "orientation": turned}},
+    )
+    words = {k: list(v) for k, v in fields.items()}
+    model.add_joint("joint", case, between=["ground.I", "b.J"], **words)
+    bench, rng = Bench(model), np.random.default_rng(4)
+    equations = JOINT_TYPES[case].planar_equations
+    assert bench.layout.nc == equations == 3 - len(motions)
+    for _ in range(4):
+        bench.at(q=moved(bench, [MOTIONS[name] for name in motions], rng), v=np.zeros(6))
+        np.testing.assert_allclose(bench.C, 0.0, atol=1e-13)
+        assert np.linalg.matrix_rank(bench.Cq[:, [0, 1, 5]], tol=1e-6) == equations
+
+
+def test_the_table_of_planar_joints_is_whole():
+    assert set(PLANAR) == {
+        name for name, row in JOINT_TYPES.items() if row.planar_equations is not None
+    }
+
+
+def test_joints_without_meaning_in_a_plane_are_told():
+    model = Model("one joint", plane="xy")
+    model.add_body("b", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    model.add_joint("hook", "universal", between=["ground", "b"])
+    (problem,) = model.problems()
+    assert problem.where == "joints.hook.type" and "has no meaning in a plane" in problem.what
+    assert "universal" not in problem.allowed and "distance" in problem.allowed
