@@ -30,6 +30,7 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["LoadPattern", "make_loads"]
 
+_ROUNDING = 1e-13  # of the sum of all parts: a resultant below that is none
 _NODES = tuple(word for word in WORDS if word != "type")
 
 
@@ -109,7 +110,10 @@ def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     if problems:
         raise ReductionError.from_problems(problems)
     f = build(fe, where, words)
-    total = fe.rigid.T @ f
+    R = fe.rigid
+    total = R.T @ f
+    rounding = np.abs(total) <= _ROUNDING * (np.abs(R.T) @ np.abs(f))
+    total[rounding] = 0.0
     force = total[:3]
     return LoadPattern(name, f, force, total[3:] + np.cross(fe.center, force), residual)
 
