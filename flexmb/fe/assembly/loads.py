@@ -112,10 +112,11 @@ def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     f = build(fe, where, words)
     R = fe.rigid
     total = R.T @ f
-    rounding = np.abs(total) <= _ROUNDING * (np.abs(R.T) @ np.abs(f))
-    total[rounding] = 0.0
+    parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
+    total[np.abs(total) <= _ROUNDING * np.repeat(parts, 3)] = 0.0
     force = total[:3]
-    return LoadPattern(name, f, force, total[3:] + np.cross(fe.center, force), residual)
+    moment = total[3:] + np.cross(fe.center, force)
+    return LoadPattern(name, f, force, moment, residual)
 
 
 def _pressure(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
