@@ -28,8 +28,8 @@ def test_a_mesh_is_counted_and_its_defects_are_told(tmp_path: Path) -> None:
     points = np.vstack([box.points, box.points[:1], [[0.0, 0.0, 99.0]]])
     cut = cells.copy()
     cut[cut == 0] = len(box.points)
-    cut[-1, 6] = 0  # a corner of the last element pulled to the other end
+    cut[-1, 6] = 0  # a corner of the last element pulled to the other end, and left behind
     bad = shown(tmp_path / "bad.vtu", points, cut)
-    assert "note: 1 node belongs to no element of the body and is left out" in bad
+    assert "note: 2 nodes belong to no element of the body and are left out" in bad
     assert "error: 1 of 4 elements of kind" in bad
     assert "warning: 1 pair of nodes coincides, the first node 0 at (0, -10, -5)" in bad
