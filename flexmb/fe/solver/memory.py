@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 
 from flexmb.errors import Problem, ReductionError
@@ -68,11 +69,18 @@ def _own_limit() -> float | None:
         raise ReductionError.from_problems([Problem(_VARIABLE, what)]) from None
 
 
+def _kernel(name: str) -> list[str]:
+    """Lines of a file in which Linux tells about itself; none on other systems."""
+    if sys.platform == "linux":
+        try:
+            return (Path("/proc/") / name).read_text(encoding="utf-8").splitlines()
+        except OSError:
+            return []
+    return []
+
+
 def _meminfo() -> float | None:
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-    except OSError:
-        return None
+    lines = _kernel("meminfo")
     values = dict(line.split(":", 1) for line in lines if ":" in line)
     kilobytes = values.get("MemAvailable", "").split()
     return 1024.0 * int(kilobytes[0]) if kilobytes else None
@@ -80,12 +88,8 @@ def _meminfo() -> float | None:
 
 def _cgroups() -> list[float | None]:
     """What each control group above this process leaves, version 2 and version 1."""
-    try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
-    except OSError:
-        return []
     found: list[float | None] = []
-    for line in lines:
+    for line in _kernel("self/cgroup"):
         _, controllers, path = line.split(":", 2)
         if not controllers:
             found += _left(_CGROUPS, path, "memory.max", "memory.current", "inactive_file")
@@ -103,9 +107,11 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
         if not folder.is_relative_to(root):
             break
         try:
-            most = float((folder / limit).read_text())  # "max" is no number: no limit
-            used = float((folder / usage).read_text())
-            rows = (folder / "memory.stat").read_text().splitlines()
+            most = float(
+                (folder / limit).read_text(encoding="utf-8")
+            )  # "max" is no number: no limit
+            used = float((folder / usage).read_text(encoding="utf-8"))
+            rows = (folder / "memory.stat").read_text(encoding="utf-8").splitlines()
             cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
         except (OSError, ValueError):
             continue
