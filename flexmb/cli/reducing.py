@@ -189,7 +189,7 @@ def _reduce_scene(
     for note in found.notes:
         show.line(f"note: {note}")
     if found.checks:
-        show.checks(found.checks, "")
+        show.checks(found.checks, "s")
     _draw({reduced.body.name: reduced.path for reduced in found.bodies}, pictures)
     if any(not outcome.passed for outcome in found.checks):
         raise typer.Exit(FAILED_CHECK)

@@ -147,7 +147,7 @@ def quality(report: Any) -> None:
 
     for part in report_tables(report):
         heading(part.title)
-        table(part.columns, part.rows, right=range(1, len(part.columns)))
+        table(part.columns, part.rows, right=range(1, len(part.columns)), whole=True)
         if part.note:
             line(part.note)
 

@@ -1,8 +1,8 @@
 """From where to look: along the joint axes of a planar mechanism, slightly from above.
 
 In: a :class:`Mechanism`, a direction, or the points of a body alone. Out: a :class:`Camera`. Up is
-against gravity where there is any, else z, else (for a mechanism seen along z) y; a body alone lies
-lengthwise, seen from aside and above its thinnest extent.
+against gravity where there is any, else z, else (for a mechanism seen along z) y; a body alone is
+seen from aside and above z, or lengthwise above its thinnest extent if it is slender.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _PARALLEL = 0.999  # cosine above which two directions count as one
+_SLENDER = 2.0  # times its next extent from which on a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 
 
@@ -61,6 +62,8 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
         return _camera(towards, next(up for up in ups if abs(up @ towards) < _PARALLEL))
     extent = np.ptp(points, axis=0)
     right = int(np.argmax(extent))
+    if extent[right] < _SLENDER * np.sort(extent)[1]:
+        return _camera(np.array([1.0, -1.0, 1.0]) * _SPATIAL[[0, 2, 1]], np.eye(3)[2])
     others = [axis for axis in (2, 1, 0) if axis != right]  # of equal ones z is up
     up = min(others, key=lambda axis: extent[axis])
     aside, above = np.eye(3)[right], np.eye(3)[up]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import flexmb
+from flexmb.workflow import reduce_scene
 
 CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/scene.toml"))
 
@@ -14,6 +15,15 @@ CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/scene.toml"))
 SHORTER = {
     "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
 }
+
+
+# Where nothing moves there is no energy to hold the rounding of the spring energies against.
+STILL = ("cantilever",)
+
+
+def runs(scene: Path) -> bool:
+    """Whether the case is a run, or flexible bodies alone."""
+    return "[dynamics]" in scene.read_text(encoding="utf-8")
 
 
 def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
@@ -24,12 +34,26 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     for check in report.checks:
         assert check.passed, check
     assert report.statistics["largest_position_drift"] < 1e-8
-    assert report.statistics["energy_balance_error"] < 1e-4
+    if scene.parent.name not in STILL:
+        assert report.statistics["energy_balance_error"] < 1e-4
 
 
-@pytest.mark.parametrize("scene", CASES, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize(
+    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
+)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "scene", [path for path in CASES if not runs(path)], ids=lambda path: path.parent.name
+)
+def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
+    found = reduce_scene(scene, output=tmp_path)
+    assert found.checks, "a case without a check proves nothing"
+    for check in found.checks:
+        assert check.passed, check
 
 
 @pytest.mark.slow
@@ -40,5 +64,6 @@ def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) 
 
 def test_every_case_says_where_its_answers_come_from() -> None:
     for scene in CASES:
-        for check in flexmb.load_scene(scene).checks:
+        model = flexmb.load_scene(scene)
+        for check in (*model.checks, *model.frequency_checks):
             assert check.source, scene
