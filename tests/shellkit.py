@@ -8,15 +8,31 @@ from pathlib import Path
 import numpy as np
 from femeshes import held_frequencies
 from scipy.sparse.linalg import spsolve
+from scipy.spatial.transform import Rotation
 
 from flexmb.fe import Mesh, assemble
+from flexmb.fe.sections.shell import Layer, layered, shell
+from flexmb.materials import Material, OrthotropicMaterial
 
 KINDS = ("quad", "triangle")
 REFERENCE = json.loads((Path(__file__).parent / "references" / "shells.json").read_text())
 
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+PLY = OrthotropicMaterial("ply", (140e9, 10e9, 10e9), (0.3, 0.4, 0.3), (5e9, 3e9, 5e9), 1600.0)
+LAYUP = (Layer(1e-3, PLY, 0.3), Layer(2e-3, STEEL), Layer(0.5e-3, PLY, -1.1))
+SKEW = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
+CORNERS = np.array([[0.0, 0, 0], [1, 0.1, 0], [1.2, 0.9, 0], [-0.1, 1.1, 0]])
+SECTIONS = {
+    "thin": shell(1e-3, material=STEEL),
+    "thick": shell(0.2, material=STEEL),
+    "offset": shell(0.02, material=STEEL, offset=0.03, nonstructural=40.0),
+    "layered": layered(LAYUP, offset=-2e-3, orientation=(1.0, 2.0, 0.5)),
+    "unsheared": shell(0.02, material=STEEL, shear=False),
+}
+
 
 def sheet(divisions, kind="quad", distort=0.0, shape=None):
-    """Unit square of quadrilaterals or triangles with the node groups x0, x1, y0, y1 and corners.
+    """Unit square of quadrilaterals or triangles with the node groups x0, x1, y0, y1.
 
     ``distort`` moves inner nodes at random by that share of an element, ``shape`` maps the square's
     coordinates (n, 2) to points (n, 3). Diagonals of triangles alternate at random.
@@ -87,3 +103,10 @@ def rigid_motions(x):
     out[:, :3, :3] = out[:, 3:, 3:] = np.eye(3)
     out[:, :3, 3:] = np.cross(np.eye(3), x[:, None]).transpose(0, 2, 1)
     return out.reshape(-1, 6)
+
+
+def corners(kind, warped=0.0):
+    """One element in skew orientation away from the origin."""
+    x = CORNERS[: 4 if kind == "quad" else 3].copy()
+    x[1, 2] += warped
+    return (x @ SKEW.T + [1.0, 2.0, 3.0])[None]

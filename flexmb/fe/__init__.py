@@ -20,6 +20,7 @@ from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
 from flexmb.fe.recovery.nodes import node_modes, surface
+from flexmb.fe.recovery.section_forces import SectionForces, section_force_modes
 from flexmb.fe.reduce import make_body, reduce
 from flexmb.fe.reduction.basis import ReducedBasis
 from flexmb.fe.reduction.choice import ModeChoice
@@ -54,6 +55,7 @@ __all__ = [
     "ReducedBasis",
     "ReducedModes",
     "RigidInterface",
+    "SectionForces",
     "ShellSection",
     "SolidSection",
     "Stopwatch",
@@ -88,9 +90,10 @@ __all__ = [
     "report_tables",
     "report_text",
     "resolve",
+    "section_force_modes",
     "section_from",
-    "surface",
     "shell",
+    "surface",
     "survey",
     "tapered",
     "tube",

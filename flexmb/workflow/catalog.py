@@ -7,27 +7,15 @@ works with, so that nothing in it can be out of date.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import get_args
 
 from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.workflow import body_listings
+from flexmb.workflow.listings import Listing, Table, fields_tables
 
 __all__ = ["METHODS", "TOPICS", "Listing", "Table", "listing"]
-
-
-class Table(NamedTuple):
-    """Rows of text under headings."""
-
-    columns: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-
-
-class Listing(NamedTuple):
-    """What there is of one topic: tables with a line of text above each."""
-
-    title: str
-    tables: tuple[tuple[str, Table], ...]
 
 
 METHODS = {
@@ -71,7 +59,8 @@ def _joints() -> Listing:
     columns = ("joint", "equations", "in a plane", "leaves free", "driver", "what it does")
     about = "z is the joint's axis, driver the coordinates that a driver can prescribe:"
     return Listing(
-        "joints: [joints.name]", ((about, Table(columns, rows)), *_fields({"a joint": JointSpec}))
+        "joints: [joints.name]",
+        ((about, Table(columns, rows)), *fields_tables({"a joint": JointSpec})),
     )
 
 
@@ -96,19 +85,19 @@ def _free_motions(joint: str, count: int) -> str:
 def _forces() -> Listing:
     from flexmb.model.forces import FORCE_TYPES
 
-    return Listing("forces: [forces.name]", _fields(FORCE_TYPES))
+    return Listing("forces: [forces.name]", fields_tables(FORCE_TYPES))
 
 
 def _sensors() -> Listing:
     from flexmb.model.sensors import SENSOR_TYPES
 
-    return Listing("sensors: [sensors.name]", _fields(SENSOR_TYPES))
+    return Listing("sensors: [sensors.name]", fields_tables(SENSOR_TYPES))
 
 
 def _shapes() -> Listing:
     from flexmb.model.shapes import SHAPES
 
-    return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", _fields(SHAPES))
+    return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", fields_tables(SHAPES))
 
 
 def _drivers() -> Listing:
@@ -123,7 +112,7 @@ def _drivers() -> Listing:
     return Listing(
         "drivers: [drivers.name]",
         ((about, Table(("coordinate", "joints that have it"), rows)),)
-        + _fields({"a driver": DriverSpec}),
+        + fields_tables({"a driver": DriverSpec}),
     )
 
 
@@ -141,62 +130,8 @@ def _functions() -> Listing:
     return Listing(
         "functions of time t",
         ((about, Table(("", "in expressions"), known)), (named, Table((), [])))
-        + _fields(FUNCTION_FORMS),
+        + fields_tables(FUNCTION_FORMS),
     )
-
-
-def _elements() -> Listing:
-    from flexmb.fe import ELEMENTS
-
-    table = Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
-    about = "Elements that make up a flexible body: solids always, surfaces and lines where a "
-    about += "section names them (flexmb list sections); others only name groups:"
-    return Listing("elements of flexible bodies", ((about, table),))
-
-
-def _meshes() -> Listing:
-    from flexmb.model.meshes import MESH_TYPES
-
-    about = 'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
-    about += '{ type = "box", size = [1, 0.1, 0.1] }. Elements not told by divisions: along the '
-    about += "longest edge 10 (20 of first order), along the others as many as make their edges as "
-    about += "long, at least 2; around circles 16 (32):"
-    return Listing(
-        "meshes: [bodies.name] mesh = ...", ((about, Table((), [])), *_fields(MESH_TYPES))
-    )
-
-
-def _sections() -> Listing:
-    from flexmb.model.beam_sections import ReleasesSpec
-    from flexmb.model.sections import SECTION_TYPES, LayerSpec
-
-    about = "The section of each element group of a mesh; all takes what no other names:"
-    kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
-    return Listing(
-        "sections: [bodies.name] sections.group = { ... }",
-        ((about, Table((), [])), *_fields(kinds)),
-    )
-
-
-def _reductions() -> Listing:
-    from flexmb.model.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
-    from flexmb.model.meshbody import MeshBodySpec
-    from flexmb.model.meshloads import LOAD_TYPES
-    from flexmb.model.reduction import METHODS as REDUCTIONS
-    from flexmb.model.reduction import ModesSpec
-
-    kinds = {
-        "a body": MeshBodySpec,
-        "modes": ModesSpec,
-        "an interface": InterfaceSpec,
-        "a tie": TieSpec,
-        "a mass": MassSpec,
-        "a spring": NodeSpringSpec,
-        **LOAD_TYPES,
-    }
-    about = "How the mesh of a flexible body becomes modes:"
-    table = Table(("reduction", "what it keeps"), list(REDUCTIONS.items()))
-    return Listing("flexible bodies: [bodies.name]", ((about, table), *_fields(kinds)))
 
 
 def _methods() -> Listing:
@@ -206,21 +141,8 @@ def _methods() -> Listing:
     rows = [(name, METHODS.get(name, "")) for name in names]
     return Listing(
         "methods: dynamics.method",
-        (("", Table(("method", "what it is"), rows)), *_fields({"[dynamics]": DynamicsSpec})),
+        (("", Table(("method", "what it is"), rows)), *fields_tables({"[dynamics]": DynamicsSpec})),
     )
-
-
-def _materials() -> Listing:
-    from flexmb.materials import LIBRARY
-    from flexmb.model.material import MATERIAL_KINDS
-
-    rows = [
-        (entry.name, f"{entry.E / 1e9:g}", f"{entry.nu:g}", f"{entry.density:g}", entry.source)
-        for entry in LIBRARY.values()
-    ]
-    about = "Linear elastic and isotropic; typical values, give your own where grades matter:"
-    columns = ("material", "E [GPa]", "nu", "density [kg/m^3]", "source")
-    return Listing("materials", ((about, Table(columns, rows)), *_fields(MATERIAL_KINDS)))
 
 
 def _units() -> Listing:
@@ -264,49 +186,21 @@ def _templates() -> Listing:
     return Listing("templates", ((about, Table(("template", "title"), list(templates().items()))),))
 
 
-def _fields(kinds: Mapping[str, Any]) -> tuple[tuple[str, Table], ...]:
-    """One table for each specification: what its fields hold, and their defaults."""
-    from flexmb.model.forms import described, fields_of, words
-
-    tables = []
-    for spec in dict.fromkeys(kinds.values()):
-        names = [name for name, kind in kinds.items() if kind is spec]
-        rows = [
-            (field.name, words(field.form), "required" if field.required else _told(field.default))
-            for field in fields_of(spec)
-            if field.name != "type" or field.form.get("enum", [None])[0] not in kinds
-        ]
-        about = f"{', '.join(names)}: {described(spec)}"
-        tables.append((about, Table(("field", "holds", "default"), rows)))
-    return tuple(tables)
-
-
-def _told(default: Any) -> str:
-    """A default as a scene writes it; nothing where leaving it out means leaving it out."""
-    if default is None or default == {} or default == ():
-        return ""
-    if isinstance(default, bool):
-        return str(default).lower()
-    if isinstance(default, Iterable) and not isinstance(default, str):
-        return f"[{', '.join(_told(value) for value in default)}]"
-    return f"{default:g}" if isinstance(default, int | float) else str(default)
-
-
 TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     "joints": ("what they hold and leave free, which drivers they take", _joints),
     "forces": ("forces, torques, springs and dampers", _forces),
     "drivers": ("joint coordinates as functions of time", _drivers),
     "functions": ("functions of time and what expressions know", _functions),
-    "elements": ("finite elements of flexible bodies", _elements),
-    "meshes": ("simple shapes that need no mesh file", _meshes),
-    "sections": ("sections of beams, shells and solids", _sections),
+    "elements": ("finite elements of flexible bodies", body_listings.elements),
+    "meshes": ("simple shapes that need no mesh file", body_listings.meshes),
+    "sections": ("sections of beams, shells and solids", body_listings.sections),
     "reductions": (
         "how meshes become modes: methods, interfaces, ties, loads",
-        _reductions,
+        body_listings.reductions,
     ),
     "methods": ("integrators and the settings of a run", _methods),
     "sensors": ("what a run can record", _sensors),
-    "materials": ("built-in materials, their values and sources", _materials),
+    "materials": ("built-in materials, their values and sources", body_listings.materials),
     "units": ("unit systems", _units),
     "shapes": ("shapes of rigid bodies", _shapes),
     "cases": ("example scenes with known answers", _cases),

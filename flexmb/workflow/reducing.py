@@ -19,6 +19,7 @@ from flexmb.workflow.place import output_folder, writable_folder
 from flexmb.workflow.reports import CheckOutcome
 
 if TYPE_CHECKING:
+    from flexmb.fe import Stopwatch
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
@@ -81,13 +82,14 @@ def reduce_mesh(
     from flexmb.flexbody import save
 
     found: dict[str, Any] = {}
+    watch = fe.Stopwatch(progress)
     body = fe.reduce(
         mesh,
         material=material,
         interfaces=interfaces or {},
         sections=sections or None,
-        progress=progress,
-        inspect=_judge(found, up_to, progress) if report else None,
+        progress=watch,
+        inspect=_judge(found, up_to, watch) if report else None,
         **options,
     )
     path = Path(output) if output is not None else Path(f"{Path(mesh).stem}.flexbody.h5")
@@ -128,6 +130,7 @@ def reduce_scene(
     FlexmbError
         Whatever is wrong, in one message.
     """
+    from flexmb.fe import Stopwatch
     from flexmb.model import load_scene
 
     path = Path(path)
@@ -135,12 +138,13 @@ def reduce_scene(
     chosen = _chosen(model, body)
     folder = writable_folder(Path(output) if output is not None else output_folder(path))
     reports: dict[str, Any] = {}
+    watch = Stopwatch(progress)
     bodies, files, notes = flexible_bodies(
         model,
         folder,
         only=chosen,
-        inspect=_judge(reports, up_to, progress) if report else None,
-        progress=progress,
+        inspect=_judge(reports, up_to, watch) if report else None,
+        progress=watch,
     )
     reduced = tuple(Reduced(bodies[k], files[k], reports.get(k)) for k in bodies)
     return ReducedScene(reduced, notes, frequency_outcomes(model, bodies))
@@ -157,14 +161,15 @@ def _chosen(model: Model, body: str | None) -> tuple[str, ...]:
     raise SceneError.from_problems([Problem("bodies", what, flexible, near)])
 
 
-def _judge(found: dict[str, Any], up_to: float | None, progress: Progress) -> Any:
+def _judge(found: dict[str, Any], up_to: float | None, watch: Stopwatch) -> Any:
     """What :func:`flexmb.reduce` calls with all that it made: keeps a report by body name."""
 
     def judge(fe: Any, basis: Any, modes: Any, body: Any, mirror: Any) -> None:
         from flexmb.fe.checks.quality import quality_report
 
+        phases = watch.lap()
         found[body.name] = quality_report(
-            fe, basis, modes, body, up_to, mirror=mirror, progress=progress
+            fe, basis, modes, body, up_to, mirror=mirror, phases=phases, progress=watch
         )
 
     return judge

@@ -53,7 +53,8 @@ def _fault(node: ast.AST, guarded: bool) -> str:
     if isinstance(node, ast.Attribute) and not guarded and ast.unparse(node) in POSIX_CALLS:
         return ast.unparse(node)
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return f"the place {node.value}" if node.value.startswith(PLACES) else ""
+        named = node.value.startswith(PLACES) and not guarded
+        return f"the place {node.value}" if named else ""
     return _call_fault(node) if isinstance(node, ast.Call) else ""
 
 

@@ -30,6 +30,7 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["LoadPattern", "make_loads"]
 
+_ROUNDING = 1e-13  # of the sum of all parts: a resultant below that is none
 _NODES = tuple(word for word in WORDS if word != "type")
 
 
@@ -109,9 +110,13 @@ def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     if problems:
         raise ReductionError.from_problems(problems)
     f = build(fe, where, words)
-    total = fe.rigid.T @ f
+    R = fe.rigid
+    total = R.T @ f
+    parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
+    total[np.abs(total) <= _ROUNDING * np.repeat(parts, 3)] = 0.0
     force = total[:3]
-    return LoadPattern(name, f, force, total[3:] + np.cross(fe.center, force), residual)
+    moment = total[3:] + np.cross(fe.center, force)
+    return LoadPattern(name, f, force, moment, residual)
 
 
 def _pressure(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:

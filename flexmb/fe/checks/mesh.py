@@ -14,16 +14,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from flexmb.fe.checks.shape import scaled_jacobian, warp
+from flexmb.fe.checks.shape import scaled_jacobian
 from flexmb.fe.elements.registry import FAMILIES
 from flexmb.fe.elements.select import Block
+from flexmb.fe.elements.shell_axes import WARP_WARNING, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["SLIVER", "WARP", "Finding", "mesh_report", "parts", "size_sentence"]
+__all__ = ["SLIVER", "Finding", "mesh_report", "parts", "size_sentence"]
 
 SLIVER = 0.05  # scaled Jacobian; the regular element has 1
-WARP = 1e-3  # distance from the mean plane over the edge, from which flat shells err
 _COINCIDENT = 1e-6  # distance over the extent of the mesh
 _EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
 _DIMENSIONS = (3, 2, 1)
@@ -156,11 +156,11 @@ def _warped(shells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
         if not kind.startswith("quad"):
             continue
         out = warp(place.points[nodes[:, :4]])
-        if (out > WARP).any():
-            worst = int(np.argmax(out))
-            what = f'{(out > WARP).sum()} of {len(nodes)} elements of kind "{kind}" are warped: '
-            what += f"their corners are off a plane by more than {WARP:g} of an edge, at most by "
-            what += f"{out[worst]:.2g} {place.element(nodes[worst])}; split them into triangles"
+        count, worst = int((out > WARP_WARNING).sum()), int(np.argmax(out))
+        if count:
+            what = f'{count} of {len(nodes)} elements of kind "{kind}" are warped: their corners '
+            what += f"are off a plane by more than {WARP_WARNING:g} of their size, at most by "
+            what += f"{out[worst]:.2g} {place.element(nodes[worst])}; mesh the twist finer"
             yield Finding("warning", what)
 
 

@@ -56,6 +56,11 @@ class Stopwatch:
         self._last = now
         self._progress(phase, fraction, detail)
 
+    def lap(self) -> tuple[Phase, ...]:
+        """The phases so far; the next ones begin anew."""
+        phases, self._found = self.phases, {}
+        return phases
+
     @property
     def phases(self) -> tuple[Phase, ...]:
         """The phases in the order they were first told of, what lay between them last."""

@@ -16,6 +16,7 @@ from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["ReportTable", "report_tables", "report_text"]
 
+_NOTHING = 1e-12  # of a share: rounding
 _MAC = 12  # rows and columns of the MAC table that are shown
 _INERTIA = ("mass kg", "x m", "y m", "z m", "Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jzx")
 
@@ -162,6 +163,8 @@ def _phases(report: QualityReport) -> ReportTable:
 def _share(value: float | FloatArray) -> str:
     """A share with four digits; rounding about zero and one is told as such."""
     number = float(value)
+    if abs(number) < _NOTHING:
+        return "0"
     return f"{number:.1e}" if 0 < abs(number) < 5e-5 else f"{number:.4f}"
 
 

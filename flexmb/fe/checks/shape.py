@@ -2,8 +2,8 @@
 
 In: corner coordinates of elements of one kind. Out: the scaled Jacobian, at each corner the volume
 (area) spanned by its edges over the product of their lengths, scaled to 1 for the regular element;
-of an element the least of its corners. And the relative warp of quadrilaterals. Source: Knupp et
-al., The Verdict Library Reference Manual, Sandia 2007.
+of an element the least of its corners. Source: Knupp et al., The Verdict Library Reference Manual,
+Sandia 2007.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import FloatArray
 
-__all__ = ["CORNERS", "scaled_jacobian", "warp"]
+__all__ = ["CORNERS", "scaled_jacobian"]
 
 CORNERS: dict[str, tuple[str, float]] = {
     "triangle": ("12 20 01", 2 / math.sqrt(3)),
@@ -50,13 +50,3 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
         found.append(spanned / np.where(lengths > 0, lengths, np.inf))
     quality = scale * np.array(found)
     return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
-
-
-def warp(x: FloatArray) -> FloatArray:
-    """(ne,) distance of corners x (ne, 4, 3) from their mean plane over the root of the area."""
-    diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
-    normal = np.cross(*diagonals)
-    twice = np.linalg.norm(normal, axis=1)
-    twice = np.where(twice > 0, twice, np.inf)
-    height = np.einsum("ec,ec->e", x[:, 0] - x[:, 1] + x[:, 2] - x[:, 3], normal) / (4 * twice)
-    return np.abs(height) / np.sqrt(0.5 * twice)

@@ -29,8 +29,9 @@ FAMILIES: dict[str, Family] = {
 ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.items()}
 """Kinds of elements that make up a body, by their names in meshes, and what they are."""
 
-ADVICE = solids.ADVICE | {
-    "line3": "beams have two nodes: mesh them with first-order elements",
+ADVICE = {
+    **solids.ADVICE,
     **SHELL_ADVICE,
+    "line3": "beams have two nodes: mesh them with first-order elements",
 }
 """What to do about kinds that cannot be used."""

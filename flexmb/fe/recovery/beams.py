@@ -126,7 +126,8 @@ def _corners(fe: FEMatrices, block: Block) -> FloatArray:
 
 
 def _end_sections(block: Block, fe: FEMatrices) -> list[list[object]]:
-    return BeamFields(fe.mesh.points[block.nodes[:1]], block.section).end_sections(1)
+    fields = BeamFields(fe.mesh.points[block.nodes], block.section)
+    return fields.end_sections(len(block.nodes))
 
 
 def _sides(ends: IntArray, size: int, at: int, width: int) -> IntArray:

@@ -64,7 +64,7 @@ def craig_bampton(
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
-        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+        Told the phases ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern

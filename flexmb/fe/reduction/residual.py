@@ -65,8 +65,8 @@ def held_responses(held: Held, relief: Relief, loads: tuple[LoadPattern, ...]) -
     free body balance the load.
     """
     F = load_columns(held.fe, loads)
-    F = np.concatenate([F, relief.inertia(F)], axis=1)
-    return deforming(held.fe, held.solve(F), F)
+    responses = held.solve(np.concatenate([F, relief.inertia(F)], axis=1))
+    return deforming(held.fe, responses, np.concatenate([F, F], axis=1))
 
 
 def relieved_responses(held: Held, relief: Relief, F: FloatArray) -> FloatArray:
@@ -75,7 +75,10 @@ def relieved_responses(held: Held, relief: Relief, F: FloatArray) -> FloatArray:
 
 
 def deforming(fe: FEMatrices, responses: FloatArray, F: FloatArray) -> FloatArray:
-    """The responses that are more than rounding, such as relief leaves of the weight."""
+    """The responses (n, r) that are more than rounding of loads (n, r) leaves.
+
+    Such are those to the weight of a free body, or to the inertia of a load without resultant.
+    """
     energy = np.sum(responses * (fe.K @ responses), axis=0)
     local = np.sum(F**2 / fe.K.diagonal()[:, None], axis=0)
     return responses[:, energy > _NOTHING * local]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 
 from flexmb.errors import Problem, ReductionError
@@ -19,7 +20,6 @@ __all__ = ["available_memory", "require_memory"]
 
 _VARIABLE = "FLEXMB_MEMORY"
 _UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
-_CGROUPS = Path("/sys/fs/cgroup")
 
 
 def require_memory(needed: float, what: str) -> None:
@@ -51,7 +51,11 @@ def require_memory(needed: float, what: str) -> None:
 
 def available_memory() -> float | None:
     """Bytes this process may still take; None where the system does not tell."""
-    found = [value for value in (_meminfo(), *_cgroups()) if value is not None]
+    told: list[float | None] = []
+    if sys.platform == "linux":
+        groups = _cgroups(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
+        told = [_meminfo(Path("/proc/meminfo")), *groups]
+    found = [value for value in told if value is not None]
     return min(found) if found else _physical()
 
 
@@ -68,9 +72,9 @@ def _own_limit() -> float | None:
         raise ReductionError.from_problems([Problem(_VARIABLE, what)]) from None
 
 
-def _meminfo() -> float | None:
+def _meminfo(path: Path) -> float | None:
     try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return None
     values = dict(line.split(":", 1) for line in lines if ":" in line)
@@ -78,20 +82,23 @@ def _meminfo() -> float | None:
     return 1024.0 * int(kilobytes[0]) if kilobytes else None
 
 
-def _cgroups() -> list[float | None]:
-    """What each control group above this process leaves, version 2 and version 1."""
+def _cgroups(path: Path, root: Path) -> list[float | None]:
+    """What each control group above this process leaves, version 2 and version 1.
+
+    ``path`` lists the groups of the process, ``root`` is where they are mounted.
+    """
     try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
     found: list[float | None] = []
     for line in lines:
-        _, controllers, path = line.split(":", 2)
+        _, controllers, group = line.split(":", 2)
         if not controllers:
-            found += _left(_CGROUPS, path, "memory.max", "memory.current", "inactive_file")
+            found += _left(root, group, "memory.max", "memory.current", "inactive_file")
         elif "memory" in controllers.split(","):
             names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-            found += _left(_CGROUPS / "memory", path, *names)
+            found += _left(root / "memory", group, *names)
     return found
 
 
@@ -103,9 +110,10 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
         if not folder.is_relative_to(root):
             break
         try:
-            most = float((folder / limit).read_text())  # "max" is no number: no limit
-            used = float((folder / usage).read_text())
-            rows = (folder / "memory.stat").read_text().splitlines()
+            # without a limit it says "max", which is no number
+            most = float((folder / limit).read_text(encoding="utf-8"))
+            used = float((folder / usage).read_text(encoding="utf-8"))
+            rows = (folder / "memory.stat").read_text(encoding="utf-8").splitlines()
             cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
         except (OSError, ValueError):
             continue

@@ -105,6 +105,8 @@ def test_an_offset_beam_is_a_beam_on_rigid_links(matrix):
     direct = body("offset", n)
     first, second = (getattr(fe, matrix).toarray() for fe in (linked, direct))
     np.testing.assert_allclose(first, second, atol=1e-12 * np.abs(second).max())
+    eye = np.eye(len(second))
+    np.testing.assert_allclose(linked.reduced_mass(eye), direct.reduced_mass(eye), atol=1e-12)
 
 
 def test_bending_of_an_angle_turns_with_its_principal_axes():

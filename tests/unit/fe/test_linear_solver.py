@@ -147,9 +147,9 @@ def test_a_vertex_tied_to_all_others_and_a_full_group():
 
 
 def test_parts_without_connection():
-    one, points = grid((15, 15, 15))
+    one, points = grid((14, 14, 14))
     K = csr_array(block_diag([one, 1e12 * one]))
-    wave, value = standing_wave((15, 15, 15))
+    wave, value = standing_wave((14, 14, 14))
     for places in (np.vstack([points, points]), np.vstack([points, points + 40]), None):
         x = factor(K, places).solve(np.concatenate([wave, 1e12 * wave]))
         np.testing.assert_allclose(x, np.tile(wave / value, 2), atol=1e-11 / value)
@@ -180,7 +180,7 @@ def test_singular_matrices_are_refused():
     assert list(caught.value.dofs) == [1]
 
 
-@pytest.mark.parametrize("n", [4, 15], ids=["small", "large"])
+@pytest.mark.parametrize("n", [4, 12], ids=["small", "large"])
 @pytest.mark.parametrize("stiffness", [1e-6, 1e9])
 def test_the_free_part_is_named(n, stiffness):
     held, points = grid((2 * n, n, n))
@@ -232,9 +232,9 @@ def test_progress_goes_through_ordering_and_factorisation():
         assert fractions[-1] == 1.0
 
 
-def test_modes_of_a_large_model_are_the_same_to_the_last_bit():
-    fe = assemble(block((10, 5, 5), (2.0, 1.0, 1.0)), resolve("steel"))
-    assert fe.numbering.n > 6000
+def test_modes_by_the_solver_of_large_models_are_the_same_to_the_last_bit(monkeypatch):
+    monkeypatch.setattr(linear_solver, "_SMALL", 100)
+    fe = assemble(block((4, 2, 2), (2.0, 1.0, 1.0)), resolve("steel"))
     interfaces = make_interfaces(fe, {"left": "x0", "right": "x1"})
     first, second = (craig_bampton(fe, interfaces, 6) for _ in range(2))
     assert (first.basis == second.basis).all()

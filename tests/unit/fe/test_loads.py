@@ -166,6 +166,18 @@ def test_residual_vectors_hold_what_reactions_at_an_interface_balance(box):
         np.testing.assert_allclose(got, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+def test_a_load_without_resultant_moves_nothing_and_takes_one_vector(box):
+    mesh = box.mesh
+    rows = np.concatenate([mesh.element_sets[name]["triangle6"] for name in ("x0", "x1")])
+    both = Mesh(mesh.points, mesh.blocks, {}, {**mesh.element_sets, "both": {"triangle6": rows}})
+    fe = assemble(both, STEEL)
+    loads = make_loads(fe, {"squeeze": {"type": "pressure", "group": "both", "pressure": 1e6}})
+    assert not loads[0].force.any()
+    assert not loads[0].moment.any()
+    interfaces = make_interfaces(fe, {"a": {"center": [1, 0.2, 0.2], "radius": 0.3}})
+    assert craig_bampton(fe, interfaces, 2, loads=loads).kinds.count("load") == 1
+
+
 def test_a_load_the_basis_holds_already_adds_nothing(box):
     interfaces = make_interfaces(box, {"a": "x0", "b": {"group": "x1", "type": "rbe3"}})
     at_b = {"force": [1, 2, 3], "moment": [0.1, 0.2, 0.3]}

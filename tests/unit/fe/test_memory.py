@@ -45,19 +45,40 @@ def test_a_limit_that_is_no_size_is_refused(monkeypatch, text):
 def group(folder, limit, used, stat, names):
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in zip((*names, "memory.stat"), (limit, used, stat), strict=True):
-        (folder / name).write_text(str(text))
+        (folder / name).write_text(str(text), encoding="utf-8")
+
+
+V2 = "memory.max", "memory.current"
+V1 = "memory.limit_in_bytes", "memory.usage_in_bytes"
 
 
 def test_control_groups_of_version_2_count_with_all_above(tmp_path):
-    names = "memory.max", "memory.current"
-    group(tmp_path / "a", 5_000, 1_000, "anon 3\ninactive_file 200\n", names)
-    group(tmp_path / "a" / "b", "max", 1_000, "inactive_file 0\n", names)
-    found = memory._left(tmp_path, "/a/b", *names, "inactive_file")
-    assert found == [4_200.0]
+    group(tmp_path / "a", 5_000, 1_000, "anon 3\ninactive_file 200\n", V2)
+    group(tmp_path / "a" / "b", "max", 1_000, "inactive_file 0\n", V2)
+    mine = tmp_path / "cgroup"
+    mine.write_text("0::/a/b\n", encoding="utf-8")
+    assert memory._cgroups(mine, tmp_path) == [4_200.0]
+
+
+def test_control_groups_of_version_1_have_a_folder_for_memory(tmp_path):
+    group(tmp_path / "memory" / "a", 9_000, 2_000, "total_inactive_file 50\n", V1)
+    mine = tmp_path / "cgroup"
+    mine.write_text("3:cpu,cpuacct:/a\n2:memory:/a\n", encoding="utf-8")
+    assert memory._cgroups(mine, tmp_path) == [7_050.0]
+
+
+def test_the_kernel_tells_what_is_available_in_kilobytes(tmp_path):
+    told = tmp_path / "meminfo"
+    told.write_text("MemTotal: 9 kB\nMemFree: 1 kB\nMemAvailable:    4 kB\n", encoding="utf-8")
+    assert memory._meminfo(told) == 4096.0
+    assert memory._meminfo(tmp_path / "absent") is None
 
 
 def test_where_there_are_no_control_groups_nothing_is_said(tmp_path):
-    assert memory._left(tmp_path, "/x", "memory.max", "memory.current", "inactive_file") == []
+    assert memory._cgroups(tmp_path / "absent", tmp_path) == []
+    mine = tmp_path / "cgroup"
+    mine.write_text("0::/x\n", encoding="utf-8")
+    assert memory._cgroups(mine, tmp_path) == []
 
 
 def test_matrices_that_do_not_fit_are_not_assembled(monkeypatch):

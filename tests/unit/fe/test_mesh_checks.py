@@ -10,8 +10,9 @@ import pytest
 
 from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from
 from flexmb.fe.checks.mass import mass_sentence, nominal_mass
-from flexmb.fe.checks.mesh import SLIVER, WARP, size_sentence
-from flexmb.fe.checks.shape import scaled_jacobian, warp
+from flexmb.fe.checks.mesh import SLIVER, size_sentence
+from flexmb.fe.checks.shape import scaled_jacobian
+from flexmb.fe.elements.shell_axes import WARP_WARNING, warp
 from flexmb.fe.meshes.table import mesh_from
 
 BOX = mesh_from({"type": "box", "size": [2.0, 1.0, 1.0], "divisions": [2, 1, 1]})
@@ -107,10 +108,10 @@ def test_slivers_are_told_with_the_least_quality():
 
 
 def test_warped_quads_are_told_where_they_are_shells():
-    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.02])
+    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.3])
     (sentence,) = told(lifted, "warning")
     assert 'of 2 elements of kind "quad" are warped' in sentence
-    assert f"more than {WARP:g} of an edge" in sentence
+    assert f"more than {WARP_WARNING:g} of their size" in sentence
     straight = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 1e-4])
     assert told(straight) == []
     bent = moved(BOX, BOX.node_sets["x1"][0], BOX.points[BOX.node_sets["x1"][0]] + [0.02, 0, 0])
@@ -169,7 +170,7 @@ def test_the_mass_of_elements_is_that_of_the_matrix(mesh, section, mass):
 
 
 def test_a_reduction_warns_and_keeps_what_it_found():
-    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.02])
+    lifted = moved(PLATE, PLATE.node_sets["x1y1"][0], [2.0, 0.5, 0.3])
     points = np.vstack([lifted.points, [[0, 0, 9]]])
     mesh = Mesh(points, lifted.blocks, lifted.node_sets, lifted.element_sets)
     with pytest.warns(UserWarning, match="are warped"):

@@ -100,3 +100,22 @@ def test_a_hinge_inside_a_body_is_reduced():
     sections["base"] = rectangle(0.02, 0.02)
     welded = reduce(mesh, material=MATTER, sections=sections, interfaces=ends, modes=2)
     assert 0 < body.K[0, 0] < welded.K[0, 0]
+
+
+@pytest.mark.parametrize("flipped", [[1], [3], [0, 2], [0, 1, 2, 3]])
+def test_a_chain_runs_on_over_elements_drawn_the_other_way(flipped):
+    """Round sections: the matrices are the same; the chain still starts at the same end."""
+    way = np.array([1.0, 0.4, 0.2])
+    ends = {"start": ["ry", "rz"], "end": ["rx"]}
+    cone = tapered(circle(0.1), circle(0.05), releases=ends)
+    mesh = line(4, end=way)
+    cells = mesh.blocks["line"].copy()
+    cells[flipped] = cells[flipped, ::-1]
+    if len(flipped) == 4:
+        cone = tapered(circle(0.05), circle(0.1), releases={"start": ["rx"], "end": ["ry", "rz"]})
+    plain = assemble(mesh, MATTER, {"all": tapered(circle(0.1), circle(0.05), releases=ends)})
+    turned = assemble(Mesh(mesh.points, {"line": cells}), MATTER, {"all": cone})
+    for name in ("K", "M"):
+        first, second = (getattr(fe, name).toarray() for fe in (plain, turned))
+        # the hinges' axes y, z of a flipped end element are others of the same plane
+        np.testing.assert_allclose(first, second, atol=1e-12 * np.abs(first).max())

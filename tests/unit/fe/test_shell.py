@@ -5,36 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from shellkit import KINDS, held, model, rectangle, rigid_motions, sheet, static
+from shellkit import (
+    KINDS,
+    LAYUP,
+    SECTIONS,
+    SKEW,
+    STEEL,
+    corners,
+    held,
+    model,
+    rectangle,
+    rigid_motions,
+    sheet,
+    static,
+)
 
-from flexmb.errors import MeshError
-from flexmb.fe.elements.registry import ADVICE, FAMILIES
-from flexmb.fe.elements.shell_axes import warp
+from flexmb.fe.elements.registry import FAMILIES
 from flexmb.fe.elements.shell_fields import make_fields, make_points
 from flexmb.fe.elements.shell_reference import reference
 from flexmb.fe.sections.shell import Layer, layered, shell
-from flexmb.materials import Material, OrthotropicMaterial
+from flexmb.materials import OrthotropicMaterial
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
-PLY = OrthotropicMaterial("ply", (140e9, 10e9, 10e9), (0.3, 0.4, 0.3), (5e9, 3e9, 5e9), 1600.0)
-LAYUP = (Layer(1e-3, PLY, 0.3), Layer(2e-3, STEEL), Layer(0.5e-3, PLY, -1.1))
-SKEW = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
-CORNERS = np.array([[0.0, 0, 0], [1, 0.1, 0], [1.2, 0.9, 0], [-0.1, 1.1, 0]])
 ROUND = 1e-12  # rounding of sums of a few hundred products, relative to the largest
-SECTIONS = {
-    "thin": shell(1e-3, material=STEEL),
-    "thick": shell(0.2, material=STEEL),
-    "offset": shell(0.02, material=STEEL, offset=0.03, nonstructural=40.0),
-    "layered": layered(LAYUP, offset=-2e-3, orientation=(1.0, 2.0, 0.5)),
-    "unsheared": shell(0.02, material=STEEL, shear=False),
-}
-
-
-def corners(kind, warped=0.0):
-    """One element in skew orientation away from the origin."""
-    x = CORNERS[: 4 if kind == "quad" else 3].copy()
-    x[1, 2] += warped
-    return (x @ SKEW.T + [1.0, 2.0, 3.0])[None]
 
 
 def patch(kind, section, fields):
@@ -239,42 +231,6 @@ def test_stress_of_layers_is_that_of_the_outermost():
         full = Q @ np.array([[p, r, 0], [r, q, 0], [0, 0, 0]]) @ Q.T
         wanted = full[[0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]]
         assert s[:, face] == pytest.approx(np.tile(wanted, (4, 1)), abs=1e-9 * np.abs(full).max())
-
-
-def test_bad_shapes_are_found():
-    good = CORNERS
-    folded = CORNERS[[0, 2, 1, 3]]
-    concave = np.array([[0.0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]])
-    collapsed = CORNERS[[0, 1, 1, 3]]
-    x = np.stack([good, folded, concave, collapsed, np.zeros((4, 3)), good * 1e-4])
-    assert FAMILIES["quad"].defects(x).tolist() == [1, 2, 3, 4]
-    flat = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
-    assert FAMILIES["triangle"].defects(np.stack([CORNERS[:3], flat])).tolist() == [1]
-
-
-def test_warp_is_the_height_over_the_size():
-    x = np.array([[0, 0, 0.01], [2, 0, -0.01], [2, 2, 0.01], [0, 2, -0.01]])[None]
-    assert warp(x) == pytest.approx([0.005], rel=1e-3)
-    assert warp(corners("quad")) == pytest.approx([0.0], abs=1e-15)
-    assert warp(corners("triangle")) == pytest.approx([0.0], abs=1e-15)
-
-
-def test_orientation_along_the_normal_is_refused():
-    section = shell(0.01, material=PLY, orientation=(0.0, 0.0, 2.0))
-    with pytest.raises(MeshError, match="orientation is normal to 1 shell"):
-        FAMILIES["quad"].stiffness(CORNERS[None], section)
-
-
-def test_strongly_warped_quadrilaterals_are_refused():
-    x = np.array([[0, 0, 0.5], [2, 0, -0.5], [2, 2, 0.5], [0, 2, -0.5]])[None]
-    with pytest.raises(MeshError, match="1 quadrilaterals are warped.*0.25 of their size.*finer"):
-        FAMILIES["quad"].mass(x, SECTIONS["thin"])
-
-
-def test_surfaces_with_mid_sides_are_refused_with_advice():
-    assert not {"triangle6", "quad8", "quad9"} & set(FAMILIES)
-    for kind in ("triangle6", "quad8", "quad9"):
-        assert "first-order" in ADVICE[kind]
 
 
 def test_a_sheet_held_at_an_edge_stands():

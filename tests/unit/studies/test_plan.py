@@ -122,3 +122,24 @@ def test_a_study_without_any_position_says_how_to_sense_one(tmp_path: Path) -> N
     setting = plan(tmp_path, text, r=(0.1,))[0]
     with pytest.raises(SceneError, match='no sensor of a position(?s:.*)of = "crank"'):
         check_sensors(setting.model, ())
+
+
+def test_divisions_refine_one_machine_and_sizes_make_others(tmp_path: Path) -> None:
+    text = BEAM.replace('mesh = "box.msh"', "mesh = { type = 'box', size = [1, 0.1, 0.1] }")
+    text = text.replace('"left"', '"x0"').replace('"right"', '"x1"')
+    finer = plan(tmp_path, text, bodies__beam__mesh__divisions=(2, [4, 1, 1], 3))
+    assert kinds(finer) == (1, 3)
+    ranks = [one.rank for one in finer]
+    assert sorted(ranks) == [ranks[1], ranks[0], ranks[2]]  # 4, 8 and 27 cells
+    kind = plan(tmp_path, text, bodies__beam__mesh__elements=("tetra10", "hexahedron20"))
+    assert kinds(kind) == (1, 2)
+    text = text.replace("n = 2", "n = 2\nthick = 0.1").replace("[1, 0.1, 0.1]", "[1, 0.1, 'thick']")
+    assert kinds(plan(tmp_path, text, thick=(0.1, 0.2))) == (2, 2)
+    sections = "sections = { all = { type = 'solid', material = 'brass' } }"
+    text = text.replace('material = "steel"', f'material = "steel"\n{sections}')
+    brass = plan(tmp_path, text, bodies__beam__sections__all__material=("brass", "copper"))
+    assert kinds(brass) == (2, 2)
+    text = text.replace("'box', size = [1, 0.1, 'thick']", "'plate', length = 1, width = 0.1")
+    text = text.replace("'solid', material = 'brass'", "'shell', thickness = 0.01")
+    thick = plan(tmp_path, text, bodies__beam__sections__all__thickness=(0.01, "20 mm"))
+    assert kinds(thick) == (2, 2)
