@@ -36,9 +36,9 @@ def run(sys, st, wk, out, what, cv, cp, k):
         bad = residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         velocity_stage(sys, wk, st.v)
         kinematics.bias(sys.parts, now, st.v)
-        constraint.rates(sys.rows, now.marker, wk.con, wk.dense.g[0])
-        constraint.right_side(sys.rows, now.marker, wk.con, wk.dense.g[0])
-        constraint.jacobian(sys.parts, now, sys.rows, wk.dense)
+        constraint.rates(sys.lines, sys.rows, now.marker, wk.con, wk.dense.g[0])
+        constraint.right_side(sys.lines, sys.rows, now.marker, wk.con, wk.dense.g[0])
+        constraint.jacobian(sys.lines, sys.parts, now, sys.rows, wk.dense)
         out[0] = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
         out[1] = energy.strain(sys.parts, st.q)
         out[2] = energy.gravitational(sys.parts, now, st.q)
@@ -69,6 +69,7 @@ def padded(system):
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
     return system._replace(
         parts=parts,
+        lines=np.zeros(1),
         functions=lower([]) if system.functions is None else system.functions,
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
         loads=np.zeros(0, LOAD) if system.loads is None else system.loads,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.joints import signs_of_axes
+from flexmb.engine.compile.joint_rows import signs_of_axes
+from flexmb.engine.compile.joints import ANGULAR
 from flexmb.engine.consistent import RESIDUAL, solve_level
-from flexmb.engine.tables import ANGLE, DOT1
 from flexmb.engine.work import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
@@ -24,7 +24,7 @@ def gap_problems(compiled: Compiled, work: Work) -> list[Problem]:
         rows = slice(int(group["row"]), int(group["row"] + group["n"]))
         kinds = system.rows["kind"][rows]
         C = np.where(np.isfinite(work.con.C[rows]), work.con.C[rows], np.inf)
-        turned = (kinds == DOT1) | (kinds == ANGLE)
+        turned = np.isin(kinds, ANGULAR)
         gap, angle = float(np.linalg.norm(C[~turned])), float(np.linalg.norm(C[turned]))
         where = names[rows.start].split(":")[0]
         what = f"stays open by {1e3 * gap:.4g} mm and {np.degrees(angle):.4g} deg"

@@ -50,7 +50,7 @@ def solve_level(sys, st, wk, level):
 @kernel
 def _correct_positions(sys, st, wk):
     tr, fac, place = wk.trial, wk.factor, sys.kkt.place
-    constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+    constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     nv = tr.dq.shape[0]
     for i in range(nv):
         fac.rhs[place[i]] = 0.0

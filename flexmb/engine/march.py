@@ -166,7 +166,7 @@ def _report(sys, method, settings, st, wk, out):
     st.memory[AGE] = -1.0
     if accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project) < 0:
         return ZERO_LENGTH
-    constraint.evaluate(sys.rows, now.marker, wk.con)
+    constraint.evaluate(sys.lines, sys.rows, now.marker, wk.con)
     sensor.follow_angles(sys.sensors, now.marker, tr.angles)
     sensor.read(sys.sensors, sys.parts, now, tr.vd, tr.angles, wk.dense.J[0], out.sensors[row])
     reaction.read(sys, now.marker, tr.lam, wk.dense.g, out.reactions[row])

@@ -86,6 +86,7 @@ ROW = np.dtype(
         ("jac_J", _I),
         ("coordinate", _I),  # the scalar coordinate that it follows in place of `fun`, or -1
         ("link", _I),  # LINK of its group with that coordinate
+        ("offset", _F),  # constant that its measure keeps
     ],
     align=True,
 )
@@ -126,7 +127,7 @@ LOAD = np.dtype(
 
 # One sensor channel triple or scalar.
 SENSOR = np.dtype(
-    [("kind", _I), ("I", _I), ("J", _I), ("channel", _I)],
+    [("kind", _I), ("I", _I), ("J", _I), ("channel", _I), ("axis", _I)],
     align=True,
 )
 
@@ -184,6 +185,7 @@ class System(NamedTuple):
     kkt: Kkt
     weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
     row_weights: np.ndarray  # (nc,) size of one unit of each constraint row
+    lines: object  # one number if there are rows about lines, or None
     functions: object  # FunctionTable or None
     springs: object  # SPRING or None
     loads: object  # LOAD or None
@@ -191,6 +193,7 @@ class System(NamedTuple):
 
 
 # Kinds of constraint rows.
-POINT, DOT1, DOT2, DISTANCE, ANGLE = 0, 1, 2, 3, 4
+POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
+LINES = (TWIST, RADIAL, MOMENT)
 # Kinds of sensors.
 POSITION, VELOCITY, ACCELERATION, ANGLE_SENSOR = 0, 1, 2, 3

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flexmb.model import lookup
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints import JOINT_TYPES, JointType
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -68,7 +68,7 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
         JointCount(
             name,
             used.count(name),
-            used.count(name) * (row.equations if model.plane is None else row.planar_equations),
+            used.count(name) * _equations(row, model.plane is not None),
         )
         for name, row in JOINT_TYPES.items()
         if name in used
@@ -83,3 +83,8 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
         planar=model.plane is not None,
         modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
     )
+
+
+def _equations(row: JointType, planar: bool) -> int:
+    """Equations of a joint type; none where it has no meaning."""
+    return (row.planar_equations or 0) if planar else row.equations

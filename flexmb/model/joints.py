@@ -1,8 +1,11 @@
 """Joints: what they leave free between two markers, as data.
 
 ``axis`` is a global direction in the placed pose, where the joint angle is 0; left out, it is the z
-axis of both markers and the angle is measured between their x axes. The stroke is the distance from
-marker I to marker J along the axis. Equations: Shabana, Dynamics of Multibody Systems, ch. 3.
+axis of both markers and the angle is measured between their x axes. Joints of two axes take
+``second_axis``, that of marker J, as well. The stroke is the distance from marker I to marker J
+along the axis. Composite joints stand for a link without mass between the two markers, with a joint
+at each end; their lengths and offsets are those of the placed pose. Equations: Shabana, Dynamics of
+Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from typing import Annotated, Any, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
-from flexmb.model.quantities import Axis, Pair
+from flexmb.model.quantities import Axis, Pair, Size
 from flexmb.model.reading import Reader, Spec, fail, given
 
 __all__ = ["COORDINATES", "JOINT_TYPES", "JointSpec", "JointType"]
@@ -24,14 +27,23 @@ COORDINATES = ("angle", "stroke")
 
 @dataclass(frozen=True)
 class JointType:
-    """One row of the joint table."""
+    """One row of the joint table.
+
+    ``equations`` in space and in a plane (None: without meaning there); ``axes`` the joint has, 0,
+    1, or 2, the second being that of marker J.
+    """
 
     name: str
     equations: int
-    planar_equations: int
+    planar_equations: int | None
     coordinates: tuple[str, ...]
-    has_axis: bool
+    axes: int
     summary: str
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether it has any axis."""
+        return self.axes > 0
 
     @property
     def freedoms(self) -> int:
@@ -39,16 +51,32 @@ class JointType:
         return 6 - self.equations
 
 
-JOINT_TYPES: dict[str, JointType] = {
-    row.name: row
-    for row in (
-        JointType("fixed", 6, 3, (), False, "holds both markers together, place and axes"),
-        JointType("revolute", 5, 2, ("angle",), True, "turns about its axis"),
-        JointType("prismatic", 5, 2, ("stroke",), True, "slides along its axis"),
-        JointType("cylindrical", 4, 2, ("angle", "stroke"), True, "turns about and slides along"),
-        JointType("spherical", 3, 2, (), False, "holds the markers' points together"),
-    )
-}
+_BOTH = ("angle", "stroke")
+_TABLE = (
+    ("fixed", 6, 3, (), 0, "holds both markers together, place and axes"),
+    ("revolute", 5, 2, ("angle",), 1, "turns about its axis"),
+    ("prismatic", 5, 2, ("stroke",), 1, "slides along its axis"),
+    ("cylindrical", 4, 2, _BOTH, 1, "turns about and slides along its axis"),
+    ("spherical", 3, 2, (), 0, "holds the markers' points together"),
+    ("universal", 4, None, ("angle",), 2, "turns about an axis of I and one of J across it"),
+    ("constant-velocity", 4, None, (), 2, "joins two shafts that turn with equal speeds"),
+    ("planar", 3, None, ("angle",), 1, "slides in the plane across its axis, and turns about it"),
+    ("in-line", 2, 1, ("stroke",), 1, "keeps the point J on the axis through I"),
+    ("in-plane", 1, 1, ("stroke",), 1, "keeps the point J in the plane across the axis through I"),
+    ("parallel", 2, None, ("angle",), 1, "keeps the axes of I and J parallel"),
+    ("perpendicular", 1, None, (), 2, "keeps an axis of I and one of J at right angles"),
+    ("orientation", 3, 1, (), 0, "keeps the axes of I and J parallel, all three"),
+    ("distance", 1, 1, (), 0, "link with a spherical joint at each end (a rod)"),
+    ("revolute-spherical", 2, None, (), 1, "link with a revolute joint at I, a spherical at J"),
+    ("prismatic-spherical", 2, 1, ("stroke",), 1, "link that slides on I, spherical joint at J"),
+    ("cylindrical-spherical", 1, None, (), 1, "link that turns and slides on I, spherical at J"),
+    ("revolute-revolute", 4, 1, (), 2, "link with a revolute joint at each end"),
+    ("revolute-cylindrical", 3, None, (), 2, "link with a revolute joint at I, cylindrical at J"),
+    ("revolute-universal", 3, None, (), 2, "link with a revolute joint at I, universal at J"),
+    ("spherical-universal", 1, None, (), 0, "link with a spherical joint at I, universal at J"),
+)
+JOINT_TYPES: dict[str, JointType] = {row[0]: JointType(*row) for row in _TABLE}
+"""All joints by name."""
 
 
 def _type(value: Any, info: ValidationInfo) -> str:
@@ -60,14 +88,31 @@ def _type(value: Any, info: ValidationInfo) -> str:
 
 
 class JointSpec(Spec):
-    """A joint between the markers ``between = [I, J]``."""
+    """A joint between the markers ``between = [I, J]``; composite ones stand for a massless link.
+
+    ``length`` of a distance joint; without it the distance is that of the placed pose.
+    """
 
     type: Annotated[str, Reader(_type)]
     between: Pair
     axis: Axis | None = None
+    second_axis: Axis | None = None
+    length: Size | None = None
 
     @model_validator(mode="after")
-    def _axis_means_something(self) -> Self:
-        if self.axis is not None and not JOINT_TYPES[self.type].has_axis:
-            raise fail(Problem("axis", f"a {self.type} joint has no axis; leave it out"))
+    def _words_mean_something(self) -> Self:
+        axes = JOINT_TYPES[self.type].axes
+        problems = []
+        if self.axis is not None and axes < 1:
+            problems.append(Problem("axis", f"a {self.type} joint has no axis; leave it out"))
+        if self.second_axis is not None and axes < 2:
+            what = f"a {self.type} joint has no second axis; leave it out"
+            problems.append(Problem("second_axis", what))
+        elif self.second_axis is not None and self.axis is None:
+            problems.append(Problem("axis", "is missing: with second_axis both are given"))
+        if self.length is not None and self.type != "distance":
+            what = "only a distance joint has a length that can be given"
+            problems.append(Problem("length", what))
+        if problems:
+            raise fail(*problems)
         return self

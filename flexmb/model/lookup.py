@@ -24,9 +24,20 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
 
-__all__ = ["Found", "automatic_markers", "find", "frames", "marker_names", "markers_known", "pose"]
+__all__ = [
+    "PARALLEL",
+    "Found",
+    "automatic_markers",
+    "find",
+    "frames",
+    "joint_frames",
+    "marker_names",
+    "markers_known",
+    "pose",
+]
 
 Array = NDArray[np.float64]
+PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
 Bodies = Mapping[str, "FlexBody"]
 
 
@@ -146,13 +157,40 @@ def frames(
         The flexible bodies by name.
     """
     I, J = (placed(model, reference, flexbodies) for reference in between)  # noqa: E741
-    return _turned(model, I, axis), _turned(model, J, axis)
-
-
-def _turned(model: Model, marker: PlacedMarker, axis: Any) -> PlacedMarker:
     if axis is None:
-        return marker
-    R = triad(axis)
+        return I, J
+    return _turned(model, I, triad(axis)), _turned(model, J, triad(axis))
+
+
+def joint_frames(
+    model: Model, name: str, flexbodies: Bodies | None = None
+) -> tuple[PlacedMarker, PlacedMarker]:
+    """Markers I and J of a joint with its triads; of two axes z_I is the first, z_J the second.
+
+    With two axes x_I leads from the first towards the second, and x_J follows when the first is
+    bent into the second; parallel axes give equal triads.
+    """
+    joint = model.joints[name]
+    if joint.axis is None or joint.second_axis is None:
+        return frames(model, joint.between, joint.axis, flexbodies)
+    I, J = (placed(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
+    first, second = _unit(joint.axis), _unit(joint.second_axis)
+    across = np.cross(first, second)
+    if np.linalg.norm(across) < PARALLEL:
+        return _turned(model, I, triad(first)), _turned(model, J, triad(first))
+    y = across / np.linalg.norm(across)
+    triads = (np.column_stack([np.cross(y, z), y, z]) for z in (first, second))
+    return _turned(model, I, next(triads)), _turned(model, J, next(triads))
+
+
+def _unit(axis: Any) -> Array:
+    direction = np.array(axis, dtype=float)
+    unit: Array = direction / np.linalg.norm(direction)
+    return unit
+
+
+def _turned(model: Model, marker: PlacedMarker, R: Array) -> PlacedMarker:
+    """The marker with its axes R (3, 3), global in the placed pose."""
     if marker.body != GROUND:
         R = rotation_matrix(model.bodies[marker.body].orientation).T @ R
     return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)

@@ -69,9 +69,9 @@ def plane_in_body(spec: BodySpec, plane: str) -> str:
     return next(name for name, normal in PLANES.items() if normal[about])
 
 
-def axis_of_joint(model: Model, joint: JointSpec, flexbodies: lookup.Bodies) -> Array:
+def axis_of_joint(model: Model, name: str, flexbodies: lookup.Bodies) -> Array:
     """Global direction (3,) of the axis of a joint in the placed pose."""
-    I = lookup.frames(model, joint.between, joint.axis, flexbodies)[0]  # noqa: E741
+    I = lookup.joint_frames(model, name, flexbodies)[0]  # noqa: E741
     A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
     direction: Array = A @ I.R[:, 2]
     return direction
@@ -99,7 +99,7 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
     for name, spec in model.bodies.items():
         yield from _body(f"bodies.{name}", spec, plane)
     for name, joint in model.joints.items():
-        yield from _joint(model, f"joints.{name}", joint, flexbodies, plane)
+        yield from _joint(model, name, joint, flexbodies, plane)
     yield from _coordinates(model, flexbodies, plane)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
@@ -119,19 +119,28 @@ def _body(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
             yield Problem(f"{at}.angular_velocity", f"is not about the normal of {plane}")
 
 
+_ABOUT = ("revolute", "revolute-revolute")
+_ALONG = ("prismatic", "in-line", "in-plane", "prismatic-spherical")
+
+
 def _joint(
-    model: Model, where: str, joint: JointSpec, flexbodies: lookup.Bodies, plane: str
+    model: Model, name: str, joint: JointSpec, flexbodies: lookup.Bodies, plane: str
 ) -> Iterator[Problem]:
+    where = f"joints.{name}"
+    if JOINT_TYPES[joint.type].planar_equations is None:
+        names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations is not None)
+        yield Problem(f"{where}.type", f"a {joint.type} joint has no meaning in a plane", names)
+        return
     if not JOINT_TYPES[joint.type].has_axis:
         return
     try:
-        axis = axis_of_joint(model, joint, flexbodies)
+        axis = axis_of_joint(model, name, flexbodies)
     except FlexmbError:
         return  # its markers are told elsewhere
     about, along = across(axis, plane), keeps_plane(axis, plane)
-    if joint.type == "revolute" and not about:
+    if joint.type in _ABOUT and not about:
         yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
-    elif joint.type == "prismatic" and not along:
+    elif joint.type in _ALONG and not along:
         yield Problem(f"{where}.axis", f"must lie in the plane {plane}")
     elif not (about or along):
         yield Problem(f"{where}.axis", f"must lie in the plane {plane} or be normal to it")
@@ -148,7 +157,7 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         joint = model.joints.get(name)
         if joint is None or joint.type != "cylindrical":
             continue
-        about = across(axis_of_joint(model, joint, flexbodies), plane)
+        about = across(axis_of_joint(model, name, flexbodies), plane)
         if coordinate != ("angle" if about else "stroke"):
             yield Problem(where, f'in the plane {plane} the joint "{name}" has no {coordinate}')
 

@@ -49,7 +49,7 @@ def _joints() -> Listing:
         (
             row.name,
             str(row.equations),
-            str(row.planar_equations),
+            "" if row.planar_equations is None else str(row.planar_equations),
             _free_motions(row.name, row.freedoms),
             ", ".join(row.coordinates),
             row.summary,
@@ -66,11 +66,11 @@ def _joints() -> Listing:
 
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
-    from flexmb.engine.compile.joints import JOINT_ROWS
+    from flexmb.engine.compile.joint_rows import JOINT_ROWS
     from flexmb.engine.tables import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")
-    for kind, a, b in JOINT_ROWS[joint]:
+    for kind, a, b, _ in JOINT_ROWS.get(joint, ()):
         if kind == POINT or (kind == DOT2 and a == b):
             slides.discard("xyz"[a])
         elif kind == DOT1:

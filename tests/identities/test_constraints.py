@@ -11,7 +11,7 @@ import pytest
 from enginekit import MARKER, Bench, slope
 from generators import BODIES, TOPOLOGIES, Mechanism
 
-from flexmb.engine.tables import ANGLE, DISTANCE, POINT
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
 
 # The difference rules leave 1e-12 of the size of the numbers here, which are below 100.
 DIFFERENCES = 2e-9
@@ -28,8 +28,10 @@ def benches():
 def bench(request):
     seed, topology, bodies = request.param
     made = Bench(Mechanism(seed, topology, bodies).model)
-    rows = made.sys.rows  # no joint uses distances alone: turn some into them, driven ones too
-    rows["kind"][np.flatnonzero(rows["kind"] == POINT)[::4]] = DISTANCE
+    rows = made.sys.rows  # joints here hold no distances and lines: turn some rows into them
+    points = np.flatnonzero(rows["kind"] == POINT)
+    rows["kind"][points] = np.resize([POINT, DISTANCE, POINT, TWIST, RADIAL, MOMENT], len(points))
+    rows["offset"] = np.random.default_rng(seed).uniform(-1, 1, len(rows))
     driven = np.flatnonzero(rows["fun"] >= 0)
     rows["kind"][driven[1:2]] = DISTANCE
     made.randomise(seed + 100)
@@ -45,7 +47,7 @@ def test_every_kind_of_row_occurs():
     kinds = set()
     for k, topology in enumerate(TOPOLOGIES):
         kinds |= set(Bench(Mechanism(10 + k, topology).model).sys.rows["kind"])
-    assert kinds == set(range(ANGLE + 1)) - {DISTANCE}
+    assert kinds == {POINT, DOT1, DOT2, ANGLE}
 
 
 def test_jacobian_is_the_derivative_along_virtual_motions(bench):

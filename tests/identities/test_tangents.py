@@ -7,12 +7,14 @@ and flexible bodies.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from enginekit import Bench, slope
 from generators import BODIES, TOPOLOGIES, Mechanism
 
-from flexmb.engine.tables import DISTANCE, POINT
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
 
 DIFFERENCES = 1e-9
 LAST_DIGITS = 1e-12
@@ -21,13 +23,17 @@ CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in BODIES]
 
 @pytest.fixture(params=CASES, ids=["-".join(case) for case in CASES])
 def bench(request):
-    topology, bodies = request.param
+    return make(*request.param)
+
+
+def make(topology, bodies):
     made = Bench(Mechanism(len(topology) + 31, topology, bodies, n=3).model)
-    rows = made.sys.rows  # no joint uses distances alone: turn some into them
+    rows = made.sys.rows  # joints here hold no distances and lines: turn some rows into them
+    kinds = itertools.cycle((DISTANCE, TWIST, RADIAL, MOMENT))
     for group in made.sys.groups:
         if group["couple"] >= 0 or -1 in (group["body_I"], group["body_J"]):
-            row = rows[int(group["row"])]
-            row["kind"] = DISTANCE if row["kind"] == POINT else row["kind"]
+            for row in rows[int(group["row"]) : int(group["row"] + group["n"])]:
+                row["kind"] = next(kinds) if row["kind"] == POINT else row["kind"]
     made.randomise(2)
     return made
 
@@ -49,8 +55,12 @@ def test_position_tangent(bench):
     close(tangent, np.array(columns).T)
 
 
-def test_distances_occur(bench):
-    assert (bench.sys.rows["kind"] == DISTANCE).any()
+def test_rows_of_all_kinds_occur():
+    """Over all mechanisms of these tests."""
+    kinds = set()
+    for topology, bodies in CASES:
+        kinds |= set(make(topology, bodies).sys.rows["kind"])
+    assert kinds >= {DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT}
 
 
 def test_velocity_tangent(bench):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.joints import joint_frames
+from flexmb.engine.compile.joint_rows import driver_row
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import (
@@ -68,19 +68,21 @@ def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | 
     channel = 0
     for spec in model.sensors.values():
         if isinstance(spec, AngleSensorSpec):
+            axis = 0
             if spec.joint is not None:
-                frames = joint_frames(model, flexbodies, spec.joint)
+                frames = lookup.joint_frames(model, spec.joint, flexbodies)
+                axis = driver_row(model.joints[spec.joint].type, "angle")[2]
             else:
                 assert spec.between is not None  # one of the two is given
                 frames = lookup.frames(model, spec.between, spec.axis, flexbodies)
             i, j = (markers.add(marker) for marker in frames)
-            rows.append((ANGLE_SENSOR, i, j, channel))
+            rows.append((ANGLE_SENSOR, i, j, channel, axis))
             channel += 1
             continue
         j = markers.add(lookup.placed(model, spec.of, flexbodies))
         i = -1
         if spec.relative_to is not None:
             i = markers.add(lookup.placed(model, spec.relative_to, flexbodies))
-        rows.append((_MARKER_SENSORS[spec.type], i, j, channel))
+        rows.append((_MARKER_SENSORS[spec.type], i, j, channel, 0))
         channel += 3
     return _table(rows, SENSOR)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexmb.engine.tables import ANGLE, DOT2, POINT
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT2, POINT
 from flexmb.flexbody.planes import PLANES
 from flexmb.model.bodies import BodySpec
 from flexmb.model.joints import JointSpec
@@ -23,12 +23,21 @@ from flexmb.model.plane import across, normal_in_body, plane_axes
 __all__ = ["STROKE", "planar_columns", "planar_joint"]
 
 X, Y = 0, 1
-_ORIENTATION = (ANGLE, X, X)
-_OFFSET = (DOT2, Y, Y)
+_ORIENTATION = (ANGLE, X, X, False)
+_OFFSET = (DOT2, Y, Y, False)
+_LINK = ((DISTANCE, X, X, True),)
+_SLIDING = {  # with their axis in the plane, which becomes x
+    "prismatic": (_ORIENTATION, _OFFSET),
+    "cylindrical": (_ORIENTATION, _OFFSET),
+    "in-line": (_OFFSET,),
+    "prismatic-spherical": ((DOT2, Y, Y, True),),
+    "in-plane": ((DOT2, X, X, False),),
+}
+_LINKED = {"distance": _LINK, "revolute-revolute": _LINK}
 STROKE = (DOT2, X, X)
 """The stroke of a joint on its planar triads."""
 
-Rows = tuple[tuple[int, int, int], ...]
+Rows = tuple[tuple[int, int, int, bool], ...]
 
 
 def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
@@ -51,20 +60,21 @@ def planar_joint(
     plane = model.plane
     assert plane is not None  # the caller knows
     first, second, _ = plane_axes(plane)
-    together = ((POINT, first, first), (POINT, second, second))
+    together = ((POINT, first, first, False), (POINT, second, second, False))
     A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
     triad = A @ I.R
-    if joint.type == "fixed":
+    if joint.type in ("fixed", "orientation"):
         lies = [k for k in range(3) if not across(triad[:, k], plane)]
         turn = _turn(triad, triad[:, lies[0]], plane)
-        return _turned(I, turn), _turned(J, turn), (*together, _ORIENTATION)
-    slides = joint.type == "prismatic" or (
-        joint.type == "cylindrical" and not across(triad[:, 2], plane)
-    )
-    if slides:
+        rows = (*together, _ORIENTATION) if joint.type == "fixed" else (_ORIENTATION,)
+        return _turned(I, turn), _turned(J, turn), rows
+    slides = _SLIDING.get(joint.type)
+    if joint.type == "cylindrical" and across(triad[:, 2], plane):
+        slides = None
+    if slides is not None:
         turn = _turn(triad, triad[:, 2], plane)
-        return _turned(I, turn), _turned(J, turn), (_ORIENTATION, _OFFSET)
-    return I, J, together
+        return _turned(I, turn), _turned(J, turn), slides
+    return I, J, _LINKED.get(joint.type, together)
 
 
 def _turn(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:

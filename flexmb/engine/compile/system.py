@@ -17,7 +17,7 @@ from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import GROUP, Parts, System
+from flexmb.engine.tables import GROUP, LINES, Parts, System
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
@@ -93,6 +93,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
             _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
         ),
         row_weights=joints.row_weights(groups, length),
+        lines=np.zeros(1) if any(row[0] in LINES for row in groups.rows) else None,
         functions=lower(functions.programs) if functions.programs else None,
         springs=springs,
         loads=loads,

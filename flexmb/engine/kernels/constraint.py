@@ -9,18 +9,20 @@ from flexmb.engine.tables import POINT
 
 
 @kernel
-def evaluate(rows, markers, con):
+def evaluate(lines, rows, markers, con):
     """C of all rows."""
     for k in range(rows.shape[0]):
         row = rows[k]
-        f = con.fun[row["fun"], 0] if row["fun"] >= 0 else 0.0
+        f = row["offset"]
+        if row["fun"] >= 0:
+            f += con.fun[row["fun"], 0]
         con.C[k] = primitive.value(
-            row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], f
+            lines, row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], f
         )
 
 
 @kernel
-def subtract_reactions(rows, markers, lam, g):
+def subtract_reactions(lines, rows, markers, lam, g):
     """Wrenches of the markers −= λ g of all rows; g (12) is scratch."""
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -29,14 +31,14 @@ def subtract_reactions(rows, markers, lam, g):
             mi["W"][row["a"]] += lam[k]
             mj["W"][row["a"]] -= lam[k]
             continue
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
         for c in range(6):
             mi["W"][c] -= lam[k] * g[c]
             mj["W"][c] -= lam[k] * g[6 + c]
 
 
 @kernel
-def rates(rows, markers, con, g):
+def rates(lines, rows, markers, con, g):
     """Cq v + C_t of all rows, from the velocities of the markers."""
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -44,20 +46,20 @@ def rates(rows, markers, con, g):
         if row["kind"] == POINT:
             con.rate[k] = mj["vx"][row["a"]] - mi["vx"][row["a"]]
             continue
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
         con.rate[k] = primitive.rate(g, mi, mj)
         if row["fun"] >= 0:
             con.rate[k] -= con.fun[row["fun"], 1]
 
 
 @kernel
-def right_side(rows, markers, con, g):
+def right_side(lines, rows, markers, con, g):
     """γ of Cq v̇ = γ, from the velocities and acceleration biases of the markers."""
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
-        s = primitive.curvature(row["kind"], row["a"], row["b"], mi, mj)
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        s = primitive.curvature(lines, row["kind"], row["a"], row["b"], mi, mj)
         for c in range(3):
             s += g[c] * mi["bx"][c] + g[3 + c] * mi["bom"][c]
             s += g[6 + c] * mj["bx"][c] + g[9 + c] * mj["bom"][c]
@@ -67,13 +69,13 @@ def right_side(rows, markers, con, g):
 
 
 @kernel
-def jacobian(parts, now, rows, dense):
+def jacobian(lines, parts, now, rows, dense):
     """Rows of Cq on the bodies of their two markers, into dense.jac."""
     g = dense.g[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j = row["I"], row["J"]
-        primitive.gradient(row["kind"], row["a"], row["b"], now.marker[i], now.marker[j], g)
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], now.marker[i], now.marker[j], g)
         for side in range(2):
             at = row["jac_I"] if side == 0 else row["jac_J"]
             if at >= 0:

@@ -72,12 +72,12 @@ def group_tangents(sys, wk, lam, cp):
             w[c] = 0.0
         for r in range(group["row"], group["row"] + group["n"]):
             kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
-            primitive.gradient(kind, a, b, mi, mj, g)
+            primitive.gradient(sys.lines, kind, a, b, mi, mj, g)
             for c in range(12):
                 w[c] += lam[r] * g[c]
             if kind != POINT:
                 curved = True
-                row_tangent.add_row_tangent(kind, a, b, mi, mj, lam[r], d.H)
+                row_tangent.add_row_tangent(sys.lines, kind, a, b, mi, mj, lam[r], g, d.H)
         _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
         if curved:
             _add_pair(sys.parts, sys.kkt, wk, i, j, group["couple"], cp)

@@ -32,7 +32,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         kinematics.velocity(sys.parts, wk.now, v)
     _bodies(sys.parts, sys.kkt, wk, v, vd, cv, cp)
     coordinate.add_tangents(sys.parts.coordinates, sys.kkt, cv, cp, low, up)
-    constraint.jacobian(sys.parts, wk.now, sys.rows, wk.dense)
+    constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)

@@ -37,7 +37,7 @@ def project_velocity(sys, wk, v):
         return
     for n in range(_ROUNDS):
         velocity_stage(sys, wk, v)
-        constraint.rates(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+        constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
         if n == 0:
             wk.con.drift[0] = largest(rate)
         for i in range(nv):
@@ -58,7 +58,7 @@ def project_positions(sys, wk, t, q, rounds):
     tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
     nv = tr.dq.shape[0]
     for _ in range(rounds):
-        constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+        constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
         for i in range(nv):
             sol[place[i]] = 0.0
         for i in range(C.shape[0]):
@@ -98,7 +98,7 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     if bad >= 0:
         return -1 - bad
     kinematics.bias(sys.parts, wk.now, v)
-    constraint.right_side(sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+    constraint.right_side(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
     for i in range(v.shape[0]):
         tr.res[i] = -tr.res[i]
     permute(sys.kkt, tr.res, wk.con.gamma, fac.rhs)

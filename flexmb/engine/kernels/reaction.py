@@ -17,11 +17,12 @@ def read(sys, markers, lam, g, out):
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]
         i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
+        mi, mj = markers[i], markers[j]
         for c in range(12):
             w[c] = 0.0
         for r in range(group["row"], group["row"] + group["n"]):
             row = sys.rows[r]
-            primitive.gradient(row["kind"], row["a"], row["b"], markers[i], markers[j], g[0])
+            primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g[0])
             for c in range(12):
                 w[c] -= lam[r] * g[0, c]
         for part in range(4):

@@ -34,7 +34,7 @@ def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
     _velocities_for_forces(sys.springs, sys.parts, wk.now, v)
-    constraint.evaluate(sys.rows, wk.now.marker, wk.con)
+    constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     return forces(sys, wk, q, v, vd, lam)
 
 
@@ -44,7 +44,7 @@ def forces(sys, wk, q, v, vd, lam):
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
-    constraint.subtract_reactions(sys.rows, wk.now.marker, lam, wk.dense.g[0])
+    constraint.subtract_reactions(sys.lines, sys.rows, wk.now.marker, lam, wk.dense.g[0])
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)

@@ -9,74 +9,31 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.primitive import dot_columns, separation
+from flexmb.engine.kernels import line
+from flexmb.engine.kernels.dots import add_dot, add_dot2, dot_columns, separation
 from flexmb.engine.kernels.rotation import cross
-from flexmb.engine.tables import DISTANCE, DOT1, DOT2, POINT
+from flexmb.engine.tables import DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
 @kernel
-def add_row_tangent(kind, a, b, mi, mj, lam, H):
-    """Add the tangent of λ g of one row to H (12, 12)."""
+def add_row_tangent(lines, kind, a, b, mi, mj, lam, g, H):
+    """Add the tangent of λ g of one row to H (12, 12); g (12) is scratch."""
     if kind == POINT:
+        return
+    if lines is not None and kind >= TWIST:
+        line.add_tangent(kind, mi, mj, lam, g, H)
         return
     Ri, Rj = mi["R"], mj["R"]
     if kind == DOT1:
-        _add_dot(Ri, a, Rj, b, lam, H)
+        add_dot(Ri, a, Rj, b, lam, H)
     elif kind == DOT2:
         hx, hy, hz = separation(mi, mj)
-        _add_dot2(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz, lam, H)
+        add_dot2(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz, lam, H)
     elif kind == DISTANCE:
         hx, hy, hz = separation(mi, mj)
         _add_distance(hx, hy, hz, lam, H)
     else:
-        _add_angle(Ri, Rj, lam, H)
-
-
-@kernel
-def _add_skew(H, i, j, f, x, y, z):
-    """Add f (x, y, z)~ to the 3 × 3 block at (i, j)."""
-    H[i, j + 1] -= f * z
-    H[i, j + 2] += f * y
-    H[i + 1, j] += f * z
-    H[i + 1, j + 2] -= f * x
-    H[i + 2, j] -= f * y
-    H[i + 2, j + 1] += f * x
-
-
-@kernel
-def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
-    """Add f p~ q~ = f (q pᵀ − (p·q) I) to the 3 × 3 block at (i, j)."""
-    dot = px * qx + py * qy + pz * qz
-    H[i, j] += f * (qx * px - dot)
-    H[i, j + 1] += f * qx * py
-    H[i, j + 2] += f * qx * pz
-    H[i + 1, j] += f * qy * px
-    H[i + 1, j + 1] += f * (qy * py - dot)
-    H[i + 1, j + 2] += f * qy * pz
-    H[i + 2, j] += f * qz * px
-    H[i + 2, j + 1] += f * qz * py
-    H[i + 2, j + 2] += f * (qz * pz - dot)
-
-
-@kernel
-def _add_dot(Ri, a, Rj, b, f, H):
-    """f times the tangent of a·b."""
-    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
-    _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
-    _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)
-    _add_skew_product(H, 9, 3, -f, bx, by, bz, ax, ay, az)
-
-
-@kernel
-def _add_dot2(ax, ay, az, hx, hy, hz, f, H):
-    """f times the tangent of a·h."""
-    _add_skew(H, 0, 3, f, ax, ay, az)
-    _add_skew(H, 6, 3, -f, ax, ay, az)
-    _add_skew_product(H, 3, 3, f, hx, hy, hz, ax, ay, az)
-    _add_skew(H, 3, 6, f, ax, ay, az)
-    _add_skew(H, 3, 0, -f, ax, ay, az)
+        _add_angle(Ri, Rj, b, lam, H)
 
 
 @kernel
@@ -94,15 +51,15 @@ def _add_distance(hx, hy, hz, f, H):
 
 
 @kernel
-def _add_angle(Ri, Rj, f, H):
-    """f times the tangent of atan2(s, c), s = y_I·x_J, c = x_I·x_J."""
-    s = dot_columns(Ri, 1, Rj, 0)
-    c = dot_columns(Ri, 0, Rj, 0)
+def _add_angle(Ri, Rj, b, f, H):
+    """f times the tangent of atan2(s, c), s = y_I·b, c = x_I·b."""
+    s = dot_columns(Ri, 1, Rj, b)
+    c = dot_columns(Ri, 0, Rj, b)
     n = 1.0 / (s * s + c * c)
-    _add_dot(Ri, 1, Rj, 0, f * c * n, H)
-    _add_dot(Ri, 0, Rj, 0, -f * s * n, H)
-    ds = cross(Ri[0, 1], Ri[1, 1], Ri[2, 1], Rj[0, 0], Rj[1, 0], Rj[2, 0])
-    dc = cross(Ri[0, 0], Ri[1, 0], Ri[2, 0], Rj[0, 0], Rj[1, 0], Rj[2, 0])
+    add_dot(Ri, 1, Rj, b, f * c * n, H)
+    add_dot(Ri, 0, Rj, b, -f * s * n, H)
+    ds = cross(Ri[0, 1], Ri[1, 1], Ri[2, 1], Rj[0, b], Rj[1, b], Rj[2, b])
+    dc = cross(Ri[0, 0], Ri[1, 0], Ri[2, 0], Rj[0, b], Rj[1, b], Rj[2, b])
     for i in range(3):
         for j in range(3):
             dtheta = (c * ds[i] - s * dc[i]) * n

@@ -13,9 +13,10 @@ def follow_angles(sensors, markers, angles):
     """Carry the continuous joint angles to the present position (called at accepted steps)."""
     if sensors is not None:
         for k in range(sensors.shape[0]):
-            if sensors[k]["kind"] == ANGLE_SENSOR:
-                now = joint_angle(markers[sensors[k]["I"]]["R"], markers[sensors[k]["J"]]["R"])
-                c = sensors[k]["channel"]
+            s = sensors[k]
+            if s["kind"] == ANGLE_SENSOR:
+                now = joint_angle(markers[s["I"]]["R"], markers[s["J"]]["R"], s["axis"])
+                c = s["channel"]
                 angles[c] += wrapped(now - angles[c])
 
 

@@ -25,6 +25,10 @@ from flexmb.materials import AnyMaterial
 __all__ = ["Block", "select_elements"]
 
 _WORDS = {1: "line", 2: "surface", 3: "volume"}
+_CURES = {
+    1: 'lines are beams with a section such as { type = "circle", radius = ... }',
+    2: 'surfaces are shells with a thickness: { type = "shell", thickness = ... }',
+}
 _CHUNK = 3e7  # bytes of one batch of element matrices
 
 
@@ -155,7 +159,8 @@ def _anything(mesh: Mesh, owners: Mapping[str, IntArray]) -> bool:
 def _nothing(mesh: Mesh) -> str:
     found = ", ".join(f"{len(cells)} {kind}" for kind, cells in mesh.blocks.items())
     what = "has no volume elements, and no lines or surfaces with a section"
-    return f"{what}; it has {found or 'no elements'}"
+    cures = [cure for dim, cure in _CURES.items() if mesh.kinds(dim)]
+    return "; ".join([what, f"it has {found or 'no elements'}", *cures])
 
 
 def _blocks(
