@@ -1,6 +1,6 @@
 """Make hinged_plate.msh: a square plate whose edges end in living hinges, in metres.
 
-Run ``python meshes/hinged_plate.py``. The plate lies in the xy plane, its corner at the origin. From
+Run ``python meshes/hinged_plate.py``. The plate lies in the xy plane, a corner at the origin. From
 each node of its edges a beam of 1 mm runs outwards: where that bends easily, the edge is simply
 supported by whatever holds its outer end. Physical groups: surface ``plate``, lines ``hinges`` and
 ``corners`` (the beams at the corners), points ``frame`` (the outer ends of all beams).

@@ -19,6 +19,7 @@ from flexmb.fe.key import reduction_key
 from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.reader import read_mesh
+from flexmb.fe.meshes.table import mesh_from
 from flexmb.fe.recovery.nodes import node_modes, surface
 from flexmb.fe.recovery.section_forces import SectionForces, section_force_modes
 from flexmb.fe.reduce import make_body, reduce
@@ -77,6 +78,7 @@ __all__ = [
     "make_body",
     "make_interfaces",
     "make_loads",
+    "mesh_from",
     "mesh_problems",
     "mesh_report",
     "node_modes",

@@ -100,11 +100,11 @@ class Surface:
     faces : (t, 3) int
         Triangles as rows of indices into ``points``.
     lines : (l, 2) int
-        Line segments (beams) as indices into ``points``.
+        Line segments (axes of beams) as indices into ``points``.
     modes : (n, 3, m) float
         Displacement of the points per unit modal coordinate, body axes [m].
     node_ids : (n,) int
-        Index of each point among the nodes of the mesh.
+        Mesh node of each point; the corners of a beam's section have the node that moves them.
     """
 
     points: FloatArray

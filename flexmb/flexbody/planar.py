@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +21,7 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mirror import mirrored
-from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes
 from flexmb.flexbody.planes import PLANES
 
 __all__ = ["LARGEST_SHARE", "flattened", "out_of_plane", "plane_name", "planar_body"]
@@ -213,15 +214,6 @@ def _combined(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str)
         ModeInfo(-1, "elastic", frequency, False, f"out of the plane {plane}")
         for frequency in _hertz(_modes(body, dropped)[0])
     ]
-    nodes, surface = body.nodes, body.surface
-    stress, forces = body.stress, body.section_forces
-    if nodes is not None:
-        turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
-        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning)
-    if surface is not None:
-        surface = Surface(
-            surface.points, surface.faces, surface.lines, surface.modes @ Z, surface.node_ids
-        )
     return replace(
         body,
         p=body.p @ Z,
@@ -234,12 +226,24 @@ def _combined(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str)
             for part in body.interfaces
         ),
         modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
-        surface=surface,
-        nodes=nodes,
-        stress=None if stress is None else stress.combined(Z),
-        section_forces=None if forces is None else forces.combined(Z),
         loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
+        **_recovered(body, Z),
     )
+
+
+def _recovered(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
+    """Motion of nodes and surface, stress and section forces in the modes made by Z (m, k)."""
+    nodes, surface = body.nodes, body.surface
+    stress, forces = body.stress, body.section_forces
+    if nodes is not None:
+        turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
+        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning)
+    return {
+        "nodes": nodes,
+        "surface": None if surface is None else replace(surface, modes=surface.modes @ Z),
+        "stress": None if stress is None else stress.combined(Z),
+        "section_forces": None if forces is None else forces.combined(Z),
+    }
 
 
 def _modes(body: FlexBody, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -83,7 +83,8 @@ def render_modes(
     found = body if isinstance(body, FlexBody) else load(body)
     surface = found.surface
     if found.m == 0 or surface is None or not len(surface.points):
-        raise ViewError(f"the body {found.name} has no modes to draw, or no surface")
+        where = f"the body {found.name}" if isinstance(body, FlexBody) else str(body)
+        raise ViewError(f"{where}: has no modes to draw, or no surface")
     frequencies, motion = _motions(found, held)
     numbers = _numbers(found, modes, len(frequencies))
     check_exaggeration(exaggeration)

@@ -143,18 +143,12 @@ def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
     for body in content.deformed:
         ghost = _outline(body.undeformed, body.faces, body.lines)
         drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))
-        if len(body.lines):
+        if len(body.lines) and not len(body.faces):  # else they are inside what is drawn
             color: Any = body.color
             if content.scale is not None and body.values is not None:
                 share = body.values[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
                 color = colormaps[COLORMAP](share)
-            drawn.append(
-                (
-                    (body.points @ view.T)[body.lines][:, :, :2],
-                    color,
-                    1.2 if len(body.faces) else 4.0,
-                )
-            )
+            drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
     return drawn
 
 

@@ -136,9 +136,10 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     height = size[1]
     large, small = max(round(height / 38), 9), max(round(height / 52), 8)
     place = {"viewport": True, "color": INK}
-    title, caption = ((0.02, 1 - lines * large / height) for lines in (2.1, 3.6))  # from above
-    plotter.add_text(content.title, position=title, font_size=0.72 * large, **place)
-    plotter.add_text(content.caption, position=caption, font_size=0.72 * small, **place)
+    first = 1 - 2.1 * large / height  # a line each, also where a panel is low
+    second = first - 2.05 * small / height
+    plotter.add_text(content.title, position=(0.02, first), font_size=0.72 * large, **place)
+    plotter.add_text(content.caption, position=(0.02, second), font_size=0.72 * small, **place)
     if content.notes:
         text = "\n".join(content.notes)
         plotter.add_text(text, position=(0.02, 0.02), font_size=0.72 * small, **place)

@@ -119,7 +119,7 @@ def test_misspelt_mesh_groups_of_a_scene(folder: Path, command: str) -> None:
 
 def test_a_mesh_without_volume_elements(folder: Path) -> None:
     write_box(folder / "box.msh", solid=False)
-    what = "box.msh: has no volume elements, and no line elements with a section; it has"
+    what = "box.msh: has no volume elements, and no lines or surfaces with a section; it has"
     assert refused("reduce", "box.msh", "--material", "steel")[0].startswith(what)
     for command in ("check", "run"):
         first = refused(command, scene(folder, text=BEAM))[0]

@@ -19,7 +19,7 @@ ONE_LINE = [
     pytest.param(
         ('type = "revolute"', 'type = "revolut"'),
         'joints.bearing.type: unknown joint type "revolut"; nearest: revolute; '
-        "allowed: cylindrical, fixed, prismatic, revolute, spherical",
+        "allowed: constant-velocity, cylindrical, ",
         id="unknown joint type",
     ),
     pytest.param(
@@ -82,7 +82,7 @@ ONE_LINE = [
     pytest.param(
         ("between", "betwen"),
         'joints.bearing.betwen: unknown key "betwen"; nearest: between; '
-        "allowed: type, between, axis",
+        "allowed: type, between, axis, second_axis, length",
         id="misspelt key, and not also a missing one",
     ),
     pytest.param(

@@ -117,19 +117,13 @@ def survey(
     problems += [Problem(read.source, f.sentence) for f in findings if f.level == "error"]
     if problems:
         return Survey(problems)
+    mass = 0.0
     if matter is not None:
         findings += [Finding("warning", sentence) for sentence in plausibility(matter)]
-    counts: dict[str, int] = {}
-    for block in blocks:
-        counts[block.kind] = counts.get(block.kind, 0) + len(block.nodes)
-    return Survey(
-        problems,
-        [finding for finding in findings if finding.level != "error"],
-        counts,
-        model.numbering.n,
-        _coordinates(len(interfaces or {}), modes, reduction, 6 if plane is None else 3),
-        0.0 if matter is None else nominal_mass(blocks, read.points) + point_mass(masses),
-    )
+        mass = nominal_mass(blocks, read.points) + point_mass(masses)
+    kept = {"modes": modes, "reduction": reduction}
+    coordinates = _coordinates(6 if plane is None else 3, len(held), kept, loads or {})
+    return Survey([], findings, _counts(blocks), model.numbering.n, coordinates, mass)
 
 
 def mesh_problems(
@@ -201,6 +195,14 @@ def _mode_problems(
     return problems
 
 
+def _counts(blocks: tuple[Block, ...]) -> dict[str, int]:
+    """Elements by kind."""
+    counts: dict[str, int] = {}
+    for block in blocks:
+        counts[block.kind] = counts.get(block.kind, 0) + len(block.nodes)
+    return counts
+
+
 def _findings(
     mesh: Mesh,
     blocks: tuple[Block, ...],
@@ -209,24 +211,37 @@ def _findings(
     held, tied, joined = joints
     linked = [part.nodes for part in (*held, *joined)]
     linked += [np.append(tie.nodes, tie.reference) for tie in tied]
-    found = mesh_report(mesh, blocks, linked)
-    size = size_sentence(mesh.points)
-    return [*found, Finding("warning", size)] if size else found
+    told = [size_sentence(mesh.points)]
+    told += [
+        f'{len(block.nodes)} elements of kind "{block.kind}": {block.family.warning}'
+        for block in blocks
+        if block.family.warning
+    ]
+    return [
+        *mesh_report(mesh, blocks, linked),
+        *(Finding("warning", sentence) for sentence in told if sentence),
+    ]
 
 
-def _coordinates(interfaces: int, modes: Any, reduction: str, freedoms: int) -> str:
-    """Kept coordinates, in words."""
+def _coordinates(freedoms: int, interfaces: int, words: Words, loads: Words) -> str:
+    """Kept coordinates, in words; residual vectors of loads are as many at most as told."""
+    reduction = words["reduction"]
     if reduction == "user":
         return "those of the given modes"
-    choice = mode_choice(modes)
+    choice = mode_choice(words["modes"])
     count = 0 if reduction == "guyan" else choice.count
     static = freedoms * interfaces
+    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
+    more *= 2 if interfaces and reduction != "free-interface" else 1
+    extra = f" + up to {more} for loads" if more else ""
     if count is None:
         by = "frequency" if choice.frequency is not None else "effective mass"
-        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}"
+        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
     if not interfaces:
-        return f"{count} free modes"
+        return f"{count} free modes{extra}"
     told = f"{freedoms}*{interfaces} interfaces + {count} modes"
     if reduction == "free-interface":
-        return f"up to {static + count} = {told}"
-    return f"{static + count - freedoms} = {told} - {freedoms}"
+        return f"up to {static + count + more} = {told}{extra}"
+    least = static + count - freedoms
+    most = f" to {least + more}" if more else ""
+    return f"{least}{most} = {told} - {freedoms}{extra}"

@@ -66,18 +66,16 @@ class Held:
         rigid = [part for part in interfaces if isinstance(part, RigidInterface)]
         self._b = np.concatenate([np.zeros(0, int), *(part.dofs for part in rigid)])
         self.dofs = np.setdiff1d(np.arange(fe.numbering.n), self._b)
-        K_i = fe.K[self.dofs]
-        self._K = csr_array(K_i[:, self.dofs])
-        self.M = csr_array(fe.M[self.dofs][:, self.dofs])
+        self.M = self._inner(fe.M)
         self._W = self._means()
         R = np.zeros((len(self.dofs), 0)) if rigid else fe.rigid
         points = fe.dof_points[self.dofs]
         try:
-            self._bordered = Bordered(self._K, self._W, R, points, progress)
+            self._bordered = Bordered(self._inner(fe.K), self._W, R, points, progress)
         except SingularMatrix as error:
             raise ReductionError(loose_part(fe, self.dofs[error.dofs])) from error
         self._motion = self._interface_motion()
-        self.modes = self._constraint_modes(csr_array(K_i[:, self._b]))
+        self.modes = self._constraint_modes()
         K = self.modes.T @ (fe.K @ self.modes)
         self.K_modes = 0.5 * (K + K.T)
 
@@ -137,7 +135,7 @@ class Held:
         """The same from full matrices, fewer where motions have no mass; the means are at rest."""
         if count == 0:
             return np.zeros(0), np.zeros((len(self.dofs), 0))
-        K, M = self._K.toarray(), self.M.toarray()
+        K, M = self._inner(self.fe.K).toarray(), self.M.toarray()
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(K))
         K, M = N.T @ K @ N, N.T @ M @ N
         try:
@@ -168,7 +166,14 @@ class Held:
             means.append(np.zeros((0, d)) if held else np.eye(6)[:, chosen])
         return block_diag(*rigid), block_diag(*means)
 
-    def _constraint_modes(self, K_ib: csr_array) -> FloatArray:
+    def _inner(self, matrix: csr_array) -> csr_array:
+        """The part of a matrix (n, n) over the held body's own degrees of freedom."""
+        if not len(self._b):
+            return matrix
+        return csr_array(matrix[self.dofs][:, self.dofs])
+
+    def _constraint_modes(self) -> FloatArray:
+        K_ib = self.fe.K[self._b][:, self.dofs].T
         T, g = self._motion
         modes = np.zeros((self.fe.numbering.n, T.shape[1]))
         modes[self._b] = T

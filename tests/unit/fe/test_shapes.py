@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexmb.errors import MeshError
-from flexmb.fe import mesh_report
+from flexmb.fe import mesh_report, meshes
 from flexmb.fe.checks.shape import scaled_jacobian
 from flexmb.fe.elements.registry import FAMILIES
 from flexmb.fe.elements.select import select_elements
@@ -221,6 +221,14 @@ def test_refused_shapes(words, told):
     with pytest.raises(MeshError) as caught:
         mesh_from(words)
     assert told in str(caught.value)
+
+
+def test_shapes_are_functions_too():
+    mesh = meshes.tube(1.0, 0.2, inner=0.1, divisions=(1, 8, 2))
+    table = {"type": "tube", "length": 1.0, "radius": 0.2, "inner": 0.1, "divisions": [1, 8, 2]}
+    assert np.array_equal(mesh.points, mesh_from(table).points)
+    with pytest.raises(MeshError, match="mesh.length: must be a positive length"):
+        meshes.plate(-1.0, 1.0)
 
 
 def test_all_mistakes_of_a_shape_at_once():

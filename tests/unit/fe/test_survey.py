@@ -83,6 +83,20 @@ def test_coordinates_are_those_of_the_body(options, coordinates):
     assert reduce(PLATE, **words).m == coordinates
 
 
+def test_loads_add_residual_vectors_up_to_what_is_told():
+    loads = {
+        "blow": {"type": "pressure", "group": "surface", "pressure": 1.0},
+        "weight": {"type": "gravity", "acceleration": [0, 0, -9.81]},
+    }
+    words = {"material": "steel", "sections": SHELL, "interfaces": ENDS, "modes": 4}
+    found = told(loads=loads).coordinates
+    assert found == "10 to 12 = 6*2 interfaces + 4 modes - 6 + up to 2 for loads"
+    assert 10 < reduce(PLATE, **words, loads=loads).m <= 12
+    words |= {"reduction": "free-interface", "interfaces": {}}
+    assert told(loads=loads, **words).coordinates == "4 free modes + up to 1 for loads"
+    assert reduce(PLATE, **words, loads=loads).m == 5
+
+
 def test_modes_by_frequency_are_not_counted():
     assert told(modes={"frequency": 1e3}).coordinates == (
         "12 of 2 interfaces + modes by frequency - 6"
@@ -209,3 +223,10 @@ def test_suspicious_sizes_and_materials_are_warnings():
     text = " ".join(finding.sentence for finding in found.findings)
     assert "extends over 400 m" in text
     assert "given in t/mm^3? Then it is 7850 kg/m^3" in text
+
+
+def test_elements_that_are_too_stiff_are_told():
+    soft = {"type": "box", "size": [1.0, 0.1, 0.1], "elements": "tetra", "divisions": [8, 2, 2]}
+    (finding,) = told(soft, sections={}).findings
+    assert finding.level == "warning"
+    assert '192 elements of kind "tetra"' in finding.sentence

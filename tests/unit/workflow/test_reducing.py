@@ -68,3 +68,16 @@ def test_a_body_that_is_not_there(scene: Path, tmp_path: Path) -> None:
     scene.write_text('title = "none"\n[bodies.block]\nmass = 1.0\ninertia = [1, 1, 1]\n')
     with pytest.raises(SceneError, match="the scene has no flexible body"):
         reduce_scene(scene, output=tmp_path)
+
+
+def test_a_report_compares_with_the_full_model(scene: Path, tmp_path: Path) -> None:
+    from flexmb.fe import report_tables
+
+    (one,) = reduce_scene(scene, body="bar", output=tmp_path, report=True, up_to=600.0).bodies
+    found = one.report.frequencies
+    assert 0 < found.full[-1] <= 600.0
+    assert abs(found.error[0]) < 0.01
+    titles = [table.title for table in report_tables(one.report)]
+    assert any("Frequencies" in title for title in titles)
+    again = reduce_scene(scene, body="bar", output=tmp_path, report=True)
+    assert again.bodies[0].report is not None  # reduced anew, though the file is there
