@@ -16,26 +16,10 @@ SHORTER = {
     "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
 }
 
-# Too large to be reduced every time.
-SLOW = ("bracket",)
-
 
 def runs(scene: Path) -> bool:
     """Whether the case is a run, or flexible bodies alone."""
     return "[dynamics]" in scene.read_text(encoding="utf-8")
-
-
-def chosen(moving: bool) -> list[object]:
-    """The cases that move or do not, by name."""
-    return [
-        pytest.param(
-            scene,
-            id=scene.parent.name,
-            marks=[pytest.mark.slow] if scene.parent.name in SLOW else [],
-        )
-        for scene in CASES
-        if runs(scene) == moving
-    ]
 
 
 def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
@@ -49,15 +33,18 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     assert report.statistics["energy_balance_error"] < 1e-4
 
 
-@pytest.mark.parametrize("scene", chosen(moving=True))
+@pytest.mark.parametrize(
+    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
+)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
 
 
-@pytest.mark.parametrize("scene", chosen(moving=False))
+@pytest.mark.parametrize(
+    "scene", [path for path in CASES if not runs(path)], ids=lambda path: path.parent.name
+)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
-    overrides = SHORTER.get(scene.parent.name, {})
-    found = reduce_scene(scene, output=tmp_path, overrides=overrides)
+    found = reduce_scene(scene, output=tmp_path)
     assert found.checks, "a case without a check proves nothing"
     for check in found.checks:
         assert check.passed, check
