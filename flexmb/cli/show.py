@@ -26,6 +26,7 @@ __all__ = [
 ]
 
 _NARROW = 100  # columns of tables where the output is a file or a pipe
+_NAMES = 24  # letters of names in the first column that are not folded
 _ENDLESS = 10_000  # columns that no table fills
 
 
@@ -57,9 +58,12 @@ def table(
         pad_edge=False,
         header_style="bold",
     )
+    rows = list(rows)
+    short = max((len(row[0]) for row in rows), default=0) <= _NAMES
     for i, name in enumerate(columns):
         justify: Literal["left", "right"] = "right" if i in right else "left"
-        shown.add_column(escape(name), justify=justify, overflow="fold")
+        keep = i == 0 and short
+        shown.add_column(escape(name), justify=justify, overflow="fold", no_wrap=keep)
     for row in rows:
         shown.add_row(*(escape(cell) for cell in row))
     console = _console()

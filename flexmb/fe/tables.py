@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, nearest
 
-__all__ = ["call", "is_number", "kind_of", "make", "rooted"]
+__all__ = ["call", "is_number", "kind_of", "make", "rooted", "word_problems"]
 
 T = TypeVar("T")
 Words = Sequence[inspect.Parameter]
@@ -61,6 +61,19 @@ def kind_of(
     return str(kind), words
 
 
+def word_problems(
+    words: Mapping[str, Any], where: str, allowed: Sequence[str], needed: Sequence[str] = ()
+) -> list[Problem]:
+    """Keys of a table that are unknown, and those that are missing."""
+    names = tuple(allowed)
+    unknown = [
+        Problem(f"{where}.{key}", "unknown key", names, nearest(str(key), names))
+        for key in words
+        if key not in names
+    ]
+    return unknown + [Problem(f"{where}.{key}", "is missing") for key in needed if key not in words]
+
+
 def call(
     function: Callable[..., T],
     words: Mapping[str, Any],
@@ -90,11 +103,7 @@ def call(
     """
     parameters = _parameters(function, common)
     allowed = tuple(parameter.name for parameter in parameters)
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", allowed, nearest(str(key), allowed))
-        for key in words
-        if key not in allowed
-    ]
+    problems = word_problems(words, where, allowed)
     misspelt = {problem.nearest[0] for problem in problems if problem.nearest}
     for parameter in parameters:
         name = parameter.name

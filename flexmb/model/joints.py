@@ -62,7 +62,7 @@ _TABLE = (
     ("constant-velocity", 4, None, (), 2, "joins two shafts that turn with equal speeds"),
     ("planar", 3, None, ("angle",), 1, "slides in the plane across its axis, and turns about it"),
     ("in-line", 2, 1, ("stroke",), 1, "keeps the point J on the axis through I"),
-    ("in-plane", 1, 1, ("stroke",), 1, "keeps the point J in the plane across the axis through I"),
+    ("in-plane", 1, 1, (), 1, "keeps the point J in the plane across the axis through I"),
     ("parallel", 2, None, ("angle",), 1, "keeps the axes of I and J parallel"),
     ("perpendicular", 1, None, (), 2, "keeps an axis of I and one of J at right angles"),
     ("orientation", 3, 1, (), 0, "keeps the axes of I and J parallel, all three"),

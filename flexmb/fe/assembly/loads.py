@@ -26,6 +26,7 @@ from flexmb.fe.assembly.surface_loads import (
 )
 from flexmb.fe.interfaces.make import make_interface
 from flexmb.fe.interfaces.selectors import WORDS, choose
+from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray
 
 __all__ = ["LoadPattern", "make_loads"]
@@ -98,12 +99,7 @@ def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
         raise ReductionError.from_problems([Problem(f"{where}.type", what, names, near)])
     build, needed, others = _LOADS[kind]
     allowed = ("type", "residual", *needed, *others)
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", allowed, nearest(str(key), allowed))
-        for key in words
-        if key not in allowed
-    ]
-    problems += [Problem(f"{where}.{key}", "is missing") for key in needed if key not in words]
+    problems = word_problems(words, where, allowed, needed)
     residual = words.get("residual", kind != "gravity")
     if not isinstance(residual, bool):
         problems.append(Problem(f"{where}.residual", f"must be true or false, given {residual!r}"))

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, nearest
+from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.elements.family import ComponentMass
 from flexmb.fe.meshes.mesh import Mesh, dimension
+from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["NodalInertia", "join", "nodal_masses"]
@@ -130,12 +131,7 @@ def join(parts: list[NodalInertia]) -> NodalInertia:
 
 
 def _one(mesh: Mesh, numbering: Numbering, where: str, words: dict[str, Any]) -> NodalInertia:
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", _KEYS, nearest(key, _KEYS))
-        for key in words
-        if key not in _KEYS
-    ]
-    problems += [Problem(f"{where}.{key}", "is missing") for key in _KEYS[:2] if key not in words]
+    problems = word_problems(words, where, _KEYS, _KEYS[:2])
     if problems:
         raise MeshError.from_problems(problems)
     mass = _numbers(words["mass"], (), f"{where}.mass", "a number [kg]")

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, nearest
+from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering, skew
 from flexmb.fe.assembly.ties import one_node
 from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["Spring", "make_springs", "spring_stiffness"]
@@ -120,12 +121,7 @@ def _require_rotations(spring: Spring, numbering: Numbering, points: FloatArray)
 
 def _make(mesh: Mesh, name: str, words: dict[str, Any]) -> Spring:
     where = f"springs.{name}"
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", _KEYS, nearest(key, _KEYS))
-        for key in words
-        if key not in _KEYS
-    ]
-    problems += [Problem(f"{where}.{key}", "is missing") for key in _KEYS[:2] if key not in words]
+    problems = word_problems(words, where, _KEYS, _KEYS[:2])
     if problems:
         raise MeshError.from_problems(problems)
     nodes = _between(mesh, words["between"], f"{where}.between")

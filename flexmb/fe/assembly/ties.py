@@ -19,6 +19,7 @@ from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.assembly.rigid_links import mean_motion, rigid_rows, spread
 from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["KINDS", "Tie", "dependence", "followers", "make_ties"]
@@ -121,12 +122,7 @@ def dependence(ties: tuple[Tie, ...], numbering: Numbering, points: FloatArray) 
 
 def _make(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
     where = f"ties.{name}"
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", _KEYS, nearest(key, _KEYS))
-        for key in words
-        if key not in _KEYS
-    ]
-    problems += [Problem(f"{where}.{key}", "is missing") for key in _KEYS if key not in words]
+    problems = word_problems(words, where, _KEYS, _KEYS)
     kind = str(words.get("type", KINDS[0]))
     if kind not in KINDS:
         problems.append(Problem(f"{where}.type", f'unknown "{kind}"', KINDS, nearest(kind, KINDS)))

@@ -16,6 +16,7 @@ from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.meshes.centroid import group_centroid
 from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 __all__ = ["WORDS", "Choice", "asked_nodes", "checked_words", "choose", "listed"]
@@ -99,11 +100,7 @@ def checked_words(where: str, given: str | Mapping[str, Any]) -> Mapping[str, An
         Unknown, missing or contradicting words, and values that cannot be; all at once.
     """
     words = {"group": given} if isinstance(given, str) else given
-    problems = [
-        Problem(f"{where}.{key}", "unknown key", WORDS, nearest(str(key), WORDS))
-        for key in words
-        if key not in WORDS
-    ]
+    problems = word_problems(words, where, WORDS)
     chosen = [key for key in _SELECTORS if key in words]
     if len(chosen) != 1:
         what = f"says {' and '.join(chosen)}" if chosen else "says no nodes"
