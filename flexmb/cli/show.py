@@ -169,12 +169,13 @@ def check_report(report: Any) -> None:
 
 
 def checks(outcomes: Sequence[Any], unit: str) -> None:
-    """Known answers of a scene beside what came out."""
+    """Known answers of a scene beside what came out; the time of each if any has one."""
+    timed = any(o.time is not None for o in outcomes)
     rows = [
         (
             "ok" if o.passed else "FAILED",
             o.sensor,
-            "" if o.time is None else f"{o.time:g}",
+            *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
             f"{o.value:.12g}",
             f"{o.expected:.12g}",
             f"{abs(o.value - o.expected):.2g}",
@@ -182,8 +183,9 @@ def checks(outcomes: Sequence[Any], unit: str) -> None:
         )
         for o in outcomes
     ]
-    columns = ("check", "sensor", f"t [{unit}]", "value", "expected", "off by", "allowed")
-    table(columns, rows, right=(2, 3, 4, 5, 6))
+    when = (f"t [{unit}]",) if timed else ()
+    columns = ("check", "of", *when, "value", "expected", "off by", "allowed")
+    table(columns, rows, right=range(2, len(columns)), whole=True)
     for o in outcomes:
         if not o.passed:
             line(f"failed: {o.place(unit)}; the expected value is from: {o.source}")
