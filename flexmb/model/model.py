@@ -173,20 +173,12 @@ class Model:
 
         Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
         """
-        if "body" in fields:
-            return self._add_frequency_check(fields)
-        spec, problems = read_entry(CheckSpec, fields, self.check_terms(fields.get("sensor")))
-        _raise(under(f"check[{len(self.checks)}]", problems))
-        assert spec is not None
-        self.checks.append(spec)
-        return spec
-
-    def _add_frequency_check(self, fields: Mapping[str, Any]) -> FrequencyCheckSpec:
-        spec, problems = read_entry(FrequencyCheckSpec, fields, self.terms)
-        _raise(under(f"check[{len(self.frequency_checks)}]", problems))
-        assert spec is not None
-        self.frequency_checks.append(spec)
-        return spec
+        known: list[Any] = self.frequency_checks if "body" in fields else self.checks
+        kind: type[Any] = FrequencyCheckSpec if "body" in fields else CheckSpec
+        spec, problems = read_entry(kind, fields, self.check_terms(fields.get("sensor")))
+        _raise(under(f"check[{len(known)}]", problems))
+        known.append(spec)
+        return spec  # type: ignore[return-value]
 
     def set_gravity(self, gravity: Any) -> None:
         """Set gravity: its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
