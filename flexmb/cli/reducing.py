@@ -86,6 +86,9 @@ def reduce(
             help="A new value for a parameter or an entry of the scene; may be repeated.",
         ),
     ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Reduce a scene's meshes anew, even if nothing changed.")
+    ] = False,
     report: Annotated[
         bool, typer.Option("--report", help="Compare with the full model, and say how good it is.")
     ] = False,
@@ -123,11 +126,12 @@ def reduce(
             strict=True,
         )
     )
-    of_scene = {"body": body, "set": overrides}
+    of_scene = {"body": body, "set": overrides, "fresh": fresh}
     judged = {"report": report or up_to is not None, "up_to": up_to}
     if source.suffix == ".toml":
         _refuse(of_mesh, "belongs to a mesh file; a scene says it itself, or by --set")
-        _reduce_scene(source, body, words.pairs(overrides or [], "--set"), output, judged, pictures)
+        wanted = {"body": body, "fresh": fresh, "output": output, **judged}
+        _reduce_scene(source, words.pairs(overrides or [], "--set"), wanted, pictures)
     else:
         _refuse(of_scene, "belongs to a scene (.toml)")
         if material is None:
@@ -171,19 +175,12 @@ def _reduce_mesh(
 
 
 def _reduce_scene(
-    scene: Path,
-    body: str | None,
-    overrides: dict[str, str],
-    output: Path | None,
-    judged: dict[str, Any],
-    pictures: bool,
+    scene: Path, overrides: dict[str, str], wanted: dict[str, Any], pictures: bool
 ) -> None:
     from flexmb import workflow
 
     with Bars() as progress:
-        found = workflow.reduce_scene(
-            scene, body=body, overrides=overrides, output=output, progress=progress, **judged
-        )
+        found = workflow.reduce_scene(scene, overrides=overrides, progress=progress, **wanted)
     for reduced in found.bodies:
         _tell(reduced)
     for note in found.notes:

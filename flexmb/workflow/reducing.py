@@ -102,6 +102,7 @@ def reduce_scene(
     body: str | None = None,
     output: str | Path | None = None,
     overrides: Mapping[str, str] | None = None,
+    fresh: bool = False,
     report: bool = False,
     up_to: float | None = None,
     progress: Progress = silent,
@@ -118,6 +119,8 @@ def reduce_scene(
         Folder; `out/<name of the scene's folder>` by default.
     overrides : mapping of str to str, optional
         Parameters or knobs to change.
+    fresh : bool
+        Reduce anew even if an equal reduction is there.
     report : bool
         Whether to compare the bodies with their full models; they are reduced anew then.
     up_to : float, optional
@@ -142,6 +145,7 @@ def reduce_scene(
     bodies, files, notes = flexible_bodies(
         model,
         folder,
+        fresh=fresh,
         only=chosen,
         inspect=_judge(reports, up_to, watch) if report else None,
         progress=watch,

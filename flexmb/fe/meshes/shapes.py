@@ -96,8 +96,8 @@ def plate(
 ) -> Mesh:
     """Surface elements in the xy plane, normal z: x from 0, y from -width/2 at no skew.
 
-    Groups ``surface`` (elements), the edges ``x0``, ``x1``, ``y0``, ``y1`` (lines), ``corners`` and
-    each corner, ``x0y0`` to ``x1y1`` (nodes).
+    Groups ``surface`` (elements), the edges ``x0``, ``x1``, ``y0``, ``y1`` (lines), all ``edges``
+    together, ``corners`` and each corner, ``x0y0`` to ``x1y1`` (nodes).
 
     Parameters
     ----------
@@ -133,6 +133,7 @@ def plate(
     edge = mesh.node_sets
     corners = {f"x{i}y{j}": np.intersect1d(edge[f"x{i}"], edge[f"y{j}"]) for i, j in _PAIRS}
     sets = {"corners": np.concatenate(list(corners.values())), **corners}
+    sets["edges"] = np.unique(np.concatenate([edge[name] for name in groups]))
     return Mesh(mesh.points, mesh.blocks, sets, mesh.element_sets, source=mesh.source)
 
 

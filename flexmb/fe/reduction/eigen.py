@@ -8,6 +8,7 @@ a fixed start vector, so that a second run gives the same numbers. Blocks of vec
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from flexmb.errors import ReductionError
+from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.fe.solver.threads import blas_threads
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
@@ -26,6 +27,7 @@ _TOLERANCE = 1e-10  # of 1 / omega^2, relative; what is reached lies near roundi
 # Largest |omega^2 K^-1 M v - v| in the norm of the mass, |v| = 1. Rounding leaves 1e-9 in a strip
 # of solids 200 times as long as thick, 1e-6 at 1000 times; frequencies are then right to 2e-5.
 _RESIDUAL = 1e-5
+_DOUBTFUL = 1e-7  # told from here on: digits are lost
 
 
 def lowest_modes(
@@ -96,6 +98,13 @@ def _check(
         raise ReductionError(
             f"modes: mode {worst + 1} fulfils the equation of vibration only to "
             f"{residual[worst]:.1e}; stiffnesses or masses of the model may differ too much"
+        )
+    if residual[worst] > _DOUBTFUL:
+        warnings.warn(
+            f"rounding leaves mode {worst + 1} wrong by {residual[worst]:.0e} of itself: the body "
+            "is very slender for solids (take beams or shells), or its stiffnesses differ too much",
+            FlexmbWarning,
+            stacklevel=2,
         )
 
 

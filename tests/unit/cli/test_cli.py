@@ -210,6 +210,7 @@ def test_reduce_takes_a_scene(workflow: Workflow) -> None:
         "given": (Path("a.toml"),),
         "body": "rod",
         "overrides": {"r": "1"},
+        "fresh": False,
         "output": Path("out"),
         "report": True,
         "up_to": 500.0,

@@ -123,7 +123,9 @@ def test_plates_tubes_and_disks_of_surfaces(kind):
     assert (normal[:, 2] > 0).all() and np.abs(normal[:, :2]).max() == 0.0
     a, b = mesh.points[mesh.node_sets["x0y0"][0]], mesh.points[mesh.node_sets["x0y1"][0]]
     assert b - a == pytest.approx([math.sin(math.radians(30)), math.cos(math.radians(30)), 0])
-    assert set(mesh.node_sets["corners"]) <= set(mesh.node_sets["surface"])
+    assert set(mesh.node_sets["corners"]) <= set(mesh.node_sets["edges"])
+    around = np.unique(np.concatenate([mesh.node_sets[name] for name in ("x0", "x1", "y0", "y1")]))
+    np.testing.assert_array_equal(mesh.node_sets["edges"], around)
     assert len(mesh.blocks["line"]) == sum(len(mesh.node_sets[n]) - 1 for n in ("x0", "x1")) + sum(
         len(mesh.node_sets[n]) - 1 for n in ("y0", "y1")
     )
