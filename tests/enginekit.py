@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
 from flexmb.engine.kernels.kkt import factorise
@@ -22,7 +21,7 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, LOAD, SENSOR, SPRING
+from flexmb.engine.tables import COORDINATE, SPRING
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -70,10 +69,7 @@ def padded(system):
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
-        functions=lower([]) if system.functions is None else system.functions,
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
-        loads=np.zeros(0, LOAD) if system.loads is None else system.loads,
-        sensors=np.zeros(0, SENSOR) if system.sensors is None else system.sensors,
     )
 
 

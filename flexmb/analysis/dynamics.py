@@ -190,7 +190,7 @@ def loop_settings(
     system = compiled.system
     works = bool(
         system.springs is not None
-        or system.loads is not None
+        or len(system.loads) > 0
         or system.parts.coordinates is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])

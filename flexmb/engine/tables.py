@@ -177,7 +177,12 @@ class Kkt(NamedTuple):
 
 
 class System(NamedTuple):
-    """Everything constant during a run. A feature that the model does not use is None."""
+    """Everything constant during a run.
+
+    What costs to compile is None where the model does not use it. Functions, loads and sensors are
+    always tables, empty ones if need be: most models have them, and each choice of features is
+    compiled apart.
+    """
 
     parts: Parts
     rows: np.ndarray  # ROW
@@ -186,10 +191,10 @@ class System(NamedTuple):
     weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
     row_weights: np.ndarray  # (nc,) size of one unit of each constraint row
     lines: object  # one number if there are rows about lines, or None
-    functions: object  # FunctionTable or None
+    functions: object  # FunctionTable
     springs: object  # SPRING or None
-    loads: object  # LOAD or None
-    sensors: object  # SENSOR or None
+    loads: np.ndarray  # LOAD
+    sensors: np.ndarray  # SENSOR
 
 
 # Kinds of constraint rows.

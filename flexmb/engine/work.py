@@ -194,9 +194,9 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     """Scratch for one run of `system` by a method with `stages` explicit stages."""
     nq, nv, nc = sizes(system)
     m = system.parts.bodies["m"]
-    nfun = 0 if system.functions is None else len(system.functions.start) - 1
+    nfun = len(system.functions.start) - 1
     nfun += 0 if system.parts.coordinates is None else len(system.parts.coordinates)
-    depth = 1 if system.functions is None else int(system.functions.depth)
+    depth = int(system.functions.depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),

@@ -1,8 +1,8 @@
 """Compiling ahead what runs would compile at their start.
 
 In: the names of integrators. Out: the kernels of the usual combinations of features in the cache,
-and how long each took. A run compiles for the features its scene uses (drivers, springs, loads and
-so on), once per machine; after a warm-up the usual ones start at once.
+and how long each took. A run compiles for the features its scene uses (springs, joints about lines
+and so on), once per machine; after a warm-up the usual ones start at once.
 """
 
 from __future__ import annotations
@@ -11,28 +11,18 @@ import time
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, NamedTuple, get_args
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
 __all__ = ["FEATURES", "Warmed", "warmup"]
 
-FEATURES = (
-    ("joints",),
-    ("joints", "drivers"),
-    ("joints", "springs"),
-    ("joints", "drivers", "springs"),
-    ("joints", "loads"),
-    ("joints", "drivers", "springs", "loads"),
-)
-"""What is compiled ahead, each for rigid and flexible bodies, always with sensors."""
+FEATURES = (("joints", "drivers", "loads"), ("joints", "drivers", "loads", "springs"))
+"""What is compiled ahead; bodies may be rigid or flexible, sensors are always there."""
 
 
 class Warmed(NamedTuple):
@@ -63,18 +53,12 @@ def warmup(methods: Sequence[str] = (), progress: Progress = silent) -> Warmed:
     from flexmb.engine.jit import CACHE_DIR
 
     rows: list[tuple[str, str, float]] = []
-    done = set()
     for label, model in _models(_chosen(methods)):
         assert model.dynamics is not None
         method = model.dynamics.method
-        compiled = compile_system(model)
-        kind = (method, _kind(compiled.system))
-        if kind in done:
-            continue
-        done.add(kind)
         phase = f"{label}, {method}"
         started = time.perf_counter()
-        prepare(compiled, model, progress=_under(phase, progress))
+        prepare(compile_system(model), model, progress=_under(phase, progress))
         rows.append((label, method, time.perf_counter() - started))
         progress(phase, 1.0)
     return Warmed(CACHE_DIR, tuple(rows))
@@ -92,12 +76,11 @@ def _chosen(methods: Sequence[str]) -> tuple[str, ...]:
 
 
 def _models(methods: Sequence[str]) -> Iterator[tuple[str, Model]]:
-    for method, flexible, features in product(methods, (False, True), FEATURES):
-        bodies = ("flexible bodies",) if flexible else ()
-        yield ", ".join((*bodies, *features)), _model(method, flexible, features)
+    for method, features in product(methods, FEATURES):
+        yield ", ".join(features), _model(method, features)
 
 
-def _model(method: str, flexible: bool, features: Sequence[str]) -> Model:
+def _model(method: str, features: Sequence[str]) -> Model:
     """The smallest model with these features; only the types of its tables matter."""
     from flexmb.model import Model
 
@@ -105,37 +88,12 @@ def _model(method: str, flexible: bool, features: Sequence[str]) -> Model:
     model.add_body("rigid", mass=1.0, inertia=[1.0, 1.0, 1.0])
     model.add_marker("rigid.end", position=[1.0, 0.0, 0.0])
     model.add_joint("joint", "revolute", between=["ground", "rigid"], axis="z")
-    if flexible:
-        model.add_body("flexible", _one_mode())
-        model.add_sensor("flexible", "position", of="flexible")
-    if "drivers" in features:
-        model.add_driver("driver", joint="joint", angle="t")
     if "springs" in features:
         spring = {"stiffness": 1.0, "damping": 0.1}
         model.add_force("spring", "spring-damper", between=["ground", "rigid.end"], **spring)
-    if "loads" in features:
-        model.add_force("load", "force", at="rigid.end", value=[0.0, "sin(t)", 0.0])
     model.add_sensor("rigid", "position", of="rigid")
     model.set_dynamics(duration=1e-3, step=1e-4, method=method)
     return model
-
-
-def _one_mode() -> FlexBody:
-    """A body whose two halves of 1 kg move against each other along x."""
-    from flexmb.flexbody import FlexBody
-
-    P, Mab = np.zeros((3, 3, 1)), np.zeros((3, 3, 1, 1))
-    P[0, 0], Mab[0, 0] = 1.0, 1.0
-    return FlexBody(
-        "flexible", 2.0, np.zeros(3), np.eye(3), np.zeros((3, 1)), P, Mab, np.array([[1e4]])
-    )
-
-
-def _kind(part: Any) -> Any:
-    """What of a system decides which code is compiled: the types of its tables, not their sizes."""
-    if isinstance(part, tuple):
-        return (type(part).__name__, *(_kind(item) for item in part))
-    return (part.dtype.str, part.ndim) if isinstance(part, np.ndarray) else type(part).__name__
 
 
 def _under(whole: str, progress: Progress) -> Progress:

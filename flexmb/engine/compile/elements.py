@@ -1,4 +1,4 @@
-"""Tables of springs, loads and sensors; None where the model has none."""
+"""Tables of springs (None where the model has none), of loads and of sensors."""
 
 from __future__ import annotations
 
@@ -30,10 +30,6 @@ Table = NDArray[np.void]
 _MARKER_SENSORS = {"position": POSITION, "velocity": VELOCITY, "acceleration": ACCELERATION}
 
 
-def _table(rows: list[tuple[object, ...]], dtype: np.dtype[np.void]) -> Table | None:
-    return np.array(rows, dtype) if rows else None
-
-
 def spring_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | None:
     """SPRING rows; `couple` is filled in later."""
     rows: list[tuple[object, ...]] = []
@@ -46,12 +42,10 @@ def spring_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | 
                 length = float(np.linalg.norm(J - I))
             i, j = (markers.add(marker) for marker in ends)
             rows.append((i, j, spec.stiffness, spec.damping, length, -1))
-    return _table(rows, SPRING)
+    return np.array(rows, SPRING) if rows else None
 
 
-def load_table(
-    model: Model, flexbodies: Bodies, markers: Markers, functions: Functions
-) -> Table | None:
+def load_table(model: Model, flexbodies: Bodies, markers: Markers, functions: Functions) -> Table:
     """LOAD rows."""
     rows: list[tuple[object, ...]] = []
     for spec in model.forces.values():
@@ -59,10 +53,10 @@ def load_table(
             marker = markers.add(lookup.placed(model, spec.at, flexbodies))
             programs = tuple(functions.add(f.expression) for f in spec.value)
             rows.append((marker, spec.type == "torque", spec.axes == "body", programs))
-    return _table(rows, LOAD)
+    return np.array(rows, LOAD)
 
 
-def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | None:
+def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table:
     """SENSOR rows, channels in the order of `Model.channels`."""
     rows: list[tuple[object, ...]] = []
     channel = 0
@@ -85,4 +79,4 @@ def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | 
             i = markers.add(lookup.placed(model, spec.relative_to, flexbodies))
         rows.append((_MARKER_SENSORS[spec.type], i, j, channel, 0))
         channel += 3
-    return _table(rows, SENSOR)
+    return np.array(rows, SENSOR)

@@ -94,7 +94,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         ),
         row_weights=joints.row_weights(groups, length),
         lines=np.zeros(1) if any(row[0] in LINES for row in groups.rows) else None,
-        functions=lower(functions.programs) if functions.programs else None,
+        functions=lower(functions.programs),
         springs=springs,
         loads=loads,
         sensors=sensors,

@@ -157,16 +157,15 @@ def _put_outer(T, i, ni, j, nj, f, B):
 @kernel
 def load_tangents(sys, loads, wk, cp):
     """−cp ∂Q/∂q of all loads."""
-    if loads is not None:
-        for k in range(loads.shape[0]):
-            i, o = loads[k]["marker"], 3 * loads[k]["torque"]
-            w = wk.dense.g[1]
-            clear(wk.dense.H, wk.dense.H.shape[0], wk.dense.H.shape[1])
-            force.add_load_tangent(loads[k], wk.now.marker, wk.con.fun, wk.dense.H)
-            for side in range(1):
-                _add_own(sys.parts, sys.kkt, wk, i, side, cp)
-            x, y, z = force.load_vector(loads[k], wk.now.marker, wk.con.fun)
-            for c in range(6):
-                w[c] = 0.0
-            w[o], w[o + 1], w[o + 2] = -x, -y, -z
-            _add_levers(sys.parts, sys.kkt, wk, i, -1, cp)
+    for k in range(loads.shape[0]):
+        i, o = loads[k]["marker"], 3 * loads[k]["torque"]
+        w = wk.dense.g[1]
+        clear(wk.dense.H, wk.dense.H.shape[0], wk.dense.H.shape[1])
+        force.add_load_tangent(loads[k], wk.now.marker, wk.con.fun, wk.dense.H)
+        for side in range(1):
+            _add_own(sys.parts, sys.kkt, wk, i, side, cp)
+        x, y, z = force.load_vector(loads[k], wk.now.marker, wk.con.fun)
+        for c in range(6):
+            w[c] = 0.0
+        w[o], w[o + 1], w[o + 2] = -x, -y, -z
+        _add_levers(sys.parts, sys.kkt, wk, i, -1, cp)

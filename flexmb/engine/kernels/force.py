@@ -99,25 +99,23 @@ def load_vector(load, markers, fun):
 @kernel
 def add_load_wrenches(loads, markers, fun):
     """Add all forces and torques to the wrenches of their markers."""
-    if loads is not None:
-        for k in range(loads.shape[0]):
-            W, o = markers[loads[k]["marker"]]["W"], 3 * loads[k]["torque"]
-            x, y, z = load_vector(loads[k], markers, fun)
-            W[o] += x
-            W[o + 1] += y
-            W[o + 2] += z
+    for k in range(loads.shape[0]):
+        W, o = markers[loads[k]["marker"]]["W"], 3 * loads[k]["torque"]
+        x, y, z = load_vector(loads[k], markers, fun)
+        W[o] += x
+        W[o + 1] += y
+        W[o + 2] += z
 
 
 @kernel
 def load_power(loads, markers, fun):
     """Power of all forces and torques on the system, W."""
     p = 0.0
-    if loads is not None:
-        for k in range(loads.shape[0]):
-            mn = markers[loads[k]["marker"]]
-            x, y, z = load_vector(loads[k], markers, fun)
-            u = mn["om"] if loads[k]["torque"] == 1 else mn["vx"]
-            p += x * u[0] + y * u[1] + z * u[2]
+    for k in range(loads.shape[0]):
+        mn = markers[loads[k]["marker"]]
+        x, y, z = load_vector(loads[k], markers, fun)
+        u = mn["om"] if loads[k]["torque"] == 1 else mn["vx"]
+        p += x * u[0] + y * u[1] + z * u[2]
     return p
 
 

@@ -11,30 +11,28 @@ from flexmb.engine.tables import ACCELERATION, ANGLE_SENSOR, POSITION, VELOCITY
 @kernel
 def follow_angles(sensors, markers, angles):
     """Carry the continuous joint angles to the present position (called at accepted steps)."""
-    if sensors is not None:
-        for k in range(sensors.shape[0]):
-            s = sensors[k]
-            if s["kind"] == ANGLE_SENSOR:
-                now = joint_angle(markers[s["I"]]["R"], markers[s["J"]]["R"], s["axis"])
-                c = s["channel"]
-                angles[c] += wrapped(now - angles[c])
+    for k in range(sensors.shape[0]):
+        s = sensors[k]
+        if s["kind"] == ANGLE_SENSOR:
+            now = joint_angle(markers[s["I"]]["R"], markers[s["J"]]["R"], s["axis"])
+            c = s["channel"]
+            angles[c] += wrapped(now - angles[c])
 
 
 @kernel
 def read(sensors, parts, now, vd, angles, J, out):
     """out (channels) of all sensors; after position, velocity and bias stages. J is scratch."""
-    if sensors is not None:
-        for k in range(sensors.shape[0]):
-            s = sensors[k]
-            c = s["channel"]
-            if s["kind"] == ANGLE_SENSOR:
-                out[c] = angles[c]
-                continue
-            for a in range(3):
-                out[c + a] = 0.0
-            _add_reading(s["kind"], parts, now, s["J"], vd, 1.0, J, out, c)
-            if s["I"] >= 0:
-                _add_reading(s["kind"], parts, now, s["I"], vd, -1.0, J, out, c)
+    for k in range(sensors.shape[0]):
+        s = sensors[k]
+        c = s["channel"]
+        if s["kind"] == ANGLE_SENSOR:
+            out[c] = angles[c]
+            continue
+        for a in range(3):
+            out[c + a] = 0.0
+        _add_reading(s["kind"], parts, now, s["J"], vd, 1.0, J, out, c)
+        if s["I"] >= 0:
+            _add_reading(s["kind"], parts, now, s["I"], vd, -1.0, J, out, c)
 
 
 @kernel

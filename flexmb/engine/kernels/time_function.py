@@ -9,6 +9,5 @@ from flexmb.engine.kernels.function import evaluate
 @kernel
 def evaluate_all(functions, t, stack, out):
     """Value, first and second derivative at t of every function, into out (functions, 3)."""
-    if functions is not None:
-        for k in range(functions.start.shape[0] - 1):
-            out[k, 0], out[k, 1], out[k, 2] = evaluate(functions, k, t, stack)
+    for k in range(functions.start.shape[0] - 1):
+        out[k, 0], out[k, 1], out[k, 2] = evaluate(functions, k, t, stack)
