@@ -168,7 +168,7 @@ def _cases() -> Listing:
     if not rows:
         about = "None here: the cases come with the sources, in the folder cases. See flexmb new."
         return Listing("cases", ((about, Table((), [])),))
-    about = "Scenes with known answers; run one with flexmb run, or flexmb reduce if it has no [dynamics]:"
+    about = "Scenes with known answers; flexmb run runs one, flexmb reduce one without [dynamics]:"
     return Listing("cases", ((about, Table(("scene", "title"), rows)),))
 
 
