@@ -2,9 +2,10 @@
 
 In: the columns of a result, its scene, the name of a joint or driver and a side. Out: force and
 moment over time. The table holds per joint or driver twelve columns: force and moment on marker J
-in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis). The
-two are action and reaction: equal and opposite as forces; the moments differ by the arm between the
-markers. A driver's are beside those of its joint, not in them.
+in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis, on J
+the second one of a joint with two; of what slides in a planar scene x is the axis, z the normal).
+The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
+the markers. A driver's are beside those of its joint, not in them.
 """
 
 from __future__ import annotations

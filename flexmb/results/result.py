@@ -86,8 +86,9 @@ class Result(Recovered):
         """What a joint or driver does to one of its two bodies, over time.
 
         Action and reaction: ``on="I"`` and ``on="J"`` give opposite forces, each in the axes of its
-        own marker (z: the joint's axis), and moments about its own marker. A driver's are beside
-        those of its joint, not in them.
+        own marker (z: the joint's axis, on J the second one of a joint with two; of what slides in
+        a planar scene x is the axis, z the normal), and moments about its own marker. A driver's
+        are beside those of its joint, not in them.
 
         Parameters
         ----------
