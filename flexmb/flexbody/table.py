@@ -44,8 +44,8 @@ def _row(mode: ModeInfo) -> tuple[str, ...]:
 
 def _along_axes(shares: tuple[float, ...]) -> str:
     known = bool(shares) and not any(math.isnan(value) for value in shares)
-    return "/".join(f"{100 * value:.0f}" for value in shares) + " %" if known else ""
+    return "/".join(f"{round(100 * value):d}" for value in shares) + " %" if known else ""
 
 
 def _share(value: float) -> str:
-    return "" if math.isnan(value) else f"{100 * value:.0f} %"
+    return "" if math.isnan(value) else f"{round(100 * value):d} %"
