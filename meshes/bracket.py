@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import gmsh
-from connecting_rod import compact
+from gmsh_file import make
 
 FOOT = (80.0, 70.0, 8.0)  # mm along x, y, z; the wall stands at its end x = 0
 WALL = (8.0, 70.0, 90.0)
@@ -24,21 +24,13 @@ SIZE = 8.0  # element size, mm
 
 def main(path: Path) -> None:
     """Build the geometry, mesh it and write the file."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("bracket")
-    volume = build()
-    name_groups(volume)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", SIZE)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 10)
-    gmsh.option.setNumber("Mesh.ElementOrder", 2)
-    gmsh.option.setNumber("Mesh.HighOrderOptimize", 1)
-    gmsh.model.mesh.generate(3)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.write(str(path))
-    gmsh.finalize()
-    text = compact(path.read_text(encoding="utf-8"))
-    path.write_text(text, encoding="utf-8", newline="\n")
+    make(
+        path,
+        lambda: name_groups(build()),
+        MeshSizeMax=SIZE,
+        MeshSizeFromCurvature=10,
+        HighOrderOptimize=1,
+    )
 
 
 def build() -> int:

@@ -8,10 +8,10 @@ z = 0 is the mid-plane. Physical groups: surfaces ``bore_big`` and ``bore_small`
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
 import gmsh
+from gmsh_file import write
 
 LENGTH = 450.0  # mm between the bore axes
 BIG = {"bore": 32.0, "outer": 48.0, "width": 36.0}  # radii and width along z, mm
@@ -32,11 +32,7 @@ def main(path: Path) -> None:
     mesh()
     for x, eye in ((0.0, BIG), (LENGTH, SMALL)):
         place_bore_nodes(bore_faces(volume, x, eye["bore"]), x, eye)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.write(str(path))
-    gmsh.finalize()
-    text = compact(path.read_text(encoding="utf-8"))
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write(path)
 
 
 def build() -> int:
@@ -140,18 +136,6 @@ def mesh() -> None:
     gmsh.model.mesh.optimize("Netgen")
     gmsh.model.mesh.setOrder(2)
     gmsh.model.mesh.optimize("HighOrder")
-
-
-def compact(text: str) -> str:
-    """The file with coordinates of twelve significant digits."""
-
-    def shorten(match: re.Match[str]) -> str:
-        value = float(match.group())
-        return f"{0.0 if math.fabs(value) < 1e-9 else value:.12g}"
-
-    start, end = text.index("$Nodes"), text.index("$EndNodes")
-    number = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?|-?\d+e[-+]?\d+")
-    return text[:start] + number.sub(shorten, text[start:end]) + text[end:]
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import gmsh
-from connecting_rod import compact
+from gmsh_file import make
 
 PRONG = {"length": 103.6, "thick": 6.0, "wide": 10.0}  # mm along x, y, z
 GAP = 12.0  # mm between the prongs
@@ -21,20 +21,7 @@ SIZE = 6.0  # element size, mm
 
 def main(path: Path) -> None:
     """Build the geometry, mesh it and write the file."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("tuning_fork")
-    volume = build()
-    name_groups(volume)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", SIZE)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
-    gmsh.option.setNumber("Mesh.ElementOrder", 2)
-    gmsh.model.mesh.generate(3)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.write(str(path))
-    gmsh.finalize()
-    text = compact(path.read_text(encoding="utf-8"))
-    path.write_text(text, encoding="utf-8", newline="\n")
+    make(path, lambda: name_groups(build()), MeshSizeMax=SIZE, MeshSizeFromCurvature=12)
 
 
 def build() -> int:

@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 
 import gmsh
-from connecting_rod import compact
+from gmsh_file import make
 
 HUB = {"bore": 15.0, "radius": 40.0, "width": 20.0}  # radii and width along z, mm
 BLADES = 9
@@ -22,20 +22,7 @@ SIZE = 9.0  # element size, mm
 
 def main(path: Path) -> None:
     """Build the geometry, mesh it and write the file."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("wheel")
-    volume = build()
-    name_groups(volume)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", SIZE)
-    gmsh.option.setNumber("Mesh.ElementOrder", 2)
-    gmsh.option.setNumber("Mesh.HighOrderOptimize", 1)
-    gmsh.model.mesh.generate(3)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.write(str(path))
-    gmsh.finalize()
-    text = compact(path.read_text(encoding="utf-8"))
-    path.write_text(text, encoding="utf-8", newline="\n")
+    make(path, lambda: name_groups(build()), MeshSizeMax=SIZE, HighOrderOptimize=1)
 
 
 def build() -> int:

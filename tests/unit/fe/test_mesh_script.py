@@ -13,7 +13,7 @@ from flexmb.fe import read_mesh
 def made_and_kept(name, project, tmp_path, monkeypatch):
     """The mesh that the script makes, and the one beside it."""
     source = project / "meshes" / f"{name}.py"
-    monkeypatch.syspath_prepend(str(source.parent))  # scripts may import each other
+    monkeypatch.syspath_prepend(str(source.parent))  # scripts import what they share
     spec = importlib.util.spec_from_file_location(name, source)
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
