@@ -47,7 +47,7 @@ class MeshBodySpec(BodySpec):
     modes: Modes | None = None
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: Literal["consistent", "hrz"] = "consistent"
-    stress: Literal["surface", "all", "none"] | bool = True
+    stress: Literal["surface", "all", "none"] = "surface"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -222,7 +222,9 @@ class Recovered(Stored):
     ) -> tuple[StressModes, IntArray]:
         modes = self.flexbody(body).stress
         if modes is None:
-            what = f"{self.flexbodies[body]}: holds no stress; reduce the mesh with stress = true"
+            what = (
+                f'{self.flexbodies[body]}: holds no stress; reduce the mesh with stress = "surface"'
+            )
             raise ResultFileError(what)
         if layer is not None and layer not in modes.layers:
             what = f'the body "{body}" has no stress in a layer "{layer}"'

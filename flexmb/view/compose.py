@@ -115,7 +115,7 @@ def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Ar
         if known and layer is not None:
             what = f'no flexible body has stress in a layer "{layer}"'
             raise ViewError.from_problems([Problem("", what, sorted(known), nearest(layer, known))])
-        what = "no flexible body of the run has stress; reduce the mesh with stress = true"
+        what = 'no flexible body of the run has stress; reduce the mesh with stress = "surface"'
         raise ViewError(what)
     return found
 

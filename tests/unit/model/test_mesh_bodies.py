@@ -68,7 +68,7 @@ mesh = { type = "box", size = [100, 20, 10], divisions = 2, elements = "wedge15"
 material = "steel"
 interfaces = { a = { nodes = [0, 1, 2, 3, 4, 5] } }
 modes = { count = 3 }
-stress = false
+stress = "none"
 [bodies.block.sections]
 all = { type = "solid", material = "titanium", axis1 = "y", axis2 = [0, 0, 1] }
 [bodies.block.ties]
@@ -131,7 +131,7 @@ def test_everything_is_handed_on_in_si(scene):
     assert words["modes"] == {"frequency": 500}
     assert (words["reduction"], words["mass_matrix"]) == ("free-interface", "hrz")
     assert "modes" not in scene.bodies["frame"].words()
-    assert scene.bodies["block"].words()["stress"] is False
+    assert scene.bodies["block"].words()["stress"] == "none"
 
 
 def test_what_is_written_reads_back_the_same(scene):
