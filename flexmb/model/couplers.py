@@ -3,7 +3,7 @@
 Gears and racks roll on the pitch circles: their wheels hang by two joints on one common body, the
 carrier (ground, or an arm that turns itself), and what counts are their motions relative to it from
 the placed pose on. A linear coupler is a1 x1 + a2 x2 (+ a3 x3) = constant in the coordinates
-themselves. Ratios from teeth or radii get their sign from where the axes lie: `flexmb.model.gearing`.
+themselves. Ratios from teeth or radii get their sign from where the axes lie (`gearing`).
 Source: Hong & Liu 2011, sections 1.3, 1.7; Willis, Principles of Mechanism, 1841.
 """
 
@@ -52,7 +52,9 @@ class GearSpec(Spec):
         problems = []
         if len(told) != 1:
             what = f"given {' and '.join(told)}" if told else "given none"
-            problems.append(Problem("", f'give exactly one of "teeth", "radii" and "ratio", {what}'))
+            problems.append(
+                Problem("", f'give exactly one of "teeth", "radii" and "ratio", {what}')
+            )
         elif self.ratio == 0:
             what = "is zero: the second wheel would never turn; leave the gear out, or give turns"
             problems.append(Problem("ratio", what))

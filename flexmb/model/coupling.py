@@ -95,7 +95,7 @@ def _carrier(model: Model, where: str, joints: tuple[str, str]) -> Iterator[Prob
         what = f"no common carrier: {told[0]}, {told[1]}; both wheels must hang on one body, "
         yield Problem(f"{where}.joints", what + "which may be ground or an arm that turns")
     else:
-        what = f"{told[0]}, and so does \"{joints[1]}\": the second wheel must be another body"
+        what = f'{told[0]}, and so does "{joints[1]}": the second wheel must be another body'
         yield Problem(f"{where}.joints", what)
 
 
@@ -154,7 +154,7 @@ def _circles(model: Model, flexbodies: lookup.Bodies) -> Iterator[_Circle]:
 def _combined(rows: Array, wanted: Array) -> tuple[Array, float]:
     """Shares of the rows that come closest to the wanted one, and what is left of it."""
     share = np.linalg.lstsq(rows.T, wanted, rcond=None)[0]
-    return share, float(np.linalg.norm(wanted - rows.T @ share))
+    return np.asarray(share, float), float(np.linalg.norm(wanted - rows.T @ share))
 
 
 def _locked(rows: Array, k: int) -> bool:

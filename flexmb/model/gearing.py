@@ -1,12 +1,12 @@
-"""What couplers say as equations between joint coordinates, with the signs that geometry gives them.
+"""What couplers say as equations between joint coordinates, with the signs that follow from places.
 
-Wheels on a common carrier: θ is the angle of a wheel relative to it, about its joint's axis u, which
-is the joint's angle if the carrier is on side I and its negative otherwise. Wheels that roll on each
-other outside turn in opposite senses about parallel u of one direction, and about axes that meet if
-both u lead from there to their wheels, or both back; inside, in the same sense. Where a wheel's
-marker lies in the meeting point itself, u counts as leading to the wheel. A rack moves with the
-point of the pinion below it, s' = R θ' (u × n)·d, d the direction of the rack and n across it from
-the pinion's axis. Source: the rolling of pitch cones; Willis, Principles of Mechanism, 1841.
+Wheels on a common carrier: θ is the angle of a wheel relative to it about its joint's axis u, which
+is the joint's angle if the carrier is on side I and its negative otherwise. Wheels that roll on
+each other outside turn in opposite senses about parallel u of one direction, and about axes that
+meet if both u lead from there to their wheels, or both back; inside, in the same sense. Where a
+wheel's marker lies in the meeting point itself, u counts as leading to the wheel. A rack moves with
+the point of the pinion below it, s' = R θ' (u × n)·d, d the direction of the rack and n across it
+from the pinion's axis. Source: rolling of pitch cones; Willis, Principles of Mechanism, 1841.
 """
 
 from __future__ import annotations
@@ -101,9 +101,11 @@ def equation(model: Model, name: str, flexbodies: lookup.Bodies | None = None) -
     else:
         carrier = carriers(model, spec.joints)[0]
         first, second = (_wheel(model, joint, carrier, flexbodies) for joint in spec.joints)
-        rolling = _gear if isinstance(spec, GearSpec) else _rack
         try:
-            a, b = rolling(model, spec, first, second)  # type: ignore[operator]
+            if isinstance(spec, GearSpec):
+                a, b = _gear(model, spec, first, second)
+            else:
+                a, b = _rack(spec, first, second)
         except SceneError as error:
             found = [Problem(f"couplers.{name}", p.what) for p in error.problems]
             raise SceneError.from_problems(found) from None
@@ -152,7 +154,7 @@ def _check_distance(model: Model, spec: GearSpec, distance: float) -> None:
 
 
 def _outward(one: _Wheel, two: _Wheel) -> tuple[float, float]:
-    """Whether the axes, which are not parallel, lead from their meeting point to the wheels (±1)."""
+    """Whether axes that are not parallel lead from their meeting point to the wheels (±1)."""
     h = two.x - one.x
     across = np.cross(one.u, two.u)
     n = across / np.linalg.norm(across)
@@ -169,7 +171,7 @@ def _outward(one: _Wheel, two: _Wheel) -> tuple[float, float]:
     return first, second
 
 
-def _rack(model: Model, spec: RackSpec, pinion: _Wheel, rack: _Wheel) -> tuple[float, float]:
+def _rack(spec: RackSpec, pinion: _Wheel, rack: _Wheel) -> tuple[float, float]:
     """Factors of the pinion's angle and the rack's stroke relative to the carrier."""
     if abs(pinion.u @ rack.u) > lookup.PARALLEL:
         raise SceneError("the rack must slide at right angles to the axis of its pinion")

@@ -6,8 +6,8 @@ in the axes of marker J, then those on marker I in the axes of marker I (z: the 
 the second one of a joint with two; of what slides in a planar scene x is the axis, z the normal).
 The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
 the markers. Those of drivers and couplers are beside those of their joints, not in them; a coupler
-has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a universal
-joint has the sides exchanged: its marker I is the joint's marker J.
+has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a
+universal joint has the sides exchanged: its marker I is the joint's marker J.
 """
 
 from __future__ import annotations

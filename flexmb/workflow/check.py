@@ -45,8 +45,7 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "forces": counts.forces,
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
-        "equations of the joints"
-        + (" and couplers" if counts.couplers else ""): counts.equations,
+        "equations of the joints" + (" and couplers" if counts.couplers else ""): counts.equations,
         "freedoms left by joints and drivers": counts.mobility,
     }
     notes = _notes(model, counts)
