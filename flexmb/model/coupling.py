@@ -68,7 +68,7 @@ def _joints(scope: Scope, where: str, terms: tuple[tuple[str, str], ...]) -> Ite
     for i, (joint, coordinate) in enumerate(terms):
         place = f"{where}.terms[{i}]" if linear else f"{where}.joints[{i}]"
         for problem in scope.coordinate(place, joint, coordinate):
-            at = problem.where if linear else place
+            at = problem.where.replace(f".{coordinate}", ".coordinate") if linear else place
             yield Problem(at, problem.what, problem.allowed, problem.nearest)
     if not linear and terms[0][0] == terms[1][0]:
         what = f'names the joint "{terms[0][0]}" twice: a {spec.type} joins two of them'
