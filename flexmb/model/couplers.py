@@ -36,7 +36,8 @@ class GearSpec(Spec):
     ``joints`` are those by which they hang on their common carrier. One of ``teeth``, ``radii`` and
     ``ratio``, the turns of the second wheel for one of the first, relative to the carrier and about
     the joints' own axes, negative for opposite senses. With teeth or radii the sense follows from
-    the axes; ``internal`` says that one wheel lies inside the other.
+    the axes: wheels turn in opposite senses about parallel axes, bevel wheels as seen from where
+    their axes meet, and in the same sense if one lies inside the other (``internal``).
     """
 
     type: Literal["gear"]
