@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from enginekit import Bench
-from truthkit import order, run
+from scipy.linalg import null_space
+from truthkit import order, reference, run
 
 from flexmb.model import Model
 
@@ -114,6 +115,49 @@ def test_the_arm_and_the_ring_share_the_torque_of_a_train_with_two_freedoms():
         M += J * np.outer(row, row)
     np.testing.assert_allclose([sun, arm], np.linalg.solve(M, [2.0, 0.0]), rtol=1e-10)
     np.testing.assert_allclose(planet, 3 * arm - 2 * sun, rtol=1e-10)
+
+
+def published(table):
+    """A train of the textbook: all wheels hang on an arm, those of one axis at its centre.
+
+    A wheel of a compound is the same body, its gears hang by the same joint.
+    """
+    model, teeth = Model(table["title"], plane="xy"), table["teeth"]
+    compound = table.get("compound", {})
+    body(model, "arm", 1.0, 1.0)
+    model.add_joint("arm_pin", "revolute", between=["ground", "arm"], axis="z")
+    planets = {planet for _, planet, _ in table["gears"]}
+    for name in teeth:
+        if name not in compound:
+            at = [0.3, 0, 0] if name in planets else [0, 0, 0]
+            body(model, name, 1.0, 1.0, at)
+            model.add_marker(f"arm.{name}", position=at)
+            model.add_joint(name, "revolute", between=[f"arm.{name}", name], axis="z")
+    for one, two, internal in table["gears"]:
+        model.add_coupler(
+            f"{one}_{two}", "gear", joints=[compound.get(one, one), two],
+            teeth=[teeth[one], teeth[two]], internal=internal,
+        )  # fmt: skip
+    return model
+
+
+@pytest.mark.parametrize("name", ["annulus_and_sun", "two_annuli_and_a_compound_wheel"])
+def test_epicyclic_trains_of_a_textbook(name):
+    """Speeds of all wheels from those of two of them, by the null space of Cq."""
+    table = reference("gear_trains", name)
+    bench = Bench(published(table))
+    bench.at(v=0.0)
+    columns = bench.sys.kkt.column >= 0
+    allowed = null_space(bench.Cq[:, columns], rcond=1e-10)
+    assert allowed.shape[1] == 2
+    full = np.zeros((bench.layout.nv, 2))
+    full[columns] = allowed
+    spin = {row.name: full[row.iv + 5] for row in bench.layout.bodies}
+    for case in table["cases"]:
+        given, found = case["given"], case["found"]
+        share = np.linalg.solve([spin[k] for k in given], list(given.values()))
+        for wheel, speed in found.items():
+            assert abs(spin[wheel] @ share - speed) < table["digits"]
 
 
 def differential():
