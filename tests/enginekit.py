@@ -122,6 +122,8 @@ class Bench:
             p = rng.standard_normal(4)
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
+        for s in self.scalars:
+            self.q[s["iq"]] = rng.standard_normal()
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng
@@ -179,6 +181,12 @@ class Bench:
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
 
     @property
+    def scalars(self):
+        """The scalar coordinates beside the bodies."""
+        found = self.sys.parts.coordinates
+        return () if found is None else found
+
+    @property
     def Cq(self):
         """(nc, nv) Jacobian from the rows the kernels wrote."""
         dense = np.zeros((self.layout.nc, self.layout.nv))
@@ -188,6 +196,9 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
+        for follow in self.sys.follows:
+            column = self.scalars[follow["coordinate"]]["iv"]
+            dense[follow["row"], column] = -follow["factor"]
         return dense
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):
@@ -249,6 +260,8 @@ class Bench:
             q[i : i + 3] += d[o : o + 3]
             q[i + 3 : i + 7] = quaternion_product(q[i + 3 : i + 7], exponential(d[o + 3 : o + 6]))
             q[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
+        for s in self.scalars:
+            q[s["iq"]] += d[s["iv"]]
         return q
 
 

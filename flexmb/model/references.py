@@ -16,6 +16,7 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.coupling import coupler_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
@@ -35,7 +36,7 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, _sensors)
+    named = (body_problems, _joints, coupler_problems, _drivers, _forces, _sensors)
     parts = (*named, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together

@@ -82,6 +82,17 @@ def _free_motions(joint: str, count: int) -> str:
     return "; ".join(told) or "nothing"
 
 
+def _couplers() -> Listing:
+    from flexmb.model.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+
+    about = "Each relates the coordinates of two or three joints by one equation:"
+    terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
+    return Listing(
+        "couplers: [couplers.name]",
+        ((about, Table((), [])), *fields_tables({**COUPLER_TYPES, **terms})),
+    )
+
+
 def _forces() -> Listing:
     from flexmb.model.forces import FORCE_TYPES
 
@@ -188,6 +199,7 @@ def _templates() -> Listing:
 
 TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     "joints": ("what they hold and leave free, which drivers they take", _joints),
+    "couplers": ("gears, racks and linear relations of joint coordinates", _couplers),
     "forces": ("forces, torques, springs and dampers", _forces),
     "drivers": ("joint coordinates as functions of time", _drivers),
     "functions": ("functions of time and what expressions know", _functions),

@@ -76,13 +76,13 @@ ONE_LINE = [
     ),
     pytest.param(
         ('joint = "bearing"\nangle = "speed*t"', 'joint = "bearing"'),
-        'drivers.motor: give exactly one of "angle" and "stroke", given neither',
+        'drivers.motor: give exactly one of "angle", "second_angle" and "stroke", given none',
         id="driver without a function",
     ),
     pytest.param(
         ("between", "betwen"),
         'joints.bearing.betwen: unknown key "betwen"; nearest: between; '
-        "allowed: type, between, axis, second_axis, length",
+        "allowed: type, between, axis, second_axis, length, pitch",
         id="misspelt key, and not also a missing one",
     ),
     pytest.param(
@@ -171,8 +171,8 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, ground, bodies, joints, drivers, forces, sensors, check, dynamics, study, "
-        "view",
+        "parameters, ground, bodies, joints, couplers, drivers, forces, sensors, check, dynamics, "
+        "study, view",
         id="unknown section",
     ),
     pytest.param(

@@ -54,6 +54,8 @@ def joined(kind, carriers, planar=False):
         fields["axis"] = [0.8, 0.6, 0.0] if planar and kind in IN_PLANE else list(AXIS)
         if planar and kind not in IN_PLANE:
             fields["axis"] = [0.0, 0.0, 1.0]
+    if kind == "screw":
+        fields["pitch"] = 0.7
     if JOINT_TYPES[kind].axes > 1:
         fields["second_axis"] = fields["axis"] if planar else list(SECOND.get(kind, ACROSS))
     model.add_joint("joint", kind, between=["a.end", "b.end"], **fields)

@@ -134,7 +134,8 @@ def test_rows_vanish_on_all_motions_that_the_joint_allows(case):
 
 
 def test_the_table_of_joints_is_whole():
-    assert {case.split(",")[0] for case in CASES} == set(JOINT_TYPES)
+    elsewhere = {"screw"}  # its turn and slide are one motion: test_couplers
+    assert {case.split(",")[0] for case in CASES} | elsewhere == set(JOINT_TYPES)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Joints and drivers as groups of constraint rows.
+"""Joints, drivers and couplers as groups of constraint rows.
 
 Each joint type is a list of primitives between its two triads (`joint_rows`); a driver is one more
 row on the same triads.
@@ -7,14 +7,15 @@ row on the same triads.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.compile import coordinates
+from flexmb.engine.compile import coordinates, couplers
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
+    SECOND_TURN,
     Row,
     composite_rows,
     driver_row,
@@ -54,6 +55,10 @@ _ROW_WORDS = {
     RADIAL: "distance from the axis",
     MOMENT: "distance of the axes",
 }
+
+
+Ends = tuple[PlacedMarker, PlacedMarker]
+"""Markers I and J."""
 
 
 class Entry(NamedTuple):
@@ -101,36 +106,65 @@ class Groups:
 
 
 def joint_groups(
-    model: Model, flexbodies: Mapping[str, FlexBody], markers: Markers, functions: Functions
+    model: Model,
+    flexbodies: Mapping[str, FlexBody],
+    markers: Markers,
+    functions: Functions,
+    scalars: list[coordinates.Scalar],
 ) -> Groups:
-    """All joints, all drivers, then what follows a joint with a coordinate of its own."""
+    """All joints, all drivers, then what follows joints with coordinates of its own."""
     groups = Groups()
-    ends: dict[str, tuple[int, int]] = {}
+    ends: dict[str, Ends] = {}
+    place = {scalar.name: k for k, scalar in enumerate(scalars)}
     for name, joint in model.joints.items():
         I, J = lookup.joint_frames(model, name, flexbodies)  # noqa: E741
         if model.plane is not None:
             I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
-        ends[name] = markers.add(I), markers.add(J)
+        ends[name] = I, J
         rows = [Entry(*row[:3], _constant(model, name, row, I, J)) for row in kept]
-        groups.add(f"joints.{name}", markers, *ends[name], rows)
+        for thread in couplers.screw_rows(model, name):
+            rows.append(_coupled(model, thread, ends, place)[0])
+        groups.add(f"joints.{name}", markers, markers.add(I), markers.add(J), rows)
+
+    def add(owner: str, entry: Entry, between: Ends) -> None:
+        groups.add(owner, markers, *(markers.add(marker) for marker in between), [entry])
+
     for name, driver in model.drivers.items():
-        row = _driven(model, driver.joint, driver.coordinate)
-        fun = functions.add(driver.function.expression)
-        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
-    for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
-        row = _driven(model, force.joint, force.coordinate)
-        entry = Entry(*row, follows=((k, 1.0),))
-        groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
+        row, between = _driven(model, driver.joint, driver.coordinate, ends)
+        add(f"drivers.{name}", Entry(*row, fun=functions.add(driver.function.expression)), between)
+    for name, force in coordinates.joint_springs(model).items():
+        row, between = _driven(model, force.joint, force.coordinate, ends)
+        add(f"forces.{name}", Entry(*row, follows=((place[f"forces.{name}"], 1.0),)), between)
+    for coupled in couplers.coupled_rows(model, flexbodies):
+        add(coupled.owner, *_coupled(model, coupled, ends, place))
     return groups
 
 
-def _driven(model: Model, joint: str, coordinate: str) -> tuple[int, int, int]:
-    """Kind and axes of the row that measures a coordinate of a joint."""
+def _driven(
+    model: Model, joint: str, coordinate: str, ends: Mapping[str, Ends]
+) -> tuple[tuple[int, int, int], Ends]:
+    """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
+    I, J = ends[joint]  # noqa: E741
     if model.plane is not None and coordinate == "stroke":
-        return STROKE
-    return driver_row(model.joints[joint].type, coordinate)
+        return STROKE, (I, J)
+    row = driver_row(model.joints[joint].type, coordinate)
+    if coordinate == "second_angle":
+        return row, (replace(J, R=J.R @ SECOND_TURN), I)
+    return row, (I, J)
+
+
+def _coupled(
+    model: Model, coupled: couplers.CoupledRow, ends: Mapping[str, Ends], place: Mapping[str, int]
+) -> tuple[Entry, Ends]:
+    """A row that follows scalar coordinates, and its markers."""
+    row, between = _driven(model, coupled.joint, coupled.coordinate, ends)
+    offset = coupled.offset
+    if coupled.relative:
+        offset += measured(model, (*row, True), *between)
+    follows = tuple((place[name], factor) for name, factor in coupled.follows)
+    return Entry(*row, offset, follows=follows), between
 
 
 def _constant(
