@@ -21,7 +21,7 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SPRING
+from flexmb.engine.tables import COORDINATE, SLIDER, SPRING
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -66,6 +66,8 @@ def padded(system):
     parts = system.parts
     if parts.coordinates is None:
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
+    if parts.sliders is None:
+        parts = parts._replace(sliders=np.zeros(0, SLIDER))
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
@@ -122,6 +124,9 @@ class Bench:
             p = rng.standard_normal(4)
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
+        for slider in self.sys.parts.sliders:
+            length = self.sys.parts.pool[slider["at"] + slider["n"]]
+            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = rng.uniform(0, length)
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng
@@ -188,7 +193,17 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
+        for follow in self.sys.follows:
+            dense[follow["row"], self.scalar(follow["coordinate"])] = -follow["factor"]
+        if len(self.sys.parts.sliders):
+            S = self.matrix()
+            for s in self.sys.parts.sliders["coordinate"]:
+                dense[:, self.scalar(s)] = S[self.layout.nv :, self.scalar(s)]
         return dense
+
+    def scalar(self, coordinate):
+        """Column of a scalar coordinate."""
+        return int(self.sys.parts.coordinates[coordinate]["iv"])
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):
         """(nv + nc, nv + nc) iteration matrix without regularisation; also factors it."""
@@ -249,6 +264,8 @@ class Bench:
             q[i : i + 3] += d[o : o + 3]
             q[i + 3 : i + 7] = quaternion_product(q[i + 3 : i + 7], exponential(d[o + 3 : o + 6]))
             q[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
+        for row in self.sys.parts.coordinates:
+            q[row["iq"]] += d[row["iv"]]
         return q
 
 

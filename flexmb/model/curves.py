@@ -6,7 +6,6 @@ in the plane x, y of its marker or, with three coordinates, in space.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -23,7 +22,7 @@ from flexmb.model.reading import Names, Reader, Spec, fail, given, names_of, uni
 from flexmb.model.unit_texts import expression_and_factor
 from flexmb.units import UnitSystem
 
-__all__ = ["CurveSpec", "Profile", "read_points"]
+__all__ = ["CurveSpec", "Points", "Profile", "read_points"]
 
 Array = NDArray[np.float64]
 
@@ -146,9 +145,3 @@ def read_points(path: Path, units: UnitSystem) -> Points:
         if words:
             rows.append(row)
     return tuple(rows)
-
-
-def as_points(spec: CurveSpec, points: Points, units: UnitSystem) -> Mapping[str, Any]:
-    """The table of a curve from a file with its points in place of the file, in scene units."""
-    rows = [[units.written(value, "m") for value in point] for point in points]
-    return {"points": rows, "closed": spec.closed}

@@ -18,6 +18,7 @@ from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
@@ -91,6 +92,7 @@ class Model:
         _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
+        self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
         self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
@@ -146,6 +148,12 @@ class Model:
             self.bodies[body] = owner
         else:
             self.ground = owner
+        return spec
+
+    def add_curve(self, name: str, **fields: Any) -> CurveSpec:
+        """Add the shape of a curve: ``points``, ``polar``, ``x`` and ``y``, ``circle`` or ``file``."""
+        spec = self._add("curves", name, fields)
+        assert isinstance(spec, CurveSpec)
         return spec
 
     def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
