@@ -125,8 +125,10 @@ class Bench:
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
         for slider in self.sys.parts.sliders:
-            length = self.sys.parts.pool[slider["at"] + slider["n"]]
-            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = rng.uniform(0, length)
+            # amid a piece, where the curve is a polynomial for differences as well
+            k = slider["at"] + rng.integers(slider["n"])
+            middle = 0.5 * (self.sys.parts.pool[k] + self.sys.parts.pool[k + 1])
+            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng

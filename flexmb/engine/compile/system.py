@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -28,13 +29,17 @@ from flexmb.model.plane import normal_in_body
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `contacts` are the joints that can only push, cams with their followers.
+    """
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    contacts: tuple[Contact, ...] = ()
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -122,7 +127,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     )
     begin = np.append(np.zeros(before), sliders.starts())
     placed = np.append(body_tables.placed_positions(model, table), begin)
-    return Compiled(system, layout, placed, length, known)
+    return Compiled(system, layout, placed, length, known, tuple(sliders.contacts))
 
 
 def fingerprint(system: System) -> str:
