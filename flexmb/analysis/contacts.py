@@ -1,7 +1,7 @@
-"""What joints on curves leave out: that followers lift off, and that cams cannot pass through them.
+"""What joints on curves leave out: followers lift off, and cams cannot pass through them.
 
-In: the contacts of a compiled system, rows of a run, or the first state. Out: notes for the user, or
-the problems of a follower on the wrong side or branch of its cam.
+In: the contacts of a compiled system, rows of a run, or the first state. Out: notes for the user,
+or the problems of a follower on the wrong side or branch of its cam.
 """
 
 from __future__ import annotations
@@ -44,14 +44,16 @@ class Lifts:
     def notes(self) -> list[str]:
         """A sentence for each."""
         return [
-            f"from t = {time:.6g} s on joints.{joint} pulls its follower towards the cam at times: "
+            f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s: there "
             "contact is kept by force; use an impact force in its place, or a stronger spring"
             for joint, time in self._first.items()
         ]
 
 
-def branch_problems(compiled: Compiled, model: Model, state: State, work: Work) -> Iterator[Problem]:
-    """Followers whose cam passes through them in the assembled pose: they began on a wrong branch."""
+def branch_problems(
+    compiled: Compiled, model: Model, state: State, work: Work
+) -> Iterator[Problem]:
+    """Followers that their cam passes through in the assembled pose: on a wrong branch."""
     system = compiled.system
     sliders = system.parts.sliders
     for slider in sliders if isinstance(sliders, np.ndarray) else ():
@@ -71,7 +73,7 @@ def branch_problems(compiled: Compiled, model: Model, state: State, work: Work) 
         if cut > _CUT * size:
             deep = model.units.say(float(cut), "m", 3)
             what = (
-                f"touches the curve, but another part of the curve reaches {deep} into the follower; "
+                f"touches the curve, but another part of it reaches {deep} into the follower; "
                 "begin on the other side or at another place (start), or change the shape there"
             )
             yield Problem(f"joints.{name}", what)
@@ -80,6 +82,8 @@ def branch_problems(compiled: Compiled, model: Model, state: State, work: Work) 
 def _points(compiled: Compiled, slider: np.void, state: State, work: Work) -> tuple[Array, float]:
     """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
     parts = compiled.system.parts
+    coordinates = parts.coordinates
+    assert isinstance(coordinates, np.ndarray)  # curve markers have them
     at, n = int(slider["at"]), int(slider["n"])
     ends = parts.pool[at : at + n + 1]
     pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
@@ -87,7 +91,7 @@ def _points(compiled: Compiled, slider: np.void, state: State, work: Work) -> tu
     powers = t[:, :, None] ** np.arange(6)
     local = np.einsum("tkp,kap->kta", powers, pieces).reshape(-1, 3)
     now = work.now.marker[int(slider["marker"])]
-    s = state.q[parts.coordinates[slider["coordinate"]]["iq"]]
+    s = state.q[coordinates[slider["coordinate"]]["iq"]]
     if slider["closed"]:
         s %= ends[-1]
     k = min(max(int(np.searchsorted(ends, s, side="right")) - 1, 0), n - 1)

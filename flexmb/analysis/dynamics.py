@@ -219,9 +219,7 @@ def loop_settings(
     )
 
 
-def _integrate(
-    prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts
-) -> tuple[str, str]:
+def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     run = prepared.run
     state = run.state

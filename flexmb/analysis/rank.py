@@ -34,8 +34,7 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
         assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
         column = system.parts.coordinates[follow["coordinate"]]["iv"]
         Cq[follow["row"], column] = -follow["factor"]
-    sliders = system.parts.sliders
-    if sliders is not None:
+    if system.parts.sliders is not None:
         _put_sliders(system, work, Cq)
     return Cq
 
@@ -43,9 +42,11 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
 def _put_sliders(system: System, work: Work, Cq: NDArray[np.float64]) -> None:
     """What the rows on curve markers change with their places along the curves."""
     links, low = system.kkt.links, work.factor.low0
-    for slider in system.parts.sliders:
+    sliders, coordinates = system.parts.sliders, system.parts.coordinates
+    assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
+    for slider in sliders:
         group, link = system.groups[slider["group"]], links[slider["link"]]
-        column = system.parts.coordinates[slider["coordinate"]]["iv"]
+        column = coordinates[slider["coordinate"]]["iv"]
         stride = 1 if link["flipped"] == 1 else link["stride"]
         for r in range(group["n"]):
             Cq[group["row"] + r, column] = low[link["at"] + r * stride]

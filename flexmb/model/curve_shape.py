@@ -1,8 +1,8 @@
 """The geometry of a curve: value and derivatives over its parameter, and what is wrong with it.
 
 In: a :class:`CurveSpec`. Out: a :class:`CurveShape`, twice continuously differentiable between its
-breaks and, but for corners of expressions, across them. Splines are cubic, natural or periodic, over
-the length of the chords between their points.
+breaks and, but for corners of expressions, across them. Splines are cubic, natural or periodic,
+over the length of the chords between their points.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _CUSP = 1e-4  # of the largest speed of the parameter; rounding leaves 1e-8 wher
 
 @dataclass(frozen=True)
 class CurveShape:
-    """A curve over a parameter: at(u) gives (n, 3, 3), value, first and second derivative by xyz."""
+    """A curve over a parameter: at(u) gives (n, 3, 3), value and two derivatives by xyz."""
 
     breaks: Array  # (k + 1,) parameters between which it is smooth
     at: Callable[[Array], Array]
@@ -196,7 +196,7 @@ def _check(shape: CurveShape) -> None:
 
 
 def _slowest(shape: CurveShape, u: Array, speed: Array) -> tuple[float, float]:
-    """Parameter and speed where the parameter is slowest, by refinement around the slowest sample."""
+    """Parameter where the point moves slowest and its speed, refined around the samples' least."""
     k = int(np.argmin(speed))
     best, least = float(u[k]), float(speed[k])
     low, high = u[max(k - 1, 0)], u[min(k + 1, len(u) - 1)]

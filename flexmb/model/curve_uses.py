@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.planes import PLANES
 from flexmb.model import lookup
 from flexmb.model.curve_shape import CurveShape, curve_shape
 from flexmb.model.joints import JointSpec
+from flexmb.model.markers import PlacedMarker
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
 
@@ -71,7 +73,9 @@ def in_plane(model: Model, name: str, flexbodies: lookup.Bodies, plane: str) -> 
         z = _turned(model, marker)[:, 2]
         if np.linalg.norm(np.cross(z, normal)) > _ALIGNED:
             what = f"carries a curve in its plane x, y, which must lie in the plane {plane}"
-            yield Problem(f"joints.{name}.between[{i}]", f"{what}: turn the marker, or take another")
+            yield Problem(
+                f"joints.{name}.between[{i}]", f"{what}: turn the marker, or take another"
+            )
         shape = _known(model, curve)
         if shape is not None and not shape.in_plane:
             what = f'the curve "{curve}" with three coordinates has no meaning in a plane'
@@ -80,11 +84,11 @@ def in_plane(model: Model, name: str, flexbodies: lookup.Bodies, plane: str) -> 
         yield Problem(f"joints.{name}.axis", f"across the flat, it must lie in the plane {plane}")
 
 
-def _turned(model: Model, marker: lookup.PlacedMarker) -> lookup.Array:
+def _turned(model: Model, marker: PlacedMarker) -> NDArray[np.float64]:
     """Axes (3, 3) of a placed marker, global."""
     if marker.body == GROUND:
         return marker.R
-    turned: lookup.Array = rotation_matrix(model.bodies[marker.body].orientation) @ marker.R
+    turned: NDArray[np.float64] = rotation_matrix(model.bodies[marker.body].orientation) @ marker.R
     return turned
 
 

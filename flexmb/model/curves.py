@@ -1,7 +1,7 @@
 """Curves that joints slide along: their shape alone, in the axes of the marker that carries them.
 
-A curve is a spline through points, a polar or parametric expression in the parameter t, or a circle,
-in the plane x, y of its marker or, with three coordinates, in space.
+A curve is a spline through points, a polar or parametric expression in the parameter t, or a
+circle, in the plane x, y of its marker or, with three coordinates, in space.
 """
 
 from __future__ import annotations
@@ -65,8 +65,9 @@ _SHAPES = ("points", "file", "polar", "polar_points", "x", "circle")
 
 class CurveSpec(Spec):
     """The shape of a curve: exactly one of ``points``, ``file`` (a CSV table of points), ``polar``
-    (radius over the angle t), ``polar_points`` (angle and radius), ``x`` with ``y`` over t, ``circle``
-    (a radius). ``range`` of t, one turn by default; ``closed``: the end goes on at the beginning.
+    (radius over the angle t), ``polar_points`` (angles and radii), ``x`` with ``y`` over t,
+    ``circle`` (a radius). ``range`` of t, one turn by default; ``closed``: its end goes on at its
+    beginning.
     """
 
     points: Points | None = None

@@ -150,11 +150,9 @@ class Model:
             self.ground = owner
         return spec
 
-    def add_curve(self, name: str, **fields: Any) -> CurveSpec:
-        """Add the shape of a curve: ``points``, ``polar``, ``x`` and ``y``, ``circle`` or ``file``."""
-        spec = self._add("curves", name, fields)
-        assert isinstance(spec, CurveSpec)
-        return spec
+    def add_curve(self, name: str, **fields: Any) -> Spec:
+        """Add the shape of a curve that joints slide along: ``points``, ``polar``, ..."""
+        return self._add("curves", name, fields)
 
     def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
         """Add a joint: ``between=[I, J]``, ``axis``."""

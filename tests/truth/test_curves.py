@@ -63,7 +63,8 @@ def test_eccentric_disk_with_a_flat_follower():
 
 
 @pytest.mark.parametrize(("kind", "fields"), [
-    ("cam-roller", {"radius": 0.01}), ("cam-knife", {}), ("pin-in-slot", {}), ("point-on-curve", {}),
+    ("cam-roller", {"radius": 0.01}), ("cam-knife", {}), ("pin-in-slot", {}),
+    ("point-on-curve", {}),
 ])  # fmt: skip
 def test_eccentric_disk_with_a_pointed_follower_is_a_slider_crank(kind, fields):
     found = run(cam(kind, **fields), duration=1.3, outputs=26, step=0.01)
@@ -119,7 +120,7 @@ def cycloidal(a):
 
 @pytest.mark.parametrize("kind", ["cam-knife", "cam-flat"])
 def test_cycloidal_profile(kind):
-    """Radius b + h for an edge; for a flat the envelope (b + h) n + h' t (Norton, Cam Design, ch. 7).
+    """Radius b + h for an edge; for a flat the envelope (b + h) n + h' t (Norton, Cam Design).
 
     The cam turns backwards from where its profile begins above the pivot.
     """

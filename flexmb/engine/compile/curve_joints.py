@@ -1,10 +1,10 @@
 """The rows of joints on curves, with their curve markers.
 
-    pin-in-slot, cam-knife   t·h = 0, n·h = 0             h from the curve marker to J
-    cam-roller               t·h = 0, n·h = ± radius
-    cam-flat                 m·h = 0, m·t = 0             m across the flat, h from J to the curve
-    cam-cam                  t·h = 0, n·h = 0, t·n₂ = 0   h from the first curve to the second
-    point-on-curve           h = 0                        in space, or in the plane of the model
+pin-in-slot, cam-knife   t·h = 0, n·h = 0             h from the curve marker to J
+cam-roller               t·h = 0, n·h = ± radius
+cam-flat                 m·h = 0, m·t = 0             m across the flat, h from J to the curve
+cam-cam                  t·h = 0, n·h = 0, t·n₂ = 0   h from the first curve to the second
+point-on-curve           h = 0                        in space, or in the plane of the model
 """
 
 from __future__ import annotations
@@ -105,9 +105,13 @@ def _cams(
     first, second = nearest_pair(*laid, joint.start)
     if joint.second_start is not None:
         second = joint.second_start
-    k = len(sliders.found)
-    S = sliders.add(name, laid[0], frames[0], markers, group=at[0], side=0, start=first, other=k + 1)
-    T = sliders.add(name, laid[1], frames[1], markers, group=at[0], side=1, start=second, other=k)
+    k, group = len(sliders.found), at[0]
+    S, T = (
+        sliders.add(
+            name, laid[n], frames[n], markers, group=group, side=n, start=s, other=k + 1 - n
+        )
+        for n, s in enumerate((first, second))
+    )
     if laid[0].closed:
         within = inside(laid[0], laid[1].at(laid[1].samples[::8])[0]).mean() > 0.5
         side = -laid[0].outward if within else laid[0].outward
@@ -131,7 +135,7 @@ def _side(model: Model, name: str, laid: Laid, s: float, x: Array) -> float:
 
 
 def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
-    """Centre of mass of the follower, or the mirror image of the cam's if the follower is ground."""
+    """Centre of mass of the follower; the mirror image of the cam's if the follower is ground."""
     I, J = (reference.partition(".")[0] for reference in joint.between)  # noqa: E741
     body = model.bodies[I if J == GROUND else J]
     if body.flexible:
@@ -150,7 +154,7 @@ def _refuse_hollow(model: Model, name: str, laid: Laid, side: float, radius: flo
     if hollow[k] * radius >= 1.0:
         say = model.units.say
         what = (
-            f"the roller does not fit the curve: {say(s[k], 'm')} along it the curve is hollow with "
-            f"a radius of {say(1.0 / hollow[k], 'm')} there; take a smaller roller or round the curve"
+            f"the roller does not fit the curve, which is hollow {say(s[k], 'm')} along it with a "
+            f"radius of {say(1.0 / hollow[k], 'm')}; take a smaller roller, or round the curve"
         )
         raise SceneError.from_problems([Problem(f"joints.{name}.radius", what)])

@@ -46,7 +46,7 @@ def nearest_pair(first: Laid, second: Laid, start: float | None) -> tuple[float,
     """Places [m] on two curves where they are nearest to touching; `start` fixes the first."""
     s = first.samples[::4] if start is None else np.array([start])
     u = second.samples[::4]
-    (x, t, _), (y, r, n) = first.at(s), second.at(u)
+    (x, t, _), (y, _, n) = first.at(s), second.at(u)
     size = 0.5 * (first.length + second.length)
     apart = np.linalg.norm(x[:, None] - y[None], axis=2) / size
     i, j = np.unravel_index(np.argmin(apart + 0.1 * (t @ n.T) ** 2), apart.shape)

@@ -1,7 +1,7 @@
 """Curves on their markers, and the table of curve markers.
 
-A curve marker brings one scalar coordinate, so a joint has one equation less than rows for each. The
-force across the curve is the multiplier of one row; `Contact` tells its sign in contact.
+A curve marker brings one scalar coordinate, so a joint has one equation less than rows for each.
+The force across the curve is the multiplier of one row; `Contact` tells its sign in contact.
 Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3.
 """
 

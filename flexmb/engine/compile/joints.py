@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.compile import coordinates
+from flexmb.engine.compile.curve_joints import curve_joint
+from flexmb.engine.compile.curves import Sliders
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
     Row,
@@ -20,8 +22,6 @@ from flexmb.engine.compile.joint_rows import (
     driver_row,
     measured,
 )
-from flexmb.engine.compile.curve_joints import curve_joint
-from flexmb.engine.compile.curves import Sliders
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions

@@ -93,7 +93,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
         parts=Parts(
-            table, pool.array(), markers.table(), gravity, scalar_table,
+            table,
+            pool.array(),
+            markers.table(),
+            gravity,
+            scalar_table,
             sliders.table(groups.groups, len(table), symbolic, before),
         ),
         rows=rows,

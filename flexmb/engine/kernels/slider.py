@@ -161,7 +161,7 @@ def subtract_forces(sliders, parts, now, res):
 
 @kernel
 def put_rows(sys, sliders, wk):
-    """∂C/∂s of the rows on curve markers in the Jacobian; out of balance, s moves nothing itself."""
+    """∂C/∂s of the rows on curve markers; forces out of balance on s move nothing by themselves."""
     if sliders is not None:
         g, factor = wk.dense.g[0], wk.factor
         for k in range(sliders.shape[0]):

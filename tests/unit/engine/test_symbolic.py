@@ -123,9 +123,9 @@ def ring(n):
 def test_storage_and_work_grow_linearly(shape):
     def cost(n):
         pairs = shape(n)
-        couples = [p for p in pairs if p[0] >= 0]
+        couples, free = [p for p in pairs if p[0] >= 0], [()] * len(pairs)
         kkt = analyse(
-            Blocks([list(range(6))] * n, [3] * len(pairs), pairs, [()] * len(pairs), couples, [()] * len(pairs))
+            Blocks([list(range(6))] * n, [3] * len(pairs), pairs, free, couples, free)
         ).kkt
         stored = ((kkt.panels["nc"] + kkt.panels["nr"]) * kkt.panels["nc"]).sum()
         return np.array([stored, len(kkt.updates)])
