@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.compile import coordinates, couplers
+from flexmb.engine.compile.curve_joints import curve_joint
+from flexmb.engine.compile.curves import Sliders
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
     SECOND_TURN,
@@ -88,6 +90,8 @@ class Groups:
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
+    reversed: set[int] = field(default_factory=set)  # groups whose I is the joint's J
+    sliders: Sliders = field(default_factory=Sliders)
 
     def add(self, name: str, markers: Markers, I: int, J: int, rows: list[Entry]) -> None:  # noqa: E741
         """Append a group of rows between I and J."""
@@ -118,6 +122,9 @@ def joint_groups(
     place = {scalar.name: k for k, scalar in enumerate(scalars)}
     for name, joint in model.joints.items():
         I, J = lookup.joint_frames(model, name, flexbodies)  # noqa: E741
+        if joint.curves:
+            _add_on_curve(model, name, (I, J), markers, groups)
+            continue
         if model.plane is not None:
             I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         else:
@@ -140,6 +147,20 @@ def joint_groups(
     for coupled in couplers.coupled_rows(model, flexbodies):
         add(coupled.owner, *_coupled(model, coupled, ends, place))
     return groups
+
+
+def _add_on_curve(
+    model: Model,
+    name: str,
+    frames: tuple[PlacedMarker, PlacedMarker],
+    markers: Markers,
+    groups: Groups,
+) -> None:
+    group = len(groups.groups)
+    made = curve_joint(model, name, frames, markers, groups.sliders, (group, len(groups.rows)))
+    if made.reversed:
+        groups.reversed.add(group)
+    groups.add(f"joints.{name}", markers, made.I, made.J, [Entry(*row) for row in made.rows])
 
 
 def _driven(
