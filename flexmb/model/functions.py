@@ -17,7 +17,7 @@ from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
 from flexmb.errors import SceneError
-from flexmb.model.expression import Expression, Ops
+from flexmb.model.expression import Expression, Ops, parse
 from flexmb.model.function_forms import Constant, Fourier, FunctionForm, Harmonic, Polynomial
 from flexmb.model.jets import Jet
 from flexmb.model.kinks import kinks_of
@@ -75,12 +75,16 @@ class FunctionOf:
 
     unit: str
 
+    def unit_here(self, info: ValidationInfo) -> str:
+        """The SI unit of the value, which may depend on other fields."""
+        return self.unit
+
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         def read(value: Any, info: ValidationInfo) -> Function:
             try:
-                return read_function(value, names_of(info), self.unit)
+                return read_function(value, names_of(info), self.unit_here(info))
             except SceneError as error:
                 raise fail(*error.problems) from None
 

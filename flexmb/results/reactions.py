@@ -59,8 +59,11 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint = name if section == "joints" else str(drivers.get(name, {}).get("joint", ""))
-        between = joints.get(joint, {}).get("between", ("", ""))
+        driver = drivers.get(name, {}) if section == "drivers" else {}
+        joint = name if section == "joints" else str(driver.get("joint", ""))
+        between = driver.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in driver:
+            between = driver.get("relative_to", "ground.origin"), driver["marker"]
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
     return tuple(found)

@@ -132,6 +132,8 @@ def measured(
         return float(Ri[:, a] @ Rj[:, b])
     if kind == DOT2:
         return float(Ri[:, a] @ h)
+    if kind == ANGLE:
+        return float(np.arctan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b]))
     if kind == MOMENT:
         return float(h @ np.cross(Ri[:, Z], Rj[:, Z]))
     if kind == RADIAL:

@@ -6,13 +6,13 @@ row on the same triads.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.compile import coordinates
+from flexmb.engine.compile import coordinates, drivers
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
     Row,
@@ -84,15 +84,23 @@ class Groups:
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
 
-    def add(self, name: str, markers: Markers, I: int, J: int, rows: list[Entry]) -> None:  # noqa: E741
-        """Append a group of rows between I and J."""
+    def add(
+        self,
+        name: str,
+        markers: Markers,
+        I: int,  # noqa: E741
+        J: int,
+        rows: list[Entry],
+        words: Sequence[str] = (),
+    ) -> None:
+        """Append a group of rows between I and J; `words` say what they are where it is known."""
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
-        for row in rows:
+        for k, row in enumerate(rows):
             self.rows.append(PlacedEntry(row, I, J))
             what = _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
             what = "driven" if row.fun >= 0 else "coordinate" if row.follows else what
-            self.names.append(f"{name}: {what}")
+            self.names.append(f"{name}: {words[k] if words else what}")
 
     def in_group(self, k: int) -> list[PlacedEntry]:
         """The rows of a group."""
@@ -106,19 +114,27 @@ def joint_groups(
     """All joints, all drivers, then what follows a joint with a coordinate of its own."""
     groups = Groups()
     ends: dict[str, tuple[int, int]] = {}
+    frames: dict[str, tuple[PlacedMarker, PlacedMarker]] = {}
     for name, joint in model.joints.items():
         I, J = lookup.joint_frames(model, name, flexbodies)  # noqa: E741
         if model.plane is not None:
             I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
-        ends[name] = markers.add(I), markers.add(J)
+        frames[name], ends[name] = (I, J), (markers.add(I), markers.add(J))
         rows = [Entry(*row[:3], _constant(model, name, row, I, J)) for row in kept]
         groups.add(f"joints.{name}", markers, *ends[name], rows)
     for name, driver in model.drivers.items():
-        row = _driven(model, driver.joint, driver.coordinate)
-        fun = functions.add(driver.function.expression)
-        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
+        if driver.joint is not None:
+            I, J = frames[driver.joint]  # noqa: E741
+            kinds, words = [_driven(model, driver.joint, driver.coordinate)], ["driven"]
+        else:
+            I, J, kinds = drivers.marker_rows(model, driver, flexbodies)  # noqa: E741
+            words = [f"driven {motion.coordinate}" for motion in driver.motions(model.plane)]
+        programs = drivers.driver_functions(model, name, (I, J), kinds)
+        pairs = zip(kinds, programs, strict=True)
+        entries = [Entry(*kind, fun=functions.add(program)) for kind, program in pairs]
+        groups.add(f"drivers.{name}", markers, markers.add(I), markers.add(J), entries, words)
     for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
         row = _driven(model, force.joint, force.coordinate)
         entry = Entry(*row, follows=((k, 1.0),))
