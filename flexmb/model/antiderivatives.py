@@ -233,7 +233,7 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
 
 
 def _fitted(f: Callable[[float], float], a: float, b: float, allowed: float) -> np.ndarray | None:
-    """Coefficients about a of the interpolating polynomial; None if it is off between its points."""
+    """Coefficients about a of the interpolating polynomial; None if it is off in between."""
     middle, half = 0.5 * (a + b), 0.5 * (b - a)
     values = np.polynomial.chebyshev.chebinterpolate(
         np.vectorize(lambda x: f(middle + half * x), otypes=[float]), _DEGREE

@@ -106,7 +106,8 @@ def _place(path: Path, name: str | int, header: list[str]) -> int:
 def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
     where = f"{path.name}, line {line}"
     if place >= len(cells):
-        raise SceneError(f"{where}: there are {len(cells)} columns, number {place + 1} is asked for")
+        what = f"there are {len(cells)} columns, number {place + 1} is asked for"
+        raise SceneError(f"{where}: {what}")
     value = _number(cells[place])
     if value is None:
         raise SceneError(f'{where}: "{cells[place]}" is no finite number')

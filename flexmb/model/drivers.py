@@ -159,9 +159,8 @@ class DriverSpec(Spec):
         problems = []
         if self.relative_to is not None and self.marker is None:
             problems.append(Problem("relative_to", "only a driver of a marker has it"))
-        if self.axis is not None and [m.coordinate for m in self.motions()] != ["angle"]:
-            problems.append(Problem("axis", "only a driver of the angle of a marker has it"))
-        elif self.axis is not None and self.marker is None:
+        alone = [motion.coordinate for motion in self.motions()] == ["angle"]
+        if self.axis is not None and (self.marker is None or not alone):
             problems.append(Problem("axis", "only a driver of the angle of a marker has it"))
         return problems
 

@@ -30,7 +30,16 @@ from flexmb.model.profiles import (
     Trapezoidal,
 )
 from flexmb.model.quantities import plain, read_number
-from flexmb.model.reading import Names, Terms, fail, folder_of, given, names_of, read_variant, units_of
+from flexmb.model.reading import (
+    Names,
+    Terms,
+    fail,
+    folder_of,
+    given,
+    names_of,
+    read_variant,
+    units_of,
+)
 from flexmb.model.tabulated import AkimaSpline, CubicSpline, Table
 from flexmb.model.unit_texts import expression_and_factor
 from flexmb.units import UnitSystem

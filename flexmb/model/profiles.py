@@ -128,7 +128,8 @@ class Trapezoidal(FunctionForm):
 
     @model_validator(mode="after")
     def _one_way(self, info: ValidationInfo) -> Self:
-        told = [name for name in ("t1", "ramp", "speed", "acceleration") if vars(self)[name] is not None]
+        ways = ("t1", "ramp", "speed", "acceleration")
+        told = [name for name in ways if getattr(self, name) is not None]
         if told not in (["t1"], ["t1", "ramp"], ["speed", "acceleration"]):
             told = told or ["none of them"]
             what = 'give "t1" (and perhaps "ramp"), or "speed" and "acceleration"'

@@ -77,8 +77,8 @@ def _column_names(value: Any, info: ValidationInfo) -> tuple[str | int, str | in
     for i, name in enumerate(value):
         whole = isinstance(name, int) and not isinstance(name, bool) and name > 0
         if not (isinstance(name, str) or whole):
-            what = f"a column is a name of the first line or a number from 1 on, given {given(name)}"
-            raise fail(Problem(f"[{i}]", what))
+            what = "a column is a name of the first line or a number from 1 on"
+            raise fail(Problem(f"[{i}]", f"{what}, given {given(name)}"))
     return value[0], value[1]
 
 

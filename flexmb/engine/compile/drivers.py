@@ -51,9 +51,7 @@ def marker_rows(
     return I, J, rows
 
 
-def driver_functions(
-    model: Model, name: str, ends: Ends, rows: Sequence[Kind]
-) -> list[Expression]:
+def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) -> list[Expression]:
     """What each row follows over time.
 
     Raises
