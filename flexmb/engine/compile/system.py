@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -99,6 +100,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         springs=springs,
         loads=loads,
         sensors=sensors,
+        kinks=kink_table(functions.programs, model.dynamics),
     )
     layout = Layout(
         bodies=tuple(
@@ -120,9 +122,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system."""
+    """Hash of all tables of a system that do not depend on how long it runs."""
     digest = hashlib.sha256()
-    for part in _flatten(system):
+    for part in _flatten(system._replace(kinks=None)):
         digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
