@@ -7,16 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexmb.errors import Problem
 from flexmb.model.drivers import DriverSpec
+from flexmb.model.expression import Expression
 from flexmb.model.functions import Function
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.scope import Scope
 
-__all__ = ["driver_problems", "finite"]
+if TYPE_CHECKING:
+    from flexmb.model.model import Model
+
+__all__ = ["closing", "driver_problems", "finite"]
 
 _SAMPLES = 201  # of a distance over the run
 
@@ -36,7 +41,9 @@ def driver_problems(scope: Scope) -> Iterator[Problem]:
                 yield Problem(where, what)
             driven.setdefault(key, name)
         if spec.distance is not None and spec.order == 0:
-            yield from _apart(scope, f"{where}.distance", spec.distance)
+            what = closing(scope.model, spec.distance.expression)
+            if what is not None:
+                yield Problem(f"{where}.distance", what)
 
 
 def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
@@ -73,16 +80,15 @@ def _key(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
     return f'of marker "{second}"{frame}', ("marker", first, second, coordinate)
 
 
-def _apart(scope: Scope, where: str, distance: Function) -> Iterator[Problem]:
-    """A distance stays above zero: at zero the line has no direction."""
-    dynamics, units = scope.model.dynamics, scope.model.units
-    times = np.linspace(0.0, dynamics.duration, _SAMPLES) if dynamics is not None else [0.0]
-    for t in times:
-        if distance.value(float(t))[0] <= 0.0:
-            value, time = units.say(distance.value(float(t))[0], "m"), units.say(float(t), "s")
-            what = f"the distance is {value} at {time}; it must stay above zero"
-            yield Problem(where, f"{what}, where the line between the markers has a direction")
-            return
+def closing(model: Model, distance: Expression) -> str | None:
+    """The sentence for a distance that does not stay above zero over the run, as far as seen."""
+    end, units = model.dynamics.duration if model.dynamics is not None else 0.0, model.units
+    for t in np.linspace(0.0, end, _SAMPLES if end > 0.0 else 1):
+        value = distance.value(float(t))[0]
+        if value <= 0.0:
+            told = f"the distance is {units.say(value, 'm')} at {units.say(float(t), 's')}"
+            return f"{told}; it must stay above zero, where the line between the markers is known"
+    return None
 
 
 def finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:

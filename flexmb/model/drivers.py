@@ -124,7 +124,7 @@ class DriverSpec(Spec):
             raise fail(Problem("joint", what))
         if len(told) > 1:
             raise fail(Problem("", f"drives one thing; given: {', '.join(told)}"))
-        problems = [*self._coordinates(), *self._words(), *self._starts()]
+        problems = self._coordinates() or [*self._words(), *self._starts()]
         if problems:
             raise fail(*problems)
         return self

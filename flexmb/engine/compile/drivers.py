@@ -17,6 +17,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.antiderivatives import antiderivative
+from flexmb.model.driver_problems import closing
 from flexmb.model.drivers import DriverSpec, Start
 from flexmb.model.expression import Expression
 from flexmb.model.markers import PlacedMarker
@@ -57,39 +58,41 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
     Raises
     ------
     SceneError
-        A function that cannot be integrated.
+        A function that cannot be integrated, or a distance that comes to zero.
     """
     driver = model.drivers[name]
     found = []
     for k, motion in enumerate(driver.motions(model.plane)):
         expression = motion.function.expression
         if driver.order > 0:
-            expression = _integrated(model, name, k, expression, ends, rows[k])
+            where = f"drivers.{name}.{motion.coordinate}"
+            first = _first(driver.start, k)
+            try:
+                if first is None:
+                    first = measured(model, (*rows[k], True), *ends)
+                line = (first, _first(driver.start_velocity, k) or 0.0)
+                expression = _integrated(model, driver.order, expression, line)
+            except ZeroDivisionError:
+                what = "the distance begins with zero: its direction is not known"
+                raise SceneError.from_problems([Problem(where, what)]) from None
+            except SceneError as error:
+                problems = [Problem(where, problem.what) for problem in error.problems]
+                raise SceneError.from_problems(problems) from None
+            what = closing(model, expression) if motion.coordinate == "distance" else None
+            if what is not None:
+                raise SceneError.from_problems([Problem(where, what)])
         found.append(expression)
     return found
 
 
 def _integrated(
-    model: Model, name: str, k: int, rate: Expression, ends: Ends, row: Kind
+    model: Model, order: int, rate: Expression, line: tuple[float, float]
 ) -> Expression:
-    """The displacement of a motion whose velocity or acceleration is prescribed."""
-    driver = model.drivers[name]
+    """The displacement of a rate; `line` holds its first value and velocity."""
     end = None if model.dynamics is None else model.dynamics.duration
-    where = f"drivers.{name}.{driver.motions(model.plane)[k].coordinate}"
-    try:
-        ops = antiderivative(rate.ops, driver.order, end)
-        first = _first(driver.start, k)
-        if first is None:
-            first = measured(model, (*row, True), *ends)
-    except ZeroDivisionError:
-        what = "the distance begins with zero: its direction is not known"
-        raise SceneError.from_problems([Problem(where, what)]) from None
-    except SceneError as error:
-        problems = [Problem(where, problem.what) for problem in error.problems]
-        raise SceneError.from_problems(problems) from None
-    speed = _first(driver.start_velocity, k) or 0.0
-    line = (("t", 0.0), ("const", speed), ("*", 0.0), ("const", first), ("+", 0.0))
-    return Expression(rate.text, (*ops, *line, ("+", 0.0)))
+    first, speed = line
+    start = (("t", 0.0), ("const", speed), ("*", 0.0), ("const", first), ("+", 0.0))
+    return Expression(rate.text, (*antiderivative(rate.ops, order, end), *start, ("+", 0.0)))
 
 
 def _first(start: Start | None, k: int) -> float | None:
