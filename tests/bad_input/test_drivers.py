@@ -44,7 +44,7 @@ def problems(plane="xy", *drivers):
         ({"joint": "sholder", "angle": 1}, ".joint", 'unknown joint "sholder"'),
         ({"marker": "b.top", "x": 1}, ".marker", 'body "b" has no marker "top"'),
         ({"marker": "ground", "x": 1}, ".marker", "a marker of ground does not move"),
-        ({"marker": "b.tip", "relative_to": "b", "x": 1}, ".relative_to", 'both markers are on "b"'),
+        ({"marker": "b.tip", "relative_to": "b", "x": 1}, ".relative_to", "both markers are on"),
         ({"marker": "b.tip", "z": 1}, ".z", "z leads out of the plane xy"),
         ({"marker": "b.tip", "relative_to": "a.side", "y": 1}, ".y", "y of a.side leads out of"),
         ({"marker": "b.tip", "position": [1, 2, 3]}, ".position", "2 coordinates in the plane xy"),
