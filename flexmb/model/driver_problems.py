@@ -34,16 +34,16 @@ def driver_problems(scope: Scope) -> Iterator[Problem]:
         where = f"drivers.{name}"
         yield from _target(scope, where, spec)
         for coordinate, function in spec.motions(scope.model.plane):
-            yield from finite(f"{where}.{coordinate}", function, derivatives=True)
+            yield from finite(f"{where}.{coordinate}", function, max(0, 2 - spec.order))
             target, key = _key(spec, coordinate)
             if key in driven:
                 what = f'the {coordinate} {target} is driven by "{driven[key]}" already'
                 yield Problem(where, what)
             driven.setdefault(key, name)
         if spec.distance is not None and spec.order == 0:
-            what = closing(scope.model, spec.distance.expression)
-            if what is not None:
-                yield Problem(f"{where}.distance", what)
+            told = closing(scope.model, spec.distance.expression)
+            if told is not None:
+                yield Problem(f"{where}.distance", told)
 
 
 def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
@@ -91,11 +91,10 @@ def closing(model: Model, distance: Expression) -> str | None:
     return None
 
 
-def finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    """A function that has a value at the start of a run, and derivatives if they are needed."""
-    jet = function.value(0.0)
+def finite(where: str, function: Function, derivatives: int = 0) -> Iterator[Problem]:
+    """A function that has a value at the start of a run, and as many derivatives as are needed."""
     parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
+    for part, value in zip(parts, function.value(0.0)[: derivatives + 1], strict=False):
         if not math.isfinite(value):
             text = function.expression.text
             yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')

@@ -165,6 +165,7 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
         _field_reader(BodySpec, "color"): lambda: _choice(COLORS),
         _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
         _field_reader(Tabulated, "file"): lambda: {"type": "string"},
+        _field_reader(Tabulated, "columns"): lambda: _list((GroupName, GroupName)),
         _field_reader(DriverSpec, "start"): lambda: {
             "anyOf": [NUMBER, {"type": "array", "items": NUMBER}]
         },

@@ -116,7 +116,7 @@ Amplitudes = Annotated[tuple[Ordinate, ...], BeforeValidator(plain)]
 
 
 class Fourier(FunctionForm):
-    """offset + sum over k = 1, 2, ... of a_k cos(k w t + phase) + b_k sin(k w t + phase)
+    """offset + sum over k = 1, 2, ... of a_k cos(k w t + phase) + b_k sin(k w t + phase),
 
     with w = 2 pi frequency, cosine = [a_1, a_2, ...] and sine = [b_1, b_2, ...]
     """

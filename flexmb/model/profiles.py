@@ -87,7 +87,7 @@ class Cycloidal(Rise):
 
 
 class ModifiedSine(Rise):
-    """y0 + (y1 - y0) m(s), s from 0 at t0 to 1 at t1
+    """y0 + (y1 - y0) m(s), s from 0 at t0 to 1 at t1;
 
     m'' = 4 pi^2/(4 + pi) times sin(4 pi s) in the first and last eighth, between them
     cos(4 pi s/3 - pi/6)
@@ -111,7 +111,7 @@ class _Rate(Quantity):
 
 
 class Trapezoidal(FunctionForm):
-    """y0 before t0, then even acceleration, even speed, even braking to y1
+    """y0 before t0, then even acceleration, even speed, even braking to y1;
 
     either within t1 - t0 (speeding up and braking take ramp each, a third by default), or in the
     least time with that speed and acceleration at most

@@ -144,9 +144,9 @@ class Tabulated(FunctionForm):
 
 
 class CubicSpline(Tabulated):
-    """cubic spline through points, with two continuous derivatives
+    """cubic spline through points, with two continuous derivatives.
 
-    ends: natural (no curvature), clamped (level) or periodic. Beyond the points: an error, their
+    Ends: natural (no curvature), clamped (level) or periodic. Beyond the points: an error, their
     first and last value (hold), the same cubics (extrapolate), or all over again (repeat). A file
     has its two columns told by their names in the first line or by numbers from 1 on.
     """
@@ -172,7 +172,7 @@ class CubicSpline(Tabulated):
 
 
 class AkimaSpline(Tabulated):
-    """cubics through points that do not overshoot beside corners, one continuous derivative
+    """cubics through points that do not overshoot beside corners, one continuous derivative.
 
     Points, file and what is beyond them as for a spline.
     """
@@ -184,7 +184,7 @@ class AkimaSpline(Tabulated):
 
 
 class Table(Tabulated):
-    """straight lines from point to point
+    """straight lines from point to point.
 
     Points, file and what is beyond them as for a spline. Its slope jumps at the points.
     """

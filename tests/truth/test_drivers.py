@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from enginekit import interpreted
 
+pytestmark = pytest.mark.slow
+
 CODE = '''
 import numpy as np
 from generators import cloud, interface
@@ -149,7 +151,11 @@ def test_a_distance_is_the_stroke_of_a_cylinder_and_its_multiplier_the_force(fou
 @pytest.mark.parametrize(
     ("name", "angle", "acceleration"),
     [
-        ("speed", lambda t: 0.3 + 40 * t + 5 / 7 * (1 - np.cos(7 * t)), lambda t: 35 * np.cos(7 * t)),
+        (
+            "speed",
+            lambda t: 0.3 + 40 * t + 5 / 7 * (1 - np.cos(7 * t)),
+            lambda t: 35 * np.cos(7 * t),
+        ),
         (
             "acceleration",
             lambda t: (

@@ -78,7 +78,7 @@ def test_peaks_in_closed_form(name, speed, acceleration, first):
     jets = np.array([function.value(t) for t in np.linspace(0.0, 1.0, 1001)[1:-1]])
     assert jets[:, 1].max() == pytest.approx(speed, rel=1e-5)
     # 1000 samples miss a peak by (1/2000)² of its curvature, a start by its slope (70) over 1000
-    assert jets[:, 2].max() == pytest.approx(acceleration, rel=1e-3)
+    assert jets[:, 2].max() == pytest.approx(acceleration, rel=3e-3)
     assert jets[0, 2] == pytest.approx(first, abs=8e-2)
 
 
