@@ -72,6 +72,7 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
     )
 
 
