@@ -195,7 +195,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     nq, nv, nc = sizes(system)
     m = system.parts.bodies["m"]
     nfun = len(system.functions.start) - 1
-    nfun += 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    nfun += int(np.sum(system.follows["first"]))
     depth = int(system.functions.depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),

@@ -68,7 +68,7 @@ def _driver_power(rows, fun, lam):
     p = 0.0
     for k in range(rows.shape[0]):
         f = rows[k]["fun"]
-        if f >= 0 and rows[k]["coordinate"] < 0:
+        if f >= 0 and rows[k]["follows"] == 0:
             p -= lam[k] * fun[f, 1]
     return p
 

@@ -11,7 +11,7 @@ from flexmb.engine.kernels.time_function import evaluate_all
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
     evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
-    coordinate.put_values(sys.parts.coordinates, q, wk.con.fun)
+    coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
 
@@ -20,7 +20,7 @@ def position_stage(sys, wk, t, q):
 def velocity_stage(sys, wk, v):
     """Velocities of the markers and of the scalar coordinates after a position stage."""
     kinematics.velocity(sys.parts, wk.now, v)
-    coordinate.put_rates(sys.parts.coordinates, v, wk.con.fun)
+    coordinate.put_rates(sys.parts.coordinates, sys, v, wk.con.fun)
 
 
 @kernel
