@@ -191,6 +191,7 @@ def loop_settings(
     works = bool(
         system.springs is not None
         or len(system.loads) > 0
+        or system.signals is not None
         or system.parts.coordinates is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
@@ -198,6 +199,7 @@ def loop_settings(
     stiff = bool(
         system.springs is not None
         or system.parts.coordinates is not None
+        or system.signals is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
     return method.Settings(

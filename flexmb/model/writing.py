@@ -38,7 +38,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
             for name, spec in model.bodies.items()
         },
     }
-    for section in ("joints", "drivers", "forces", "sensors"):
+    for section in ("joints", "drivers", "forces", "sensors", "states", "controllers"):
         scene[section] = {
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }

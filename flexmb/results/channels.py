@@ -67,9 +67,10 @@ def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Ch
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
-    types = {name: str(spec.get("type", "")) for name, spec in scene.get("sensors", {}).items()}
+    owners = ("sensors", "states", "controllers")
+    tables = {name: table for owner in owners for name, table in scene.get(owner, {}).items()}
     for i, name in enumerate(columns.channels):
-        yield Channel(name, "sensors", i, channel_unit(types, name) or "")
+        yield Channel(name, "sensors", i, channel_unit(tables, name) or "")
 
 
 def _reactions(found: tuple[Sides, ...]) -> Iterator[Channel]:

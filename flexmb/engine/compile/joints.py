@@ -123,6 +123,11 @@ def joint_groups(
         row = _driven(model, force.joint, force.coordinate)
         entry = Entry(*row, follows=((k, 1.0),))
         groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
+    first = len(coordinates.joint_springs(model))
+    for k, (name, line) in enumerate(coordinates.line_forces(model).items()):
+        I, J = (markers.add(lookup.placed(model, end, flexbodies)) for end in line.between)  # noqa: E741
+        entry = Entry(DISTANCE, 0, 0, follows=((first + k, 1.0),))
+        groups.add(f"forces.{name}", markers, I, J, [entry])
     return groups
 
 

@@ -9,6 +9,17 @@ from flexmb.engine.kernels.vector import put
 
 
 @kernel
+def add_wrenches(lines, rows, group, markers, lam, g, w):
+    """Add the wrenches on markers I and J of one group to w (12), global axes; g (12) is scratch."""
+    for r in range(group["row"], group["row"] + group["n"]):
+        row = rows[r]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
+
+
+@kernel
 def read(sys, markers, lam, g, out):
     """out (12 groups): force and moment on marker J in its axes, then on marker I in its axes.
 
@@ -17,14 +28,9 @@ def read(sys, markers, lam, g, out):
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]
         i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        mi, mj = markers[i], markers[j]
         for c in range(12):
             w[c] = 0.0
-        for r in range(group["row"], group["row"] + group["n"]):
-            row = sys.rows[r]
-            primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g[0])
-            for c in range(12):
-                w[c] -= lam[r] * g[0, c]
+        add_wrenches(sys.lines, sys.rows, group, markers, lam, g[0], w)
         for part in range(4):
             R = markers[j]["R"] if part < 2 else markers[i]["R"]
             at = 6 + 3 * part if part < 2 else 3 * part - 6

@@ -29,7 +29,7 @@ from flexmb.engine.tables import (
     SEEN_OMD,
     STATE,
     SUM,
-    TURN,
+    ANGLES_TURN,
 )
 
 
@@ -50,7 +50,7 @@ def follow_turns(further, sensors, markers, angles):
     if further is not None:
         for c in range(sensors.channels.shape[0]):
             channel = sensors.channels[c]
-            if channel["turns"] == TURN and channel["a"] == 0:
+            if channel["turns"] == ANGLES_TURN and channel["a"] == 0:
                 term = sensors.terms[channel["first"]]
                 Ri, Rj = turning.axes(markers, term)
                 angles[c], angles[c + 1], angles[c + 2] = turning.angles(
@@ -66,31 +66,32 @@ def forget(angles):
 
 
 @kernel
-def read(further, sys, wk, t, v, vd, lam, energies, angles, out):
+def read(further, sys, wk, t, q, v, vd, lam, energies, angles, out):
     """out (channels) of all sensors; after position, velocity and bias stages.
 
     `energies`: those of the output; `angles`: the continuous ones, at this position.
     """
-    channels = sys.sensors.channels
-    for c in range(channels.shape[0]):
-        if channels[c]["turns"] != 0:
+    for c in range(out.shape[0]):
+        channel = sys.sensors.channels[c]
+        if channel["turns"] != 0:
             out[c] = angles[c]
-        elif channels[c]["what"] == SUM:
-            out[c] = total(further, sys.lines, sys.parts, wk.now, channels[c], sys.sensors, vd, wk.dense)
+        elif channel["what"] == SUM:
+            out[c] = total(further, sys.lines, sys.parts, wk.now, channel, sys.sensors, vd, wk.dense)
         else:
-            out[c] = other(further, sys, wk, channels[c], v, lam, energies)
-    _read_expressions(further, sys, wk, t, out)
+            out[c] = other(further, sys, wk, channel, q, v, lam, energies)
+    _read_expressions(further, sys, wk, t, v, out)
 
 
 @kernel
-def _read_expressions(further, sys, wk, t, out):
-    """Channels that are computed of others, by their numbers as variables."""
+def _read_expressions(further, sys, wk, t, v, out):
+    """Channels that are computed of others, which are the variables of their programs."""
     if further is not None:
-        variables = wk.trial.readings
-        for k in range(out.shape[0]):
-            variables[k, 0], variables[k, 1], variables[k, 2] = out[k], 0.0, 0.0
+        variables, channels = wk.trial.variables, sys.sensors.channels
+        for k in range(channels.shape[0]):
+            x = out[k] if k < out.shape[0] else v[channels[k]["first"]]
+            variables[k, 0], variables[k, 1], variables[k, 2] = x, 0.0, 0.0
         for c in range(out.shape[0]):
-            channel = sys.sensors.channels[c]
+            channel = channels[c]
             if channel["what"] == EXPRESSION:
                 out[c], _, _ = evaluate(
                     sys.sensors.programs, channel["first"], t, variables, wk.trial.stack
@@ -189,13 +190,13 @@ def _length(further, lines, term, mi, mj):
 
 
 @kernel
-def other(further, sys, wk, channel, v, lam, energies):
+def other(further, sys, wk, channel, q, v, lam, energies):
     """What is no sum of terms: a component of a wrench, an energy, a state."""
     if further is not None:
         if channel["what"] == STATE:
             return v[channel["first"]]
         if channel["what"] == ENERGY:
-            return wrench.energy(sys, wk, channel, v, energies)
+            return wrench.energy(sys, wk, channel, q, v, energies)
         if channel["what"] != EXPRESSION:
             return wrench.component(sys, wk, channel, lam)
     return math.nan

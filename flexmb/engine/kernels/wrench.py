@@ -47,7 +47,7 @@ def _spring(springs, markers, asked, k, w):
 
 
 @kernel
-def energy(sys, wk, channel, v, energies):
+def energy(sys, wk, channel, q, v, energies):
     """An energy of the whole model, their sum (4), or one of a single body."""
     what, body = channel["first"], channel["n"]
     if what == 4:
@@ -56,7 +56,6 @@ def energy(sys, wk, channel, v, energies):
         return energies[what]
     if what == 0:
         return energies_of.body_kinetic(sys.parts, wk.now, v, body, wk.dense.B)
-    q = wk.trial.q
     if what == 1:
         return energies_of.body_strain(sys.parts, q, body)
     return energies_of.body_weight(sys.parts, wk.now, q, body)
