@@ -14,6 +14,7 @@ import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.loops import loop_notes
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine import method
@@ -145,6 +146,7 @@ def prepare(
             f"{redundant} of {compiled.layout.nc} constraint equations repeat others: the motion "
             "is unique, the reactions there are not (the least ones are reported)"
         )
+    notes += loop_notes(model)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")

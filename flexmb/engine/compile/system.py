@@ -37,6 +37,7 @@ class Compiled:
     length: float
     flexbodies: Mapping[str, FlexBody]
     starts: tuple[signals.Start, ...] = ()  # of the states
+    numbers: tuple[str, ...] = ()  # names of all channels and states by their number
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -131,7 +132,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         fingerprint=fingerprint(system),
     )
     placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known, tuple(starts))
+    return Compiled(system, layout, placed, length, known, tuple(starts), tuple(numbers))
 
 
 def fingerprint(system: System) -> str:
