@@ -14,9 +14,9 @@ import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.loops import loop_notes
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
+from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
@@ -38,6 +38,21 @@ class Sink(Protocol):
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A sink that shows its rows to those who look for singular poses."""
+
+    sink: Sink
+    poses: SingularPoses
+
+    def append(self, block: OutputBlock) -> None:
+        self.poses.add(block)
+        self.sink.append(block)
+
+    def save_state(self, state: dict[str, np.ndarray]) -> None:
+        self.sink.save_state(state)
 
 
 @dataclass(frozen=True)
@@ -167,7 +182,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
-    status, message = _integrate(prepared, sink, progress)
+    poses = SingularPoses(run.compiled.layout, prepared.model)
+    status, message = _integrate(prepared, _Watched(sink, poses), progress)
+    notes += poses.notes
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
 from flexmb.model import signals
-from flexmb.model.expression import unknown_channel
+from flexmb.model.expression import CONSTANTS, unknown_channel
 from flexmb.model.forces import LoadSpec
 from flexmb.model.scope import Scope
 from flexmb.model.sensors import (
@@ -99,9 +99,11 @@ def _names(scope: Scope) -> Iterator[Problem]:
 
 
 def _two_meanings(scope: Scope, where: str, text: str) -> Iterator[Problem]:
-    for name in scope.model.parameters:
+    known = {**dict.fromkeys(CONSTANTS, "a constant"), "t": "the time"}
+    known |= dict.fromkeys(scope.model.parameters, "a parameter")
+    for name, meaning in known.items():
         if name in scope.model.channels() and re.search(rf"(?<![\w.]){re.escape(name)}\b", text):
-            yield Problem(where, f'"{name}" is a parameter and a channel; rename one of them')
+            yield Problem(where, f'"{name}" is {meaning} and a channel; rename the channel')
 
 
 def _circles(model: Model) -> Iterator[Problem]:
