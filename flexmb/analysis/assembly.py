@@ -95,8 +95,7 @@ def assemble(
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_level(stiff, state, work, VELOCITIES)
-        else:
-            _start_states(compiled, state, work)
+        _start_states(compiled, state, work, begin)
 
     close()
     notes = asked.notes(state) if begin is None else []
@@ -107,11 +106,12 @@ def assemble(
     return Assembled(state, work, tuple(notes))
 
 
-def _start_states(compiled: Compiled, state: State, work: Work) -> None:
+def _start_states(compiled: Compiled, state: State, work: Work, begin: Begin | None) -> None:
     """Set the states: values, then what starts as a function has then, which may need others."""
-    for start in compiled.starts:
+    free = [s for s in compiled.starts if begin is None or np.isnan(begin.v[s.iv])]
+    for start in free:
         state.v[start.iv] = start.value
-    follow = [start for start in compiled.starts if start.program >= 0]
+    follow = [start for start in free if start.program >= 0]
     for _ in follow:
         solve_level(compiled.system, state, work, RESIDUAL)
         for start in follow:

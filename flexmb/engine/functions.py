@@ -31,7 +31,7 @@ def lower(
     Returns
     -------
     FunctionTable
-        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, live (k,) int32.
+        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, live (k,).
     """
     known = variables or {}
     steps = [step for expression in expressions for step in expression.ops]

@@ -166,9 +166,9 @@ TERM = np.dtype(
 
 # One partial derivative that forces need: of the program of a signal with respect to a channel.
 PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
-# Where a partial derivative enters the iteration matrix. What acts: component `a` of load `load`, or
-# the scalar coordinate with velocity `iv` if load = -1. What it depends on: `term` at its marker I
-# or J (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same one.
+# Where a partial derivative enters the iteration matrix. What acts: component `a` of load `load`,
+# or the scalar coordinate with velocity `iv` if load = -1. What it depends on: `term` at its marker
+# I or J (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
 PULL = np.dtype(
     [
         ("partial", _I),
@@ -276,8 +276,8 @@ POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6,
 LINES = (TWIST, RADIAL, MOMENT)
 # What channels are.
 SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
-# Kinds of terms beside the rows: motions along axes (x, velocity, acceleration, angular velocity and
-# acceleration, what turning axes add to the latter), three angles.
+# Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
+# angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90
 ALONG = 100
 ALONG_X, ALONG_V, ALONG_A, ALONG_OM, ALONG_OMD, SEEN_OMD = range(ALONG, ALONG + 6)

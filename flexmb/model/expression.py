@@ -19,7 +19,15 @@ from dataclasses import dataclass
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model import jets
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "Expression", "channel_of", "names_in", "parse", "unknown_channel"]
+__all__ = [
+    "CONSTANTS",
+    "FUNCTIONS",
+    "Expression",
+    "channel_of",
+    "names_in",
+    "parse",
+    "unknown_channel",
+]
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e, "deg": math.pi / 180}
 FUNCTIONS: dict[str, tuple[int, str]] = {
@@ -173,9 +181,7 @@ def _error(
 class _Lowering:
     """Turns the syntax tree into postfix operations, folding constants on the way."""
 
-    def __init__(
-        self, text: str, names: Mapping[str, float], time: bool, channels: bool
-    ) -> None:
+    def __init__(self, text: str, names: Mapping[str, float], time: bool, channels: bool) -> None:
         self.text, self.names, self.time, self.channels = text, names, time, channels
         flat = text.replace("\n", " ")
         self.lead = len(flat) - len(flat.lstrip())

@@ -161,7 +161,7 @@ class Function:
 
 @dataclass(frozen=True)
 class FunctionOf:
-    """Annotation of a :class:`Function`: the SI unit of its value, and whether it may name channels."""
+    """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
 
     unit: str
     channels: bool = False

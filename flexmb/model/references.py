@@ -91,9 +91,7 @@ def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[P
         yield Problem(where, "does nothing: give stiffness, damping or value")
 
 
-def _length(
-    scope: Scope, where: str, between: tuple[str, str], noun: str
-) -> Iterator[Problem]:
+def _length(scope: Scope, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
     """A line needs two points apart, as far as they are known."""
     model = scope.model
     try:

@@ -50,7 +50,7 @@ class SensorSpec(Spec):
 
 
 class MarkerSensorSpec(SensorSpec):
-    """Motion of the marker ``of``, less that of ``relative_to``, in global axes or those of a marker.
+    """Motion of the marker ``of``, less that of ``relative_to``, in global or a marker's axes.
 
     ``axes``: along the axes that this marker has at the time. ``seen_from``: as an observer sees it
     who moves and turns with this marker, in its axes.
@@ -135,7 +135,7 @@ class DistanceSensorSpec(SensorSpec):
 
 
 class ReactionSensorSpec(SensorSpec):
-    """What a joint, a driver or a force does to a marker: its force, or its moment about the marker.
+    """What a joint, driver or force does to a marker: its force, or its moment about it.
 
     On marker ``on`` of the two; in the joint's axes there, in global ones, or those of a marker. A
     force or torque at one marker acts on J.

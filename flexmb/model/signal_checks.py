@@ -140,4 +140,3 @@ def _only_reported(model: Model) -> Iterator[Problem]:
             if isinstance(model.sensors.get(name), EnergySensorSpec):
                 what = f'"{name}" is an energy, known at outputs only: no force can follow it'
                 yield Problem(where, what)
-

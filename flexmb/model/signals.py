@@ -131,9 +131,7 @@ def _output(model: Model, name: str, spec: ControllerSpec) -> Ops:
     b, a = _monic(spec)
     n = len(a)
     parts = [
-        _times(c, ((f"@{name}.{i}", 0.0),))
-        for i in range(n)
-        if (c := b[i] - a[i] * b[n]) != 0.0
+        _times(c, ((f"@{name}.{i}", 0.0),)) for i in range(n) if (c := b[i] - a[i] * b[n]) != 0.0
     ]
     if spec.direct:
         parts.append(_times(b[n], _inlined(model, spec.input.expression.ops)))
@@ -223,6 +221,8 @@ def depends_on(model: Model, name: str) -> tuple[str, ...]:
     sensor, controller = model.sensors.get(name), model.controllers.get(name)
     if isinstance(sensor, ExpressionSensorSpec):
         return sensor.value.expression.channels
-    if controller is None or (isinstance(controller, TransferFunctionSpec) and not controller.direct):
+    if controller is None or (
+        isinstance(controller, TransferFunctionSpec) and not controller.direct
+    ):
         return ()
     return controller.input.expression.channels

@@ -45,7 +45,7 @@ UnitName = Annotated[str, Reader(_unit)]
 
 @dataclass(frozen=True)
 class ToldUnit:
-    """Annotation of a :class:`Function` in the unit that its table tells; ``rate``: that per time."""
+    """Annotation of a :class:`Function` in the unit its table tells; ``rate``: that per time."""
 
     rate: bool = False
     channels: bool = True

@@ -96,5 +96,7 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
             yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
     n = len(columns.coordinates)  # scalar ones stand behind the bodies
     for i, name in enumerate(columns.coordinates):
-        yield Channel(name, "q", columns.nq - n + i, "")
-        yield Channel(f"{name}.rate", "v", columns.nv - n + i, "")
+        state = name.startswith("states.")  # its velocity is the state
+        own, rate = (f"{name}.integral", name) if state else (name, f"{name}.rate")
+        yield Channel(own, "q", columns.nq - n + i, "")
+        yield Channel(rate, "v", columns.nv - n + i, "")

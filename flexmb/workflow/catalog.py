@@ -98,7 +98,9 @@ def _controllers() -> Listing:
     from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 
     kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
-    return Listing("states and controllers: [states.name], [controllers.name]", fields_tables(kinds))
+    return Listing(
+        "states and controllers: [states.name], [controllers.name]", fields_tables(kinds)
+    )
 
 
 def _shapes() -> Listing:

@@ -146,9 +146,7 @@ def test_a_sequence_that_is_none(sequence):
 
 
 def test_an_observer_has_axes_of_its_own():
-    text = refused(
-        model().add_sensor, "p", "position", of="cart", seen_from="ground", axes="cart"
-    )
+    text = refused(model().add_sensor, "p", "position", of="cart", seen_from="ground", axes="cart")
     assert "sensors.p.seen_from: is an observer with axes of its own" in text
 
 
@@ -187,7 +185,9 @@ def test_a_singular_pose_is_noted():
     layout = Layout((), (), 0, 0, 0, (), (), channels, (), "")
     beta = np.zeros((3, len(channels)))
     beta[1, channels.index("o.beta")] = np.radians(89.5)
-    rows = OutputBlock(np.array([0.0, 0.5, 1.0]), *[np.zeros((3, 0))] * 5, beta, *[np.zeros((3, 0))] * 2)
+    rows = OutputBlock(
+        np.array([0.0, 0.5, 1.0]), *[np.zeros((3, 0))] * 5, beta, *[np.zeros((3, 0))] * 2
+    )
     poses = SingularPoses(layout, made)
     poses.add(rows)
     (note,) = poses.notes

@@ -93,8 +93,6 @@ def test_coordinates_have_their_rates(moving, kind):
     np.testing.assert_allclose(rates, [found[f"{kind}1"], found[f"{kind}2"]], rtol=1e-7)
 
 
-
-
 def test_axes_of_a_marker_turn_components_only(moving):
     """The difference of global velocities, in the axes of a third marker."""
     bench = moving.at()

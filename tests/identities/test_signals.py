@@ -162,3 +162,43 @@ def test_accelerations_enter_the_matrix_of_a_step():
     wanted = 2.5 * bench.vd[:3]
     np.testing.assert_allclose(bench.at().residual[:3], wanted, rtol=1e-12)
     np.testing.assert_allclose(bench.matrix(cv=1e-9)[:3, :3], 2.5 * np.eye(3), atol=1e-8)
+
+
+def servo(units):
+    """A body under a PID controller, a transfer function and a state, in SI or in mm, kN and ms."""
+    mm, ms, kN = (1.0, 1.0, 1.0) if units == "SI" else (1e3, 1e3, 1e-3)
+    model = Model("servo", units=units)
+    model.add_body("a", mass=2, inertia=[1e-2 * mm**2] * 3, position=[0.3 * mm, 0, 0])
+    model.add_sensor("x", "position", of="a")
+    model.add_sensor("v", "velocity", of="a")
+    model.add_controller(
+        "pid", "pid", input=f"{mm} - x.x", kp=2 * kN / mm, ki=3 * kN / mm / ms,
+        kd=4 * kN / mm * ms, filter=0.5 * ms, limits=[-1 * kN, 9 * kN], unit="N",
+    )  # fmt: skip
+    model.add_controller(
+        "g", "transfer-function", input=f"x.x/{mm}*t/{ms}", unit="N",
+        numerator=[0.3 * ms * kN, 0.7 * kN], denominator=[0.2 * ms, 1],
+    )  # fmt: skip
+    model.add_state("z", rate=f"-2/{ms}*z + v.x", start=0.2 * mm, unit="m")
+    model.add_force("f", "force", at="a", value=["pid", "g", f"{kN}*sin(z/{mm})"])
+    return model
+
+
+def test_controllers_mean_the_units_of_the_scene():
+    """Gains, times and limits told in mm, kN and ms give the forces and rates of SI."""
+    found = []
+    for units in ("SI", "mm-kg-ms"):
+        bench = Bench(servo(units))
+        bench.v[:3] = 0.4, 0.1, 0.2
+        for start in bench.compiled.starts:
+            bench.v[start.iv] = start.value
+        names = [start.iv for start in bench.compiled.starts]
+        bench.at(t=0.7)
+        channels = dict(zip(bench.layout.channels, bench.channels, strict=True))
+        z = bench.residual[names[0]]
+        found.append([*bench.residual[:3], z, *(channels[name] for name in ("pid", "g", "z"))])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
+    x, t, v = 0.3, 0.7, 0.4
+    kick = 2 * (1 - x) + 4 / 0.5 * (1 - x)  # filter and integral at zero
+    wanted = [-kick, -1.5 * x * t, -np.sin(0.2), 2 * 0.2 - v, kick, 1.5 * x * t, 0.2]
+    np.testing.assert_allclose(found[0], wanted, rtol=1e-12)

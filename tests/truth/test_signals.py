@@ -58,15 +58,15 @@ def test_a_spring_by_expression_swings_as_a_spring_damper(method):
     knobs = {"duration": 4.0, "accuracy": 1e-5, "outputs": 40, "method": method}
     found = run(model, **knobs)
     w, decay = np.sqrt(9 - 0.09), 0.3
-    wanted = 0.4 * np.exp(-decay * found.t) * (
-        np.cos(w * found.t) + decay / w * np.sin(w * found.t)
+    wanted = (
+        0.4 * np.exp(-decay * found.t) * (np.cos(w * found.t) + decay / w * np.sin(w * found.t))
     )
     np.testing.assert_allclose(found["x.x"], wanted, atol=4e-5)
     assert found.mismatch() < 1e-3 * 0.5 * 9 * 0.16
 
 
 def test_forces_along_lines_and_on_joints_by_expression():
-    """The same oscillator by a line force that pushes where positive, and by the joint's actuator."""
+    """The same oscillator by a line force, which pushes where positive, and by an actuator."""
     knobs = {"duration": 2.0, "step": 5e-3, "outputs": 20}
     plain = run(push(slider(position=[1.4, 0, 0]), "-9*(x.x - 1) - 0.6*v.x"), **knobs)
     line = slider(position=[1.4, 0, 0])
@@ -99,9 +99,7 @@ def test_a_servo_follows_a_step_as_the_linear_system_does(method):
     any wrap of the angle where it is scaled by three."""
     model = wheel()
     kp, ki, kd, T, J = 20.0, 8.0, 6.0, 0.02, 0.5
-    model.add_controller(
-        "pid", "pid", input="6 - angle", kp=kp, ki=ki, kd=kd, filter=T, unit="N m"
-    )
+    model.add_controller("pid", "pid", input="6 - angle", kp=kp, ki=ki, kd=kd, filter=T, unit="N m")
     model.add_force("motor", "rotational-spring-damper", joint="hinge", value="pid")
     found = run(model, duration=4.0, accuracy=1e-5, outputs=80, method=method)
     # The filter starts at the first error: its rate is that of −φ. With E = 6/s − Φ,
@@ -138,7 +136,9 @@ def test_a_limited_output_does_not_wind_up():
 def test_transfer_functions_against_scipy(method):
     """First-order lag in closed form; third order with a direct part against lsim."""
     model = push(slider(), "sin(3*t)")
-    model.add_controller("lag", "transfer-function", input="1", numerator=[2], denominator=[0.25, 1])
+    model.add_controller(
+        "lag", "transfer-function", input="1", numerator=[2], denominator=[0.25, 1]
+    )
     given = [1, 4, 3, 2], [1, 2, 6, 5]
     model.add_controller(
         "third", "transfer-function", input="x.x", numerator=given[0], denominator=given[1]

@@ -59,9 +59,7 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
         for name, spec in joint_springs(model).items()
     ]
     lines = [
-        Scalar(
-            f"forces.{name}", function=functions.add(spec.value.expression), angular=False
-        )
+        Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
         for name, spec in line_forces(model).items()
     ]
     own = [

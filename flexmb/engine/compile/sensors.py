@@ -162,7 +162,11 @@ class Channels:
 
     def _element(self, spec: ReactionSensorSpec) -> tuple[int, int]:
         """What kind of wrench, and the index of its element."""
-        for section, name in (("joints", spec.joint), ("drivers", spec.driver), ("forces", spec.force)):
+        for section, name in (
+            ("joints", spec.joint),
+            ("drivers", spec.driver),
+            ("forces", spec.force),
+        ):
             if name is not None and f"{section}.{name}" in self.owners:
                 return REACTION, self.owners.index(f"{section}.{name}")
         assert spec.force is not None  # joints and drivers have groups

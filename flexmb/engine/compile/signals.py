@@ -81,8 +81,8 @@ def signal_tables(
 ) -> SignalTables | None:
     """Tables of all functions that name channels; None if there are none.
 
-    `numbers` are those of the channels by name. Blocks are numbered as in `symbolic.Blocks`: bodies,
-    then scalar coordinates.
+    `numbers` are those of the channels by name. Blocks are numbered as in `symbolic.Blocks`:
+    bodies, then scalar coordinates.
     """
     live = {k: f.channels for k, f in enumerate(functions.programs) if f.channels}
     if not live:
@@ -100,9 +100,7 @@ def signal_tables(
             for term, side, state, block in _sources(
                 sensors, numbers[name], scalars, markers, n_bodies
             ):
-                pulls.append(
-                    (at, effect.load, effect.a, effect.iv, -1, term, side, state, -1)
-                )
+                pulls.append((at, effect.load, effect.a, effect.iv, -1, term, side, state, -1))
                 blocks.append((effect.block, block))
     used = sorted({numbers[name] for names in live.values() for name in names})
     signals = Signals(

@@ -86,9 +86,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
     columns = _columns(model, table)
-    acting = signals.signal_tables(
-        functions, numbers, sensor_tables, loads, scalar_table, markers
-    )
+    acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
     blocks = _blocks(columns, groups, len(scalars), springs, markers)
     if acting is not None:
         blocks.couples.extend(acting.couples)

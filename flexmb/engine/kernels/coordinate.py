@@ -2,8 +2,8 @@
 
 A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
 then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
-mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. A state of
-a controller has mass one and no row, its velocity is the state and u its rate; it has no energy.
+mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. States
+beside the bodies have mass one and no row, ṡ is the state and u its rate; they have no energy.
 Values and rates of the sums stand beside those of the functions in Constraints.fun.
 """
 

@@ -1,7 +1,7 @@
 """Functions of time and of measured channels: one small stack machine for all of them.
 
-In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and second
-derivative in t, by second-order jets (chain rule), exact to round-off and without allocation. A
+In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and
+second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
 partial derivative is the first derivative with one variable's rate set to 1, less that with all at
 0. Outside the domain of a
 function (logarithm of a negative number, division by zero) the result is not finite; the caller
@@ -183,7 +183,8 @@ def _binary(op, a, b):
 def evaluate(table, k, t, variables, stack):
     """Value, first and second derivative of function k at time t [s].
 
-    ``variables`` (n, 3) are the jets that the operation VAR loads; ``stack`` is (depth, 3) float64 scratch, at least ``table.depth`` rows.
+    ``variables`` (n, 3) are the jets that the operation VAR loads; ``stack`` is (depth, 3)
+    float64 scratch, at least ``table.depth`` rows.
     """
     begin, end = table.start[k], table.start[k + 1]
     if end - begin == 1 and table.ops[begin] == CONST:

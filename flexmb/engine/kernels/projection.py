@@ -85,8 +85,8 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
     q and v are.
 
-    Returns the number of replaced pivots, −1 − k for spring k of no length, or LOOP where forces that
-    depend on accelerations or reactions find none that fit.
+    Returns the number of replaced pivots, −1 − k for spring k of no length, or LOOP where forces
+    that depend on accelerations or reactions find none that fit.
     """
     fac = wk.factor
     position_stage(sys, wk, t, q)
@@ -129,9 +129,8 @@ def _solve(sys, wk, q, v, vd, lam):
 @kernel
 def _settled(signals, sys, wk, t, q, v, vd, lam):
     """Solve again while forces depend on what was found; whether that came to an end."""
-    if signals is not None:
-        if signals.implicit[0] == 1:
-            return _repeat(signals, sys, wk, t, q, v, vd, lam)
+    if signals is not None and signals.implicit[0] == 1:
+        return _repeat(signals, sys, wk, t, q, v, vd, lam)
     return True
 
 

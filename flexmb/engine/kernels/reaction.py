@@ -10,7 +10,7 @@ from flexmb.engine.kernels.vector import put
 
 @kernel
 def add_wrenches(lines, rows, group, markers, lam, g, w):
-    """Add the wrenches on markers I and J of one group to w (12), global axes; g (12) is scratch."""
+    """Add the wrenches on markers I and J of one group to w (12), global; g (12) is scratch."""
     for r in range(group["row"], group["row"] + group["n"]):
         row = rows[r]
         mi, mj = markers[row["I"]], markers[row["J"]]

@@ -1,4 +1,4 @@
-"""What sensors read: motions of markers, coordinates between them, reactions, energies, expressions.
+"""What sensors read: motions of markers, coordinates, reactions, energies, expressions.
 
 A channel is a sum of terms with factors, each a component of a marker's motion along an axis, the
 value or rate of a constraint primitive, or one of three turning angles; or it is read off the
@@ -24,12 +24,12 @@ from flexmb.engine.tables import (
     ALONG_V,
     ALONG_X,
     ANGLE,
+    ANGLES_TURN,
     ENERGY,
     EXPRESSION,
     SEEN_OMD,
     STATE,
     SUM,
-    ANGLES_TURN,
 )
 
 
@@ -76,7 +76,9 @@ def read(further, sys, wk, t, q, v, vd, lam, energies, angles, out):
         if channel["turns"] != 0:
             out[c] = angles[c]
         elif channel["what"] == SUM:
-            out[c] = total(further, sys.lines, sys.parts, wk.now, channel, sys.sensors, vd, wk.dense)
+            out[c] = total(
+                further, sys.lines, sys.parts, wk.now, channel, sys.sensors, vd, wk.dense
+            )
         else:
             out[c] = other(further, sys, wk, channel, q, v, lam, energies)
     _read_expressions(further, sys, wk, t, v, out)
@@ -167,7 +169,11 @@ def _coordinate(further, lines, parts, now, term, vd, dense):
     i, j, kind, a, b = term["I"], term["J"], term["kind"], term["a"], term["b"]
     mi, mj = now.marker[i], now.marker[j]
     if further is None or term["level"] == 0:
-        return joint_angle(mi["R"], mj["R"], b) if kind == ANGLE else _length(further, lines, term, mi, mj)
+        return (
+            joint_angle(mi["R"], mj["R"], b)
+            if kind == ANGLE
+            else _length(further, lines, term, mi, mj)
+        )
     g = dense.g[0]
     primitive.gradient(lines, kind, a, b, mi, mj, g)
     if term["level"] == 1:

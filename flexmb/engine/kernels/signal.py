@@ -41,12 +41,12 @@ def _channel(sys, wk, c, q, v, vd, lam):
     if channel["turns"] == ANGLES_TURN:
         term, near, first = sys.sensors.terms[channel["first"]], wk.live.near, c - channel["a"]
         Ri, Rj = turning.axes(wk.now.marker, term)
-        x, y, z = turning.angles(
-            term["a"], Ri, Rj, near[first], near[first + 1], near[first + 2]
-        )
+        x, y, z = turning.angles(term["a"], Ri, Rj, near[first], near[first + 1], near[first + 2])
         return x if channel["a"] == 0 else y if channel["a"] == 1 else z
     if channel["what"] == SUM:
-        s = sensor.total(sys.further, sys.lines, sys.parts, wk.now, channel, sys.sensors, vd, wk.dense)
+        s = sensor.total(
+            sys.further, sys.lines, sys.parts, wk.now, channel, sys.sensors, vd, wk.dense
+        )
         near = wk.live.near[c] if channel["turns"] == ANGLE_TURNS else math.nan
         return s if math.isnan(near) else near + wrapped(s - near)
     return sensor.other(sys.further, sys, wk, channel, q, v, lam, wk.trial.power)

@@ -66,7 +66,7 @@ def _partial_derivatives(signals, sys, wk):
 
 @kernel
 def _left(sys, wk, pull):
-    """Generalised force per unit of what acts, into live.left; its first coordinate, and how many."""
+    """Generalised force per unit of what acts, into live.left; first coordinate, and how many."""
     left = wk.live.left
     if pull["load"] < 0:
         left[0] = 1.0
@@ -116,7 +116,7 @@ def _right(sys, wk, channel, pull, v, cv, cp):
 
 @kernel
 def _gradients(sys, wk, term, channel):
-    """Gradients of a term with poses (live.g[0]) and velocities (g[1]) of its markers; its level."""
+    """Gradients of a term with poses (g[0]) and velocities (g[1]) of its markers; its level."""
     g, kind = wk.live.g, term["kind"]
     for c in range(12):
         g[0, c] = 0.0
@@ -173,7 +173,7 @@ def _along(markers, term, g):
 
 @kernel
 def _turning(term, c, Ri, Rj, live, g):
-    """One of three turning angles, the first being channel c, on the branch of the last accepted state."""
+    """One of three turning angles, the first being channel c, on the branch of its last value."""
     near = live.near
     first, _, _ = turning.angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
     x, y, z = turning.gradient(term["a"], term["b"], Ri, Rj, first)

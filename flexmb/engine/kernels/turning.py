@@ -1,4 +1,4 @@
-"""The three angles that turn the axes of one marker into those of another, for any sequence of axes.
+"""The three angles that turn the axes of one marker into those of another, for any sequence.
 
 R = R_Iᵀ R_J = R_i(α) R_j(β) R_k(γ), each turn about the axes that the turns before have left. With
 s = ±1 for the parity of (i, j, third axis): three different axes (Cardan, Bryan) have

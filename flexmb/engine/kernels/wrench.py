@@ -18,7 +18,9 @@ def component(sys, wk, channel, lam):
     if channel["what"] == REACTION:
         row = sys.rows[sys.groups[k]["row"]]
         i, j = row["I"], row["J"]
-        reaction.add_wrenches(sys.lines, sys.rows, sys.groups[k], wk.now.marker, lam, wk.dense.g[0], w)
+        reaction.add_wrenches(
+            sys.lines, sys.rows, sys.groups[k], wk.now.marker, lam, wk.dense.g[0], w
+        )
     elif channel["what"] == LOAD_WRENCH:
         i, j = sys.loads[k]["marker"], sys.loads[k]["marker"]
         o = 6 + 3 * sys.loads[k]["torque"]
@@ -36,13 +38,12 @@ def component(sys, wk, channel, lam):
 @kernel
 def _spring(springs, markers, asked, k, w):
     """Forces of one spring–damper into w (12); returns its two markers."""
-    if springs is not None:
-        if asked:
-            i, j = springs[k]["I"], springs[k]["J"]
-            d, x, y, z = force.direction(markers[i], markers[j])
-            f = force.spring_force(springs[k], markers[i], markers[j], d, x, y, z)
-            force.add_pair(w[0:6], w[6:12], f * x, f * y, f * z)
-            return i, j
+    if springs is not None and asked:
+        i, j = springs[k]["I"], springs[k]["J"]
+        d, x, y, z = force.direction(markers[i], markers[j])
+        f = force.spring_force(springs[k], markers[i], markers[j], d, x, y, z)
+        force.add_pair(w[0:6], w[6:12], f * x, f * y, f * z)
+        return i, j
     return 0, 0
 
 
