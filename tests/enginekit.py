@@ -125,7 +125,7 @@ class Bench:
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
         self.state.angles[:] = np.nan
-        self.work = new_work(system, channels)
+        self.work = new_work(system)
         self.out = np.full(
             max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv), np.nan
         )

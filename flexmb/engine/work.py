@@ -224,13 +224,14 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
-    live = None if system.signals is None else _new_live(system, channels)
+    live = None if system.signals is None else _new_live(system)
     return Work(now, con, _new_dense(system), _new_factor(system), trial, live)
 
 
-def _new_live(system: System, channels: int) -> Live:
+def _new_live(system: System) -> Live:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     partials = len(system.signals.partials)
+    channels = len(system.sensors.channels)
     return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
 
 
