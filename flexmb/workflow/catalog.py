@@ -112,6 +112,15 @@ def _sensors() -> Listing:
     return Listing("sensors: [sensors.name]", fields_tables(SENSOR_TYPES))
 
 
+def _controllers() -> Listing:
+    from flexmb.model.states import CONTROLLER_TYPES, StateSpec
+
+    kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
+    return Listing(
+        "states and controllers: [states.name], [controllers.name]", fields_tables(kinds)
+    )
+
+
 def _shapes() -> Listing:
     from flexmb.model.shapes import SHAPES
 
@@ -231,6 +240,7 @@ TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     ),
     "methods": ("integrators and the settings of a run", _methods),
     "sensors": ("what a run can record", _sensors),
+    "controllers": ("states with a rate, PID controllers, transfer functions", _controllers),
     "materials": ("built-in materials, their values and sources", body_listings.materials),
     "units": ("unit systems", _units),
     "shapes": ("shapes of rigid bodies", _shapes),
