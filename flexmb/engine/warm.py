@@ -12,7 +12,7 @@ import numba
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
-from flexmb.engine import march
+from flexmb.engine import march, sweep
 from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.jit import kernel_names, light_compilation
 from flexmb.engine.method import Method, Settings, n_stages
@@ -65,6 +65,24 @@ def compile_kernels(
         with light_compilation():
             _compile(solve_level, system, state, work, RESIDUAL)
         _compile(march.march, system, method, settings, state, work, output, 1)
+    progress("compile", 1.0)
+    return count.done
+
+
+def compile_sweep(system: System, channels: int, progress: Progress = silent) -> int:
+    """Make the kinematic analysis ready for a system, and nothing else; returns kernels compiled.
+
+    Parameters are those of :func:`compile_kernels`.
+    """
+    state, work = new_state(system, channels), new_work(system, channels)
+    settings, output = sweep.Sweep(0.0, 1.0, 1, 0.0, 0), march.new_output(system, 1, channels)
+    count = _Count(progress)
+    progress("compile", 0.0)
+    with event.install_listener("numba:compile", count):
+        _compile(
+            sweep.sweep, system, settings, state, work, sweep.new_path(system), output,
+            sweep.POINTS, 1,
+        )  # fmt: skip
     progress("compile", 1.0)
     return count.done
 

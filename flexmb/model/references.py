@@ -14,6 +14,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
+from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
@@ -36,7 +37,7 @@ def problems(
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
     named = (body_problems, _joints, _drivers, _forces, _sensors)
-    parts = (*named, _channels, _judged, _frequencies, _times)
+    parts = (*named, assembly_problems, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -152,9 +153,10 @@ def _judged(scope: Scope) -> Iterator[Problem]:
 
 def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
-    if model.dynamics is None:
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    if not spans:
         return
-    duration, units = model.dynamics.duration, model.units
+    duration, units = max(spans), model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:
