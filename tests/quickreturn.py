@@ -19,6 +19,7 @@ def quick_return(model="A", plane="xy", turns=1.0, outputs=200):
     """Model A, B or C of the mechanism, driven at constant speed from a horizontal crank."""
     made = Model(f"quick-return {model}", plane=plane, gravity=[0, -9.81, 0])
     made.add_marker("ground.pivot", position=[0, A, 0])
+    made.add_marker("ground.guide", position=[0, H, 0])
     phi = np.arctan2(A, R)
     tip = L * np.array([np.cos(phi), np.sin(phi)])
     beta = np.arcsin((H - tip[1]) / B)
@@ -29,7 +30,7 @@ def quick_return(model="A", plane="xy", turns=1.0, outputs=200):
     made.add_body("ram", mass=2.0, inertia=[1e-3] * 3, position=ram)
     made.add_joint("bearing", "revolute", between=["ground.pivot", "crank"], axis="z")
     made.add_joint("lever_bearing", "revolute", between=["ground", "lever"], axis="z")
-    made.add_joint("guide", "prismatic", between=["ground", "ram"], axis="x")
+    made.add_joint("guide", "prismatic", between=["ground.guide", "ram"], axis="x")
     slot = [np.cos(phi), np.sin(phi), 0]
     if model == "A":
         made.add_body(

@@ -39,7 +39,8 @@ from flexmb.engine.work import sizes
 
 # What the entry is asked for.
 POINTS, CORRECT, EVALUATE = 0, 1, 2
-# Places in Path.number: the increment to try next, motion since the factor (< 0: none of use).
+# Places in Path.number: the increment to try next, motion since the factor (< 0: none of use),
+# least number of weak rows so far.
 NEXT, MOVED = 0, 1
 # An increment is at most this motion (model size, rad), and at least this share of the interval.
 _LONGEST = 0.5
@@ -68,7 +69,7 @@ class Path(NamedTuple):
     change: np.ndarray  # (nv,) corrections of the prediction
     before: np.ndarray  # (functions, 3) functions at the last point
     powers: np.ndarray  # (4, 3) powers at the last outputs, newest first
-    number: np.ndarray  # (2,)
+    number: np.ndarray  # (3,)
     passed: np.ndarray  # (8, 2) times before and after a singular pose
     passed_q: np.ndarray  # (8, nq) positions there
     count: np.ndarray  # (3,) Newton iterations, factorisations, singular poses passed
@@ -84,7 +85,7 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0]), np.zeros((8, 2)), np.zeros((8, nq)), np.zeros(3, dtype=np.int64),
+        np.array([np.inf, -1.0, np.inf]), np.zeros((8, 2)), np.zeros((8, nq)), np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
 

@@ -75,14 +75,13 @@ def compile_sweep(system: System, channels: int, progress: Progress = silent) ->
     Parameters are those of :func:`compile_kernels`.
     """
     state, work = new_state(system, channels), new_work(system, channels)
-    settings, output = sweep.Sweep(0.0, 1.0, 1, 0.0, 0), march.new_output(system, 1, channels)
+    settings, path = sweep.Sweep(0.0, 1.0, 1, 0.0, 0), sweep.new_path(system)
+    output = march.new_output(system, 1, channels)
     count = _Count(progress)
     progress("compile", 0.0)
-    with event.install_listener("numba:compile", count):
-        _compile(
-            sweep.sweep, system, settings, state, work, sweep.new_path(system), output,
-            sweep.POINTS, 1,
-        )  # fmt: skip
+    with event.install_listener("numba:compile", count), light_compilation():
+        # full optimisation takes a fifth longer and gains nothing here
+        _compile(sweep.sweep, system, settings, state, work, path, output, sweep.POINTS, 1)
     progress("compile", 1.0)
     return count.done
 

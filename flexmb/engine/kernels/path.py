@@ -18,17 +18,19 @@ from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, SINGULAR, UNLIKE_RATES
 
 _ITERATIONS = 15
-_MOVED = 1  # place in Path.number
+_MOVED, _WEAK = 1, 2  # places in Path.number
 _OLD = 0.02  # motion after which a factor is renewed before it is used
 _RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
 _GIVE_UP_ABOVE = 0.9
 _FAR = 0.5  # a correction of this size does not belong to the prediction
+_LAST_PLACES = 4e-16
 _OPEN = 1e-10  # rows that repeat others may leave this much
 _ROUNDS = 6
 _EXACT = 1e-13  # relative, of velocities and accelerations
 _UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
-# Pivot of a row over its size without the rest of the mechanism: singular below.
-_SINGULAR = 1e-8
+# Pivot of a row over its size without the rest of the mechanism: singular below, if that befalls
+# more rows than at the first pose; rows that repeat others blur the smaller ones.
+_SINGULAR, _NEARLY = 1e-8, 1e-6
 _REGULARISATION = 1e-9
 
 
@@ -38,13 +40,14 @@ def close(sys, settings, wk, path):
     tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
     nv = tr.dq.shape[0]
     renew = path.number[_MOVED] < 0.0 or path.number[_MOVED] > _OLD
+    enough = settings.closed + _noise(sys.rows, sys.row_weights, con.fun)
     size, last, fresh = math.inf, 0.0, False
     for _ in range(_ITERATIONS):
         coordinate.put_values(sys.parts.coordinates, sys, tr.q, con.fun)
         kinematics.position(sys.parts, wk.now, tr.q)
         constraint.evaluate(sys.lines, sys.rows, wk.now.marker, con)
         gap = weighted_size(con.C, sys.row_weights)
-        closed = gap <= settings.closed or (size <= settings.closed and gap <= _OPEN)
+        closed = gap <= enough or (size <= enough and gap <= _OPEN)
         if not gap < math.inf:
             return NOT_FINITE
         if closed or renew:
@@ -68,7 +71,7 @@ def close(sys, settings, wk, path):
         path.count[0] += 1
         if not size <= _FAR:
             return NO_CONVERGENCE
-        renew = last > 0.0 and size > _RENEW_ABOVE * last and size > settings.closed
+        renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
         if fresh and last > 0.0 and size > _GIVE_UP_ABOVE * last and gap > _OPEN:
             return NO_CONVERGENCE
         last = size
@@ -77,10 +80,22 @@ def close(sys, settings, wk, path):
     return NO_CONVERGENCE
 
 
+@kernel
+def _noise(rows, row_weights, fun):
+    """Round-off of what the rows compare with functions of time, weighted."""
+    size = 0.0
+    for k in range(rows.shape[0]):
+        if rows[k]["fun"] >= 0:
+            size = max(size, abs(fun[rows[k]["fun"], 0]) * row_weights[k])
+    return _LAST_PLACES * size
+
+
 @inlined
 def rates(sys, settings, wk, path):
     """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
-    if _weak_rows(sys, wk.factor) > settings.redundant:
+    weak = _weak_rows(sys, wk.factor, _SINGULAR if settings.redundant == 0 else _NEARLY)
+    path.number[_WEAK] = min(path.number[_WEAK], weak)
+    if weak > path.number[_WEAK]:
         return SINGULAR
     tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
     nv = tr.dq.shape[0]
@@ -110,13 +125,13 @@ def rates(sys, settings, wk, path):
 
 
 @kernel
-def _weak_rows(sys, factor):
-    """Rows that the others decide already, to the digits of the factor."""
+def _weak_rows(sys, factor, limit):
+    """Rows that the others decide already: their pivots are small against their own compliance."""
     n = 0
     nv = sys.weights.shape[0]
     for i in range(sys.rows.shape[0]):
         k = sys.kkt.place[nv + i]
-        if abs(factor.d[k]) * _REGULARISATION < _SINGULAR * factor.eps[k]:
+        if abs(factor.d[k]) * _REGULARISATION < limit * factor.eps[k]:
             n += 1
     return n
 
