@@ -17,6 +17,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.work import Work
 from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.model import Model
+from flexmb.model.names import GROUND, split_reference
 
 __all__ = ["LARGEST", "Decomposition", "JointRates", "decompose", "drivers_of", "owners", "rows_of"]
 
@@ -25,7 +26,9 @@ LARGEST = 600
 
 _RANK = 1e-8  # relative to the largest singular value; round-off leaves 1e-13
 _TAKES_PART = 0.2  # of the largest entry of a null vector
+_DRIVES = 0.05  # of the same, for drivers
 _SHOWN = 4
+_GROUNDED = 2.0  # preference for coordinates of joints with ground, where actuators sit
 
 Array = NDArray[np.float64]
 
@@ -78,14 +81,14 @@ def owners(names: list[str]) -> list[str]:
 
 
 def drivers_of(compiled: Compiled, vector: Array) -> list[str]:
-    """Scene paths of the drivers that take part in a vector (nc,), largest first."""
+    """Scene paths of the drivers that take part in a vector (nc,)."""
     size = np.abs(vector)
     mine = [
-        (size[k], name.split(":")[0])
+        name.split(":")[0]
         for k, name in enumerate(compiled.layout.rows)
-        if name.startswith("drivers.") and size[k] > 0.05 * size.max()
+        if name.startswith("drivers.") and size[k] > _DRIVES * size.max()
     ]
-    return list(dict.fromkeys(name for _, name in sorted(mine, reverse=True)))
+    return list(dict.fromkeys(mine))
 
 
 class JointRates:
@@ -102,7 +105,7 @@ class JointRates:
     def __init__(self, compiled: Compiled, model: Model, work: Work) -> None:
         self._compiled, self._model, self._marker = compiled, model, work.now.marker
         self.names: list[str] = []
-        self.rates: list[float] = []
+        self.rates: list[float] = []  # rad, or of the size of the model, times the preference
         groups = dict(zip(compiled.layout.reactions, compiled.system.groups, strict=True))
         driven = {(driver.joint, driver.coordinate) for driver in model.drivers.values()}
         for joint, spec in model.joints.items():
@@ -110,6 +113,8 @@ class JointRates:
             for coordinate in JOINT_TYPES[spec.type].coordinates:
                 if (joint, coordinate) not in driven:
                     rate = self._rate(coordinate, int(row["I"]), int(row["J"]))
+                    grounded = any(split_reference(end)[0] == GROUND for end in spec.between)
+                    rate *= _GROUNDED if grounded else 1.0
                     self.names.append(f"joints.{joint}.{coordinate}")
                     self.rates.append(rate)
 

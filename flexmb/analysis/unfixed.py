@@ -109,7 +109,7 @@ def free_motions(pose: Pose) -> str:
 
 def _independent(names: list[str], rates: Array) -> list[str]:
     """Coordinates that fix as many motions together as they can, those that move most first."""
-    left, chosen = rates.copy(), []
+    left, chosen = rates.copy(), list[str]()
     most = np.abs(rates).max(initial=0.0)
     for _ in range(rates.shape[1]):
         size = np.linalg.norm(left, axis=1) if len(names) else np.zeros(0)
@@ -135,15 +135,13 @@ def _moving_bodies(pose: Pose, found: Decomposition) -> list[str]:
 
 def sweep_reason(status: int, prepared: PreparedSweep) -> str:
     """The sentence for an analysis that ended early with this status."""
-    pose = Pose(
-        prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path
-    )
+    pose = Pose(prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path)
     time, interval = float(pose.state.t[0]), prepared.settings.interval
-    if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
-        tried = (time, float(pose.work.trial.t[0]))
-        told = not_finite_function(pose.model, [t for t in tried if np.isfinite(t)])
-        if told:
-            return told
+    later = min(time + interval, interval * prepared.settings.outputs)
+    tried = (time, float(pose.work.trial.t[0]), later)
+    told = not_finite_function(pose.model, [t for t in tried if np.isfinite(t)])
+    if told:
+        return told
     if status == method.ZERO_LENGTH:
         return sentence(status, pose.compiled, pose.work, time)
     if status == method.LEAP:
@@ -151,7 +149,7 @@ def sweep_reason(status: int, prepared: PreparedSweep) -> str:
     place = worst_place(pose.compiled, pose.work)
     if pose.compiled.layout.nv <= LARGEST:
         found = pose.decomposition()
-        told = _contradiction(pose, found, time, interval) or _singular(pose, found, time)
+        told = _contradiction(pose, found, time, later) or _singular(pose, found, time)
         if told:
             return told
     if status == method.JUMP:
@@ -177,13 +175,13 @@ def _leap(pose: Pose, before: float, after: float) -> str:
     )
 
 
-def _contradiction(pose: Pose, found: Decomposition, time: float, interval: float) -> str:
+def _contradiction(pose: Pose, found: Decomposition, time: float, later: float) -> str:
     """The sentence for drivers that ask for what rows hold already; empty if it is not that."""
     weights = pose.compiled.system.row_weights
     still = np.zeros_like(pose.state.v)
     work = pose.at(time, pose.state.q, still)
     asked = [work.con.rate * weights]
-    work = pose.at(time + interval, pose.state.q, still)
+    work = pose.at(later, pose.state.q, still)
     asked.append(work.con.C * weights)
     for values in asked:
         apart = found.repeated(values)
@@ -202,11 +200,11 @@ def _contradicted(pose: Pose, time: float, drivers: list[str], others: list[str]
             "coordinates that depend on each other; leave one of them out"
         )
     held = [name for name in others if name not in drivers]
-    by = f" by {', '.join(held)}" if held else ""
+    by = f"{', '.join(held)} {'does' if len(held) == 1 else 'do'}" if held else "the joints do"
     who = drivers[0] if drivers else "a driver"
     return (
-        f"{at} {who} asks for a motion that the joints hold{by}: the mechanism is locked there; "
-        "leave the driver out, or replace a joint by one that leaves more free"
+        f"{at} {who} asks for a motion that {by} not allow: the mechanism is locked; leave the "
+        "driver out, or replace a joint by one that leaves more free"
     )
 
 
@@ -225,8 +223,8 @@ def _singular(pose: Pose, found: Decomposition, time: float) -> str:
         text += f", beyond which {' and '.join(drivers)} cannot lead it"
     chosen = _independent(names, rates)
     if chosen:
-        instead = f" instead of {drivers[0]}" if drivers else ""
-        text += f": drive {chosen[0]}, which moves most there,{instead}"
+        instead = f", instead of {drivers[0]}" if drivers else ""
+        text += f": drive {chosen[0]}, which moves most there{instead}"
     return text + ", or change what is driven so that the pose is not reached"
 
 
@@ -249,9 +247,7 @@ def passed_poses(prepared: PreparedSweep) -> list[str]:
     count = int(path.count[2])
     if not count:
         return []
-    pose = Pose(
-        prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path
-    )
+    pose = Pose(prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path)
     told = []
     for k in range(min(count, len(path.passed))):
         before, after = path.passed[k]

@@ -14,7 +14,16 @@ from flexmb.model.dynamics import DynamicsSpec
 
 __all__ = ["knob_names", "resolve_knob"]
 
-_SECTIONS = ("parameters", "ground", "bodies", "joints", "drivers", "forces", "assembly", "dynamics")
+_SECTIONS = (
+    "parameters",
+    "ground",
+    "bodies",
+    "joints",
+    "drivers",
+    "forces",
+    "assembly",
+    "dynamics",
+)
 _TOP = ("gravity",)
 
 

@@ -44,7 +44,9 @@ def main():
             made = quick_return(kind, plane, _POINTS / per_turn, _POINTS)
             seconds, (iterations, factors, _) = per_point(made)
             name = f"{kind}, {len(made.bodies)} bodies, {plane or 'in space'}"
-            print(f"{name:>24} {per_turn:12} {1e6 * seconds:9.2f} {iterations:11.2f} {factors:8.2f}")
+            print(
+                f"{name:>24} {per_turn:12} {1e6 * seconds:9.2f} {iterations:11.2f} {factors:8.2f}"
+            )
 
 
 if __name__ == "__main__":

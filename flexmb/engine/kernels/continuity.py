@@ -17,7 +17,8 @@ _APART = 0.25  # off by this share of the motion: another branch, or too long an
 _NOTHING = 1e-5  # of the model size: branches this close are one
 _TURNED = 0.55  # a jump of v̇ amid the increment leaves 0.5
 _STILL = 1e-12  # motion by which velocities may differ, of the model size
-_KINK = 0.3
+_STEEPER = 3.0  # a change of this many times what the slopes say is a jump
+_LAST_DIGITS = 1e-9
 _FLIPPED = -0.5  # cosine
 
 
@@ -25,7 +26,7 @@ _FLIPPED = -0.5  # cosine
 def judge(sys, st, wk, path, h, last):
     """Compare the trial point with the state before it; returns the status."""
     tr, w = wk.trial, sys.weights
-    if last and _kink(path.before, wk.con.fun, h, 0):
+    if last and _jumps(path.before, wk.con.fun, h, 0):
         return LEAP
     off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
     for i in range(w.shape[0]):
@@ -38,21 +39,22 @@ def judge(sys, st, wk, path, h, last):
         speed = max(speed, w[i] * max(abs(st.v[i]), abs(tr.v[i]), abs(mean)))
     far = off > _APART * motion and off > _NOTHING
     other = turned > _TURNED * speed and h * turned > _STILL
-    if far or (other and not (last and _kink(path.before, wk.con.fun, h, 1))):
+    if far or (other and not (last and _jumps(path.before, wk.con.fun, h, 1))):
         return JUMP
     return FINE
 
 
 @kernel
-def _kink(before, now, h, order):
-    """Whether a function (order 0) or its rate (order 1) jumps between two times."""
+def _jumps(before, now, h, order):
+    """Whether a function (order 0) or its rate (order 1) jumps between two times.
+
+    Otherwise it changes by no more than the larger of its slopes says.
+    """
     for k in range(before.shape[0]):
-        change = now[k, order] - before[k, order]
-        a, b = h * before[k, order + 1], h * now[k, order + 1]
-        size = max(abs(a), abs(b), abs(change))
-        if order == 1:
-            size = max(abs(a), abs(b), abs(now[k, 1]), abs(before[k, 1]))
-        if abs(change - 0.5 * (a + b)) > _KINK * size and size > 0.0:
+        change = abs(now[k, order] - before[k, order])
+        slope = max(abs(before[k, order + 1]), abs(now[k, order + 1]))
+        size = 1.0 + max(abs(before[k, order]), abs(now[k, order]))
+        if change > _STEEPER * h * slope and change > _LAST_DIGITS * size:
             return True
     return False
 
