@@ -1,4 +1,4 @@
-"""Planar linkages for kinematic analyses and assembly: four-bars, slider-cranks, arms, a triangle."""
+"""Planar linkages for kinematic analyses and assembly."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def four_bar(lengths, angles, plane="xy", units="SI"):
 def four_bar_angles(lengths, crank, branch=1):
     """Angles of coupler and rocker for crank angles, by Freudenstein's equation.
 
-    K1 cos φ − K2 cos θ + K3 = cos(θ − φ), K1 = d/a, K2 = d/c, K3 = (a² − b² + c² + d²)/(2ac), solved
-    by the half-angle tangent (Norton, Design of Machinery, section 4.5).
+    K1 cos φ − K2 cos θ + K3 = cos(θ − φ), K1 = d/a, K2 = d/c, K3 = (a² − b² + c² + d²)/(2ac), by
+    the half-angle tangent (Norton, Design of Machinery, section 4.5).
     """
     a, b, c, d = lengths
     K1, K2, K3 = d / a, d / c, (a * a - b * b + c * c + d * d) / (2 * a * c)

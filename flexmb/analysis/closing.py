@@ -117,7 +117,7 @@ def _go_near(model: Model, compiled: Compiled, state: State, make: MakeCloser) -
     """Bring the state near the guesses, as near as joints and drivers allow."""
     assert model.assembly is not None
     made = copy.copy(model)
-    made.drivers = dict(model.drivers)
+    made.assembly, made.drivers = None, dict(model.drivers)
     for joint, guess in model.assembly.guess.items():
         for coordinate, value in guess.coordinates.items():
             told = {"joint": joint, coordinate: value}

@@ -58,6 +58,7 @@ def gaps(compiled: Compiled, work: Work) -> list[Gap]:
         turned = np.isin(system.rows["kind"][rows], ANGULAR)
         gap, angle = float(np.linalg.norm(C[~turned])), float(np.linalg.norm(C[turned]))
         where = names[rows.start].split(":")[0]
+        gap, angle = _without_round_off(compiled, gap, angle)
         found.append((gap / compiled.length + angle, Gap(where, gap, angle)))
     found.sort(key=lambda item: -item[0])
     return [gap for _, gap in found]
@@ -72,11 +73,14 @@ def moved_bodies(
         q, p = before[body.iq : body.iq + 7], after[body.iq : body.iq + 7]
         sine = np.linalg.norm(np.outer(q[3:], p[3:]) - np.outer(p[3:], q[3:])) / np.sqrt(2.0)
         angle = 2.0 * float(np.arctan2(sine, abs(q[3:] @ p[3:])))
-        moved = Moved(body.name, float(np.linalg.norm(p[:3] - q[:3])), angle)
-        size = moved.distance / compiled.length + angle
-        if not size <= _STAYED:
-            found.append((size, moved))
+        far, angle = _without_round_off(compiled, float(np.linalg.norm(p[:3] - q[:3])), angle)
+        if not (far == 0.0 and angle == 0.0):
+            found.append((far / compiled.length + angle, Moved(body.name, far, angle)))
     return tuple(moved for _, moved in sorted(found, key=lambda item: -item[0]))
+
+
+def _without_round_off(compiled: Compiled, far: float, angle: float) -> tuple[float, float]:
+    return 0.0 if far <= _STAYED * compiled.length else far, 0.0 if angle <= _STAYED else angle
 
 
 def gap_problems(

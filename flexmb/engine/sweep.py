@@ -45,6 +45,7 @@ NEXT, MOVED = 0, 1
 # An increment is at most this motion (model size, rad), and at least this share of the interval.
 _LONGEST = 0.5
 _SMALLEST = 2.0**-22
+_KEPT = 8  # singular poses of which time and positions are kept
 _CUT = 0.3  # a correction of first positions is cut to this
 
 
@@ -85,7 +86,8 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0, np.inf]), np.zeros((8, 2)), np.zeros((8, nq)), np.zeros(3, dtype=np.int64),
+        np.array([np.inf, -1.0, np.inf]), np.zeros((_KEPT, 2)), np.zeros((_KEPT, nq)),
+        np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -98,6 +100,8 @@ def _attempt(sys, settings, st, wk, path, h, last):
     tr = wk.trial
     tr.t[0] = st.t[0] + h
     evaluate_all(sys.functions, tr.t[0], tr.stack, wk.con.fun)
+    if not continuity.finite(wk.con.fun, sys.functions.start.shape[0] - 1):
+        return NOT_FINITE
     for i in range(st.v.shape[0]):
         j = path.jerk[i]
         tr.dq[i] = h * (st.v[i] + h * (0.5 * st.vd[i] + h * j / 6.0))

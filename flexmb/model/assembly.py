@@ -9,7 +9,7 @@ from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.quantities import Angle, Length, Quantity
-from flexmb.model.reading import Entry, Reader, Spec, fail
+from flexmb.model.reading import Entry, Reader, Spec, fail, given, names_of
 
 if TYPE_CHECKING:
     from flexmb.model.scope import Scope
@@ -18,7 +18,12 @@ __all__ = ["AssemblySpec", "GuessSpec", "assembly_problems"]
 
 
 def _weight(value: Any, info: ValidationInfo) -> float | str:
-    return "fixed" if value == "fixed" else Quantity("", "positive").read(value, info)
+    if value == "fixed":
+        return "fixed"
+    if isinstance(value, str) and value.isalpha() and value not in names_of(info):
+        what = f"a positive number is expected, given {given(value)}"
+        raise fail(Problem("", what, ("fixed", "a number or an expression")))
+    return Quantity("", "positive").read(value, info)
 
 
 class GuessSpec(Spec):
@@ -63,7 +68,12 @@ def assembly_problems(scope: Scope) -> Iterator[Problem]:
             what = f'unknown body "{name}"'
             yield Problem(f"assembly.weights.{name}", what, bodies, nearest(name, bodies))
     driven = {(d.joint, d.coordinate): name for name, d in scope.model.drivers.items()}
+    joints = scope.names("joints")
     for joint, guess in spec.guess.items():
+        if joint not in joints:
+            what = f'unknown joint "{joint}"'
+            yield Problem(f"assembly.guess.{joint}", what, joints, nearest(joint, joints))
+            continue
         for coordinate in guess.coordinates:
             where = f"assembly.guess.{joint}"
             yield from scope.coordinate(where, joint, coordinate)

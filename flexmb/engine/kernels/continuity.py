@@ -23,6 +23,15 @@ _FLIPPED = -0.5  # cosine
 
 
 @kernel
+def finite(fun, n):
+    """Whether the first n functions and their derivatives are finite numbers."""
+    s = 0.0
+    for k in range(n):
+        s += fun[k, 0] + fun[k, 1] + fun[k, 2]
+    return math.isfinite(s)
+
+
+@kernel
 def judge(sys, st, wk, path, h, last):
     """Compare the trial point with the state before it; returns the status."""
     tr, w = wk.trial, sys.weights
