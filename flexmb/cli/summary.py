@@ -24,7 +24,7 @@ _ERRORS = {
     "largest_velocity_drift": ("velocity drift", "m/s or rad/s, before the velocities' projection"),
 }
 _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
-_OF_POINTS = ("points", "increments", "halved_increments")
+_OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"

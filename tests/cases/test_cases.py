@@ -19,7 +19,13 @@ SHORTER = {
 
 def runs(scene: Path) -> bool:
     """Whether the case is a run, or flexible bodies alone."""
-    return "[dynamics]" in scene.read_text(encoding="utf-8")
+    return any(f"[{a}]" in scene.read_text(encoding="utf-8") for a in ("dynamics", "kinematics"))
+
+
+def marked(scene: Path):
+    """The case as a parameter: kinematic analyses compile kernels of their own."""
+    slow = "[kinematics]" in scene.read_text(encoding="utf-8")
+    return pytest.param(scene, marks=[pytest.mark.slow] if slow else [])
 
 
 def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
@@ -34,7 +40,7 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
+    "scene", [marked(path) for path in CASES if runs(path)], ids=lambda path: path.parent.name
 )
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
