@@ -101,7 +101,7 @@ def close_positions(
     moved = moved_bodies(compiled, start, state.q)
     if not np.abs(closer.work.con.C * compiled.system.row_weights).max() <= _OPEN:
         raise AssemblyError.from_problems(gap_problems(compiled, model, closer.work, moved))
-    check_branches(compiled, model, closer.work)
+    check_branches(compiled, model, state, closer.work)
     _check_fixed(compiled, model, moved)
     return moved
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.contacts import branch_problems
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.joint_rows import signs_of_axes
 from flexmb.engine.compile.joints import ANGULAR
-from flexmb.engine.work import Work
+from flexmb.engine.work import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem
@@ -104,7 +105,7 @@ def gap_problems(
     return [head, *worst, Problem("assembly", f"moved in vain: {told}")]
 
 
-def check_branches(compiled: Compiled, model: Model, work: Work) -> None:
+def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish."""
     problems = []
     for name, joint in model.joints.items():
@@ -120,5 +121,6 @@ def check_branches(compiled: Compiled, model: Model, work: Work) -> None:
                 "guess the angle of a joint near it (assembly.guess)"
             )
             problems.append(Problem(f"joints.{name}", what))
+    problems += branch_problems(compiled, model, state, work)
     if problems:
         raise AssemblyError.from_problems(problems)

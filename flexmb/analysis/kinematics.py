@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.analysis.closing import Closer, body_weights, close_positions
+from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.dynamics import Outcome, Sink
 from flexmb.analysis.run import Balance, Clock
 from flexmb.analysis.singular import LARGEST, Decomposition, decompose
@@ -114,12 +115,11 @@ def run_sweep(prepared: PreparedSweep, sink: Sink, *, progress: Progress = silen
     progress : Progress
         Told the phase `kinematics`.
     """
-    system, nv = prepared.compiled.system, prepared.compiled.layout.nv
-    n = min(prepared.settings.outputs + 1, max(1, _CHUNK_WORK // nv))
-    rows = _Rows(system, n, len(prepared.state.angles))
+    chunk = max(1, _CHUNK_WORK // prepared.compiled.layout.nv)
+    rows = _Rows(prepared.compiled, min(prepared.settings.outputs + 1, chunk))
     status, message = _points(prepared, rows, sink, progress)
     prepared.clock.lap("kinematics")
-    notes = (*prepared.notes, *passed_poses(prepared))
+    notes = (*prepared.notes, *passed_poses(prepared), *rows.lifts.notes())
     return Outcome(status, message, _statistics(prepared, rows), notes)
 
 
@@ -164,11 +164,12 @@ def _notes(compiled: Compiled, found: Decomposition | None) -> tuple[str, ...]:
 class _Rows:
     """Room for the rows of a chunk, and what they say of the quality of the whole."""
 
-    def __init__(self, system: System, n: int, channels: int) -> None:
-        self.output = new_output(system, n, channels)
+    def __init__(self, compiled: Compiled, n: int) -> None:
+        self.output = new_output(compiled.system, n, len(compiled.layout.channels))
         self.unread = False
         self.balance = Balance()
         self.drift = np.zeros(2)
+        self.lifts = Lifts(compiled)
 
     def block(self) -> OutputBlock:
         """The rows of the last chunk."""
@@ -177,6 +178,7 @@ class _Rows:
         rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
         if n:
             self.balance.add(rows.energy)
+            self.lifts.see(rows)
             self.drift = np.maximum(self.drift, rows.drift.max(axis=0))
         return rows
 

@@ -142,7 +142,7 @@ def sweep_reason(status: int, prepared: PreparedSweep) -> str:
     told = not_finite_function(pose.model, [t for t in tried if np.isfinite(t)])
     if told:
         return told
-    if status == method.ZERO_LENGTH:
+    if status in (method.ZERO_LENGTH, method.CURVE_END):
         return sentence(status, pose.compiled, pose.work, time)
     if status == method.LEAP:
         return _leap(pose, time, float(pose.work.trial.t[0]))

@@ -61,6 +61,7 @@ class Settings(NamedTuple):
 
 # Status codes of the kernels; `status` turns them into sentences.
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
+CURVE_END = 7  # a joint leaves its curve at an end
 # Of a kinematic analysis: a singular pose, a point that does not continue the motion, a function
 # that jumps, rows that repeat others and ask for other velocities.
 SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(20, 24)

@@ -25,6 +25,7 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    slider,
 )
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.ldl import solve_refined
@@ -33,7 +34,7 @@ from flexmb.engine.kernels.path import close, rates, shape_forces
 from flexmb.engine.kernels.residual import forces
 from flexmb.engine.kernels.time_function import evaluate_all
 from flexmb.engine.kernels.vector import copy, largest, weighted_size
-from flexmb.engine.method import FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS, ZERO_LENGTH
+from flexmb.engine.method import CURVE_END, FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS, ZERO_LENGTH
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
 
@@ -114,6 +115,8 @@ def _attempt(sys, settings, st, wk, path, h, last):
     status = close(sys, settings, wk, path)
     if status == FINE:
         status = rates(sys, settings, wk, path)
+    if status == FINE and slider.beyond(sys.parts.sliders, sys.parts, tr.q) >= 0:
+        status = CURVE_END
     if status == FINE and h > 0.0:
         status = continuity.judge(sys, st, wk, path, h, last)
     if status != FINE:

@@ -15,15 +15,9 @@ from flexmb.model.dynamics import DynamicsSpec
 __all__ = ["knob_names", "resolve_knob"]
 
 _SECTIONS = (
-    "parameters",
-    "ground",
-    "bodies",
-    "joints",
-    "drivers",
-    "forces",
-    "assembly",
+    "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "assembly",
     "dynamics",
-)
+)  # fmt: skip
 _TOP = ("gravity",)
 
 

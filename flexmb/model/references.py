@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
 from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.coupling import coupler_problems
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
@@ -36,8 +37,8 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, _sensors)
-    parts = (*named, assembly_problems, _channels, _judged, _frequencies, _times)
+    named = (body_problems, _joints, coupler_problems, _drivers, _forces, _sensors)
+    parts = (*named, assembly_problems, curve_uses.shapes, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -48,6 +49,7 @@ def _joints(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("joints")
     for name, spec in scope.model.joints.items():
         yield from scope.pair(f"joints.{name}", spec.between, "a joint")
+        yield from curve_uses.of_joint(scope, name, spec)
 
 
 def _drivers(scope: Scope) -> Iterator[Problem]:
