@@ -16,10 +16,13 @@ from linkages import four_bar_angles
 from quickreturn import ram_motion
 
 BARS = ("coupler", "rocker")
+R, E, CAM_SPEED = 0.05, 0.02, 10.0  # of the cam in test_curves
+TRUTH = Path(__file__).parent
 NORTON = Path(__file__).parents[1] / "references" / "norton_fourbar.json"
 
 PLANAR = """
 import json
+import sys
 import numpy as np
 from linkages import four_bar, four_bar_angles, slider_crank, swept
 from quickreturn import quick_return
@@ -52,6 +55,11 @@ for branch in (1, -1):
     made.add_sensor("pin", "position", of="coupler.end")
     keep(f"bar{branch}", swept(made, duration=1.3, outputs=6))
 
+sys.path.insert(0, TRUTH)
+from test_curves import cam
+made = cam("cam-flat", axis="y", gravity=(0, -9.81, 0))
+keep("cam", swept(made, duration=1.3, outputs=5))
+
 norton = json.loads(open(NORTON).read())
 lengths = tuple(norton["lengths"][name] for name in ("crank", "coupler", "rocker", "ground"))
 for branch, word in ((1, "open"), (-1, "crossed")):
@@ -69,9 +77,8 @@ for branch, word in ((1, "open"), (-1, "crossed")):
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
-    return interpreted(
-        PLANAR.replace("NORTON", repr(str(NORTON))), tmp_path_factory.mktemp("planar")
-    )
+    code = PLANAR.replace("NORTON", repr(str(NORTON))).replace("TRUTH", repr(str(TRUTH)))
+    return interpreted(code, tmp_path_factory.mktemp("planar"))
 
 
 def test_slider_crank(planar):
@@ -94,6 +101,17 @@ def test_quick_return_has_one_motion_in_three_models(planar, kind):
     np.testing.assert_allclose(planar[f"{kind}.ram_position.x"], position, atol=1e-12)
     np.testing.assert_allclose(planar[f"{kind}.ram_velocity.x"], velocity, atol=1e-11)
     np.testing.assert_allclose(planar[f"{kind}.ram_acceleration.x"], acceleration, atol=1e-10)
+
+
+def test_cam_with_a_flat_follower(planar):
+    """y = r + e sin θ; the flat carries m (y'' + g)."""
+    a = CAM_SPEED * planar["cam.t"]
+    np.testing.assert_allclose(planar["cam.position.y"], R + E * np.sin(a), atol=1e-13)
+    np.testing.assert_allclose(planar["cam.velocity.y"], E * CAM_SPEED * np.cos(a), atol=1e-12)
+    rise = -E * CAM_SPEED**2 * np.sin(a)
+    np.testing.assert_allclose(planar["cam.acceleration.y"], rise, atol=1e-11)
+    on_flat = planar["cam.reactions"][:, 26]  # along the axis of the follower's marker
+    np.testing.assert_allclose(on_flat, 0.5 * (rise + 9.81), atol=1e-10)
 
 
 @pytest.mark.parametrize("branch", [1, -1])
