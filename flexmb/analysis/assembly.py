@@ -30,10 +30,12 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
+from flexmb.units import UnitSystem
 
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _EQUILIBRIUM_ROUNDS = 40
+_SHOWN = 3
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
 
 
@@ -107,6 +109,17 @@ class AssemblyReport:
 
     gaps: tuple[Gap, ...]  # of joints and drivers as placed, worst first
     moved: tuple[Moved, ...]  # bodies that had to move, farthest first
+
+    def sentences(self, units: UnitSystem) -> list[str]:
+        """What is worth knowing of it, in the scene's units."""
+        if not self.moved:
+            return ["the placed pose is closed: no body is moved"]
+        wide = [f"{gap.where} by {gap.said(units)}" for gap in self.gaps if gap.open][:_SHOWN]
+        far = [f"{body.name} by {body.said(units)}" for body in self.moved[:_SHOWN]]
+        return [
+            f"open as placed: {', '.join(wide)}",
+            f"closed with least change; moved: {', '.join(far)}",
+        ]
 
 
 def assembly_report(compiled: Compiled, model: Model) -> AssemblyReport:

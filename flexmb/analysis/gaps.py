@@ -31,6 +31,11 @@ class Gap:
     distance: float
     angle: float
 
+    @property
+    def open(self) -> bool:
+        """Whether it is more than round-off."""
+        return self.distance > 0.0 or self.angle > 0.0
+
     def said(self, units: UnitSystem) -> str:
         """In the scene's unit of length and in degrees."""
         return f"{units.say(self.distance, 'm', 4)} and {np.degrees(self.angle):.4g} deg"
@@ -97,7 +102,7 @@ def gap_problems(
     worst = [
         Problem(gap.where, f"stays open by {gap.said(model.units)}")
         for gap in gaps(compiled, work)[:_SHOWN]
-        if gap.distance > 0.0 or gap.angle > 0.0
+        if gap.open
     ]
     if not moved:
         return [head, *worst]

@@ -69,6 +69,12 @@ def weighed(**weights):
     turned = {body.name: body.angle for body in report.moved}
     return np.array([turned.get(name, 0.0) for name in made.bodies])
 
+made = four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s")
+report = assembly_report(compile_system(made), made)
+found["told"] = np.array(report.sentences(made.units))
+made = driven(1)
+found["closed"] = np.array(assembly_report(compile_system(made), made).sentences(made.units))
+
 found["free"], found["heavy"] = weighed(), weighed(crank=100)
 found["fixed"] = weighed(crank="fixed")
 found["both"] = weighed(crank="fixed", rocker="fixed")
@@ -117,6 +123,15 @@ def test_heavier_bodies_move_less_and_fixed_ones_not_at_all(runs):
     end = np.array([np.cos(0.7) + 2 * np.cos(0.3), np.sin(0.7) + 2 * np.sin(0.3)])
     other = np.array([2.2 + 1.5 * np.cos(1.9), 1.5 * np.sin(1.9)])
     assert tuple(runs["gap"]) == ("joints.rocker_pin", str(float(np.linalg.norm(end - other))))
+
+
+def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene(runs):
+    told, closed = runs["told"], runs["closed"]
+    assert (
+        told[0].startswith("open as placed: joints.rocker_pin by ") and " mm and 0 deg" in told[0]
+    )
+    assert told[1].startswith("closed with least change; moved: rocker by 0 mm and 33")
+    assert list(closed) == ["the placed pose is closed: no body is moved"]
 
 
 def test_fixed_bodies_that_would_have_to_move_are_named(runs):
