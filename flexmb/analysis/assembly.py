@@ -119,7 +119,7 @@ def _close_positions(
     if np.abs(work.con.C * system.row_weights).max() <= _OPEN:
         check_branches(compiled, model, state, work)
         return
-    raise AssemblyError.from_problems(gap_problems(compiled, work))
+    raise AssemblyError.from_problems(gap_problems(compiled, work.con.C))
 
 
 def _equilibrate(

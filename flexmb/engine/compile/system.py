@@ -22,19 +22,24 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
+from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `functions` are the functions of time as expressions, by the index that the tables use.
+    """
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    functions: tuple[Expression, ...]
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -116,7 +121,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         fingerprint=fingerprint(system),
     )
     placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known)
+    return Compiled(system, layout, placed, length, known, tuple(functions.programs))
 
 
 def fingerprint(system: System) -> str:

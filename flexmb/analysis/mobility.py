@@ -1,0 +1,226 @@
+"""Mobility of a mechanism: coordinates, equations, rank, what repeats, what is free, what is wrong.
+
+In: a compiled model. Out: :class:`Mobility`, from the rank of the constraint Jacobian in the
+assembled pose and in others a short way along the free motions, which tell an equation that is
+always redundant from a pose that is singular. Everything is computed in numpy: no kernel is
+compiled. Degrees of freedom δ = coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.closing import Closed, close, other_poses
+from flexmb.analysis.conflicts import (
+    is_locked,
+    locked_sentence,
+    surplus_drivers,
+    surplus_problems,
+)
+from flexmb.analysis.dependence import Dependence, dependence
+from flexmb.analysis.freedoms import FreeMotion, free_motions_of
+from flexmb.analysis.gaps import branch_problems, gap_problems
+from flexmb.analysis.redundancy import (
+    Redundancy,
+    Undetermined,
+    joint_dependence,
+    redundancies,
+    undetermined,
+)
+from flexmb.analysis.weighted import Weighted, weighted
+from flexmb.engine.compile import Compiled
+from flexmb.errors import AssemblyError
+from flexmb.model.model import Model
+
+__all__ = ["LARGEST", "Equations", "Mobility", "examine", "reactions_in_doubt"]
+
+LARGEST = 600
+"""Coordinates up to which a dense decomposition is affordable."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """A joint, coupler or driver: its scene path, its type, and the equations it brings."""
+
+    path: str
+    type: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """What `flexmb check` tells of the motions of a model, with all its drivers.
+
+    ``coordinates`` are those of the bodies, modes and further scalar coordinates among them;
+    ``rank`` that of all equations, ``joint_rank`` without drivers, both in the assembled pose;
+    ``generic_rank`` the joints' in poses nearby. ``as_rigid`` is the number of redundant equations
+    that there would be without modes. ``notes`` are sentences for the user.
+    """
+
+    bodies: int
+    planar: bool
+    coordinates: int
+    modes: int
+    equations: tuple[Equations, ...]
+    rank: int
+    joint_rank: int
+    generic_rank: int
+    redundancies: tuple[Redundancy, ...]
+    undetermined: tuple[Undetermined, ...]
+    motions: tuple[FreeMotion, ...]
+    as_rigid: int
+    notes: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number s of all equations."""
+        return sum(row.count for row in self.equations)
+
+    @property
+    def drivers(self) -> int:
+        """Number of the drivers' equations."""
+        return sum(row.count for row in self.equations if row.path.startswith("drivers."))
+
+    @property
+    def delta(self) -> int:
+        """Degrees of freedom that joints and drivers leave."""
+        return self.coordinates - self.rank
+
+    @property
+    def delta_without_drivers(self) -> int:
+        """Degrees of freedom that the joints leave."""
+        return self.coordinates - self.joint_rank
+
+    @property
+    def redundant(self) -> int:
+        """Equations of joints and drivers that repeat others."""
+        return self.count - self.rank
+
+    @property
+    def singular(self) -> bool:
+        """Whether more equations depend on each other in the assembled pose than nearby."""
+        return self.joint_rank < self.generic_rank
+
+
+def examine(compiled: Compiled, model: Model) -> Mobility:
+    """The mobility of a compiled model.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model, of `LARGEST` coordinates at most.
+    model : Model
+        The model.
+
+    Raises
+    ------
+    AssemblyError
+        It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
+        joints.
+    """
+    pose = _assembled(compiled, model)
+    found = weighted(compiled, pose)
+    here = joint_dependence(found)
+    problems, notes = surplus_problems(model, found, surplus_drivers(found))
+    if problems:
+        raise AssemblyError.from_problems(problems)
+    joints = _joint_rows(compiled)
+    nearby = [weighted(compiled, other) for other in other_poses(compiled, pose, joints)]
+    poses = [(found, here), *((other, joint_dependence(other)) for other in nearby)]
+    generic = max(told.rank for _, told in poses)
+    (chosen, told), *others = [pair for pair in poses if pair[1].rank == generic]
+    elsewhere = [other for other, _ in others]
+    mobility = Mobility(
+        bodies=len(model.bodies),
+        planar=model.plane is not None,
+        coordinates=found.A.shape[1],
+        modes=int(np.sum(found.modal)),
+        equations=_equations(model, found),
+        rank=dependence(found.A).rank,
+        joint_rank=here.rank,
+        generic_rank=generic,
+        redundancies=redundancies(model, chosen, told.circuits, elsewhere),
+        undetermined=reactions_in_doubt((elsewhere or [chosen])[0]),
+        motions=free_motions_of(model, found),
+        as_rigid=_redundant_if_rigid(found),
+        notes=(),
+    )
+    return replace(mobility, notes=(*notes, *_notes(model, found, here, mobility)))
+
+
+def reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
+    """The reactions, drivers' too, that redundant equations leave undetermined in a pose."""
+    return undetermined(found, dependence(found.A).circuits)
+
+
+def _assembled(compiled: Compiled, model: Model) -> Closed:
+    """The closed pose, or the reason why there is none."""
+    pose = close(compiled, compiled.placed)
+    if not pose.kept:
+        joints = close(compiled, compiled.placed, _joint_rows(compiled))
+        if joints.kept:
+            found = weighted(compiled, joints)
+            told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
+            if told:
+                raise AssemblyError.from_problems(told)
+        raise AssemblyError.from_problems(gap_problems(compiled, pose.rows.C))
+    problems = branch_problems(compiled, model, pose.rows.markers.R)
+    if problems:
+        raise AssemblyError.from_problems(problems)
+    return pose
+
+
+def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
+    """(nc,) rows that are not drivers'."""
+    driven = [path.startswith("drivers.") for path in compiled.layout.reactions]
+    joints: NDArray[np.bool_] = ~np.repeat(driven, compiled.system.groups["n"]).astype(bool)
+    return joints
+
+
+def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:
+    """Equations by what brings them, in the order of the rows."""
+    told = []
+    for path in dict.fromkeys(found.owners):
+        section, _, name = path.partition(".")
+        spec = getattr(model, section)[name]
+        type_ = getattr(spec, "type", None) or getattr(spec, "coordinate", section)
+        told.append(Equations(path, str(type_), int(np.sum(found.of(path)))))
+    return tuple(told)
+
+
+def _redundant_if_rigid(found: Weighted) -> int:
+    """Redundant equations of the joints if no body could deform."""
+    A = found.A[~found.driven]
+    return len(A) - dependence(A[:, ~found.modal]).rank
+
+
+def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> list[str]:
+    """What the user should know of a mechanism that can be assembled."""
+    notes = []
+    if is_locked(found, here) and not told.drivers:
+        notes.append(locked_sentence(model, found, here))
+    if told.singular:
+        more = told.generic_rank - told.joint_rank
+        notes.append(
+            f"the assembled pose is singular: {_number(more, 'equation')} of the joints more than "
+            "nearby depend on others, and the motion may branch; begin in another pose"
+        )
+    taken = told.as_rigid - (told.count - told.drivers - told.joint_rank)
+    if told.modes and taken > 0:
+        notes.append(
+            f"with rigid bodies {_number(told.as_rigid, 'equation')} of the joints would be "
+            f"redundant; modes of the flexible bodies take up {taken}, so that the reactions there "
+            "follow from the elasticity"
+        )
+    for motion in told.motions:
+        if motion.idle:
+            cure = "; a universal joint in place of a spherical one holds it" * (motion.count == 1)
+            notes.append(f"{motion.sentence}, which nothing holds and nothing else feels{cure}")
+    return notes
+
+
+def _number(count: int, thing: str) -> str:
+    return f"{count} {thing}{'s' * (count != 1)}"
