@@ -17,7 +17,15 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.results import Result, load_result
     from flexmb.studies import Study, study
     from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
-    from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
+    from flexmb.workflow import (
+        check_scene,
+        mobility,
+        new_scene,
+        resume,
+        run_scene,
+        simulate,
+        warmup,
+    )
 
 __version__ = "0.1.0"
 
@@ -38,6 +46,7 @@ _HOMES = {
     "save_figure": "flexmb.view",
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
+    "mobility": "flexmb.workflow",
     "simulate": "flexmb.workflow",
     "Study": "flexmb.studies",
     "study": "flexmb.studies",
@@ -58,6 +67,7 @@ __all__ = [
     "history_figure",
     "load_result",
     "load_scene",
+    "mobility",
     "new_scene",
     "plot_history",
     "reduce",

@@ -87,7 +87,7 @@ def surplus_problems(
         moment = _disagreement(model, found)
     if surplus and is_locked(found, told):
         drivers = [name for one in surplus for name in one.drivers]
-        what = f"no motion is left to drive: {locked_sentence(model, found, told, drivers)}"
+        what = f"has nothing to drive: {locked_sentence(model, found, told, drivers)}"
         if moment is None:
             return [], [f"{', '.join(drivers)}: {what}"]
         return [Problem(drivers[0], what)], []
@@ -132,7 +132,7 @@ def locked_sentence(
 ) -> str:
     """Which joints lock the mechanism, and what would free it; for `drivers`, so that they move."""
     joints = [plain_name(p) for p in dict.fromkeys(found.owners) if p.startswith("joints.")]
-    sentence = f"the joints {', '.join(joints)} hold every motion of the bodies: it is locked"
+    sentence = f"the mechanism is locked, its joints {', '.join(joints)} hold every motion"
     cure = _freed(model, found, told, drivers or [])
     if told.almost is not None and told.loose is not None and told.almost < _ALIGNED:
         sentence += "; it is nearly free, so axes or places that should fit may be slightly off"
@@ -154,9 +154,9 @@ def _freed(
     needed = np.isin(found.owners, drivers)
 
     def fits(cure: tuple[Weaker, ...]) -> bool:
-        kept = _without(found, cure)
-        free = dependence(np.vstack([kept, found.A[needed]])).rank
-        return dependence(kept).rank == found.A.shape[1] - 1 and free == found.A.shape[1]
+        kept, all_columns = _without(found, cure), found.A.shape[1]
+        held = dependence(np.vstack([kept, found.A[needed]])).rank
+        return dependence(kept).rank == all_columns - 1 and held == all_columns - (not drivers)
 
     drops = len(told.circuits) + 1
     usual = {j: [w for w in known if w.type in MACHINE_JOINTS] for j, known in choices.items()}

@@ -2,8 +2,8 @@
 
 In: the weighted rows of a pose. Out: for each body, and each pair of bodies that a joint connects,
 the motions that leave all others at rest; and the bodies of what remains. A body that moves by
-itself between two joints or more is idle: nothing else feels it, such as the spin of a rod between
-two spherical joints.
+itself between others is idle: nothing else feels it, such as the spin of a rod between two
+spherical joints.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexmb.analysis.weighted import Weighted, plain_name
 from flexmb.engine.layout import BodyColumns
 from flexmb.model.model import Model
-from flexmb.model.names import split_reference
+from flexmb.model.names import GROUND, split_reference
 from flexmb.model.orientation import rotation_matrix
 
 __all__ = ["FreeMotion", "free_motions_of"]
@@ -64,13 +64,13 @@ def free_motions_of(model: Model, found: Weighted) -> tuple[FreeMotion, ...]:
 
 
 def _parts(model: Model, found: Weighted) -> Iterator[tuple[BodyColumns, ...]]:
-    """Single bodies, then pairs that a joint connects and that two more joints hold."""
+    """Single bodies, then pairs that a joint connects and that lie between others."""
     bodies = {body.name: body for body in found.compiled.layout.bodies}
     for body in bodies.values():
         yield (body,)
     for joint in model.joints.values():
         pair = tuple(dict.fromkeys(_ends(joint.between)))
-        if len(pair) == 2 and all(name in bodies for name in pair) and _held(model, pair) > 1:
+        if len(pair) == 2 and all(name in bodies for name in pair) and _between(model, pair):
             yield tuple(bodies[name] for name in pair)
 
 
@@ -79,10 +79,17 @@ def _ends(between: tuple[str, str]) -> tuple[str, str]:
     return first, second
 
 
-def _held(model: Model, bodies: tuple[str, ...]) -> int:
-    """How many joints lead from these bodies to others."""
+def _neighbours(model: Model, bodies: tuple[str, ...]) -> list[str]:
+    """What these bodies have joints with, ground too, a name for each joint."""
     ends = [_ends(joint.between) for joint in model.joints.values()]
-    return sum((a in bodies) != (b in bodies) for a, b in ends)
+    pairs = [(a, b) if a in bodies else (b, a) for a, b in ends if (a in bodies) != (b in bodies)]
+    return [other for _, other in pairs]
+
+
+def _between(model: Model, bodies: tuple[str, ...]) -> bool:
+    """Whether these bodies lie between two joints or more, not all of them on ground."""
+    others = _neighbours(model, bodies)
+    return len(others) > 1 and any(other != GROUND for other in others)
 
 
 def _columns(found: Weighted, body: BodyColumns) -> NDArray[np.bool_]:
@@ -122,9 +129,9 @@ def _motion(
 ) -> FreeMotion:
     names = tuple(body.name for body in bodies)
     count = motions.shape[1]
-    idle = _held(model, names) > 1
+    idle = _between(model, names)
     who = " and ".join(names) + (" together" if len(names) > 1 else "")
-    if not _held(model, names):
+    if not _neighbours(model, names):
         sentence = f"{who} is held by no joint"
     elif count == 1:
         sentence = f"{who} can {_screw(model, found, bodies[0], motions[:, 0])}"

@@ -215,10 +215,6 @@ def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> l
             f"redundant; modes of the flexible bodies take up {taken}, so that the reactions there "
             "follow from the elasticity"
         )
-    for motion in told.motions:
-        if motion.idle:
-            cure = "; a universal joint in place of a spherical one holds it" * (motion.count == 1)
-            notes.append(f"{motion.sentence}, which nothing holds and nothing else feels{cure}")
     return notes
 
 

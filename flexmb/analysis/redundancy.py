@@ -8,7 +8,7 @@ redundancy leaves undetermined: those that the null vectors of the transposed Ja
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from flexmb.analysis.exchange import (
 from flexmb.analysis.weighted import Weighted, plain_name
 from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.model import Model
+from flexmb.model.names import GROUND
 from flexmb.model.plane import plane_axes
 
 __all__ = [
@@ -193,7 +194,12 @@ def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[st
         ]
         g = found.g[found.of(name)]
         known = weaker_joints(name, kept, g, found.ends(name), _used_motions(model))
-        choices[name] = [weaker for weaker in known if weaker.type or not needed]
+        on_ground = any(end.partition(".")[0] == GROUND for end in model.joints[joint].between)
+        choices[name] = [
+            replace(weaker, cost=weaker.cost + on_ground)  # bearings of the frame stay if they can
+            for weaker in known
+            if weaker.type or not needed
+        ]
     return choices
 
 
