@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from flexmb.analysis.closing import close, free_motions
-from flexmb.analysis.dependence import Dependence, circuits, dependence
+from flexmb.analysis.dependence import Dependence, circuits, dependence, null_space
 from flexmb.analysis.exchange import MACHINE_JOINTS, Weaker, exchanges
+from flexmb.analysis.poses import close
 from flexmb.analysis.redundancy import Exchange, choices_of, in_words, joint_dependence
 from flexmb.analysis.weighted import Weighted, plain_name
 from flexmb.errors import Problem
@@ -41,8 +41,7 @@ def surplus_drivers(found: Weighted) -> tuple[Surplus, ...]:
     joints, drivers = found.A[~found.driven], found.A[found.driven]
     if not len(drivers):
         return ()
-    V = free_motions(joints, np.ones(found.A.shape[1]))
-    free = drivers @ V
+    free = drivers @ null_space(joints)
     owners = np.array(found.owners)
     told = []
     for circuit in _null_circuits(free):
@@ -104,7 +103,9 @@ def surplus_problems(
 def _words(one: Surplus) -> str:
     """Who prescribes one motion twice."""
     joints = ", ".join(plain_name(path) for path in one.joints)
-    through = f", through {'joint' if len(one.joints) == 1 else 'joints'} {joints}," if joints else ""
+    through = (
+        f", through {'joint' if len(one.joints) == 1 else 'joints'} {joints}," if joints else ""
+    )
     if len(one.drivers) == 1:
         return f"{one.drivers[0]} prescribes what the joints {joints} hold"
     return f"{' and '.join(one.drivers)}{through} prescribe the same motion"
@@ -124,7 +125,7 @@ def _disagreement(model: Model, found: Weighted) -> float | None:
 
 def is_locked(found: Weighted, told: Dependence) -> bool:
     """Whether the joints alone hold all coordinates."""
-    return told.rank == found.A.shape[1] > 0
+    return bool(told.rank == found.A.shape[1] > 0)
 
 
 def locked_sentence(
@@ -134,7 +135,7 @@ def locked_sentence(
     joints = [plain_name(p) for p in dict.fromkeys(found.owners) if p.startswith("joints.")]
     sentence = f"the mechanism is locked, its joints {', '.join(joints)} hold every motion"
     cure = _freed(model, found, told, drivers or [])
-    if told.almost is not None and told.loose is not None and told.almost < _ALIGNED:
+    if told.almost < _ALIGNED:
         sentence += "; it is nearly free, so axes or places that should fit may be slightly off"
     if cure:
         sentence += f"; to free one motion exchange {' and '.join(str(e) for e in cure)}"
@@ -156,7 +157,8 @@ def _freed(
     def fits(cure: tuple[Weaker, ...]) -> bool:
         kept, all_columns = _without(found, cure), found.A.shape[1]
         held = dependence(np.vstack([kept, found.A[needed]])).rank
-        return dependence(kept).rank == all_columns - 1 and held == all_columns - (not drivers)
+        freed = dependence(kept).rank == all_columns - 1
+        return freed and held == all_columns - (not drivers)
 
     drops = len(told.circuits) + 1
     usual = {j: [w for w in known if w.type in MACHINE_JOINTS] for j, known in choices.items()}

@@ -14,39 +14,46 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-__all__ = ["Dependence", "circuits", "dependence", "together"]
+__all__ = ["Dependence", "circuits", "dependence", "null_space", "together"]
 
 Array = NDArray[np.float64]
 RANK = 1e-8  # relative to the largest singular value; round-off leaves 1e-13
 _NOTHING = 1e-7  # share of the largest coefficient of a circuit that is round-off
-_ALMOST = 1e-2  # singular values below this share of the largest are nearly zero
 
 
 @dataclass(frozen=True)
 class Dependence:
-    """Rank of a matrix of rows, its circuits (n, rows), and a row combination nearly zero.
+    """Rank of a matrix of rows, its circuits (n, rows), and how near it is to a lower rank.
 
-    `almost` is the smallest singular value that is not zero over the largest, if it is small, and
-    `loose` the (rows,) combination that belongs to it; both None otherwise.
+    `almost` is the smallest singular value that is not zero over the largest.
     """
 
     rank: int
     circuits: Array
-    almost: float | None
-    loose: Array | None
+    almost: float
 
 
 def dependence(A: Array) -> Dependence:
     """Rank and circuits of the rows of A (rows, columns)."""
     n = len(A)
     if not A.size:
-        return Dependence(0, np.eye(n), None, None)
+        return Dependence(0, np.eye(n), 1.0)
     U, size, _ = np.linalg.svd(A)
     rank = int(np.sum(size > RANK * size[0])) if size[0] > 0 else 0
-    almost, loose = None, None
-    if rank and size[rank - 1] < _ALMOST * size[0]:
-        almost, loose = float(size[rank - 1] / size[0]), U[:, rank - 1]
-    return Dependence(rank, circuits(U[:, rank:].T), almost, loose)
+    almost = float(size[rank - 1] / size[0]) if rank else 1.0
+    return Dependence(rank, circuits(U[:, rank:].T), almost)
+
+
+def null_space(A: Array, size: float | None = None) -> Array:
+    """(columns, k) orthonormal motions that no row of A (rows, columns) sees.
+
+    Zero is what is small against `size`, by default the largest singular value of A.
+    """
+    if not A.size:
+        return np.eye(A.shape[1])
+    _, values, Vt = np.linalg.svd(A)
+    largest = values[0] if size is None else size
+    return np.asarray(Vt[int(np.sum(values > RANK * largest)) :].T)
 
 
 def circuits(N: Array) -> Array:

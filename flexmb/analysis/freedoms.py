@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dependence import null_space
 from flexmb.analysis.weighted import Weighted, plain_name
 from flexmb.engine.layout import BodyColumns
 from flexmb.model.model import Model
@@ -24,7 +25,6 @@ __all__ = ["FreeMotion", "free_motions_of"]
 
 Array = NDArray[np.float64]
 _NOTHING = 1e-7
-_FREE = 1e-8  # singular value, over the largest, below which a motion is free
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class FreeMotion:
 def free_motions_of(model: Model, found: Weighted) -> tuple[FreeMotion, ...]:
     """The free motions of a pose, those of single bodies and pairs apart, idle ones marked."""
     told: list[FreeMotion] = []
-    V = _null_space(found.A)
+    V = null_space(found.A)
     left = V.shape[1]
     alone = np.zeros((len(found.columns), 0))
     for bodies in _parts(model, found):
@@ -102,19 +102,12 @@ def _alone(found: Weighted, bodies: tuple[BodyColumns, ...]) -> Array:
     inside = np.any([_columns(found, body) for body in bodies], axis=0) & ~found.modal
     motions = np.zeros((len(inside), 0))
     if np.any(inside):
-        mine = _null_space(found.A[:, inside], found.A)
+        mine = null_space(
+            found.A[:, inside], float(np.linalg.norm(found.A, 2)) if found.A.size else 1.0
+        )
         motions = np.zeros((len(inside), mine.shape[1]))
         motions[inside] = mine
     return motions
-
-
-def _null_space(A: Array, scale: Array | None = None) -> Array:
-    """(columns, k) orthonormal; zero is what is small against `scale`, by default A itself."""
-    if not A.size:
-        return np.eye(A.shape[1])
-    _, size, Vt = np.linalg.svd(A)
-    largest = np.linalg.norm(A if scale is None else scale, 2)
-    return np.asarray(Vt[int(np.sum(size > _FREE * largest)) :].T)
 
 
 def _outside(motions: Array, known: Array) -> Array:
@@ -137,7 +130,9 @@ def _motion(
         sentence = f"{who} can {_screw(model, found, bodies[0], motions[:, 0])}"
     else:
         turns, slides = _turns_and_slides(found, bodies[0], motions)
-        ways = [f"{n} {word}{'s' * (n > 1)}" for n, word in ((turns, "turn"), (slides, "slide")) if n]
+        ways = [
+            f"{n} {word}{'s' * (n > 1)}" for n, word in ((turns, "turn"), (slides, "slide")) if n
+        ]
         sentence = f"{who} can move by itself: {', '.join(ways)}"
         if len(names) > 1:
             sentence = sentence.replace("by itself", "by themselves")

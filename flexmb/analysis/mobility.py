@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.closing import Closed, close, other_poses
 from flexmb.analysis.conflicts import (
     is_locked,
     locked_sentence,
@@ -22,7 +21,8 @@ from flexmb.analysis.conflicts import (
 )
 from flexmb.analysis.dependence import Dependence, dependence
 from flexmb.analysis.freedoms import FreeMotion, free_motions_of
-from flexmb.analysis.gaps import branch_problems, gap_problems
+from flexmb.analysis.gaps import check_branches, gap_problems
+from flexmb.analysis.poses import Closed, close, other_poses
 from flexmb.analysis.redundancy import (
     Redundancy,
     Undetermined,
@@ -30,12 +30,14 @@ from flexmb.analysis.redundancy import (
     redundancies,
     undetermined,
 )
-from flexmb.analysis.weighted import Weighted, weighted
+from flexmb.analysis.rows import rows_at
+from flexmb.analysis.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
+from flexmb.engine.work import Work, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 
-__all__ = ["LARGEST", "Equations", "Mobility", "examine", "reactions_in_doubt"]
+__all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
 
 LARGEST = 600
 """Coordinates up to which a dense decomposition is affordable."""
@@ -143,7 +145,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         joint_rank=here.rank,
         generic_rank=generic,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
-        undetermined=reactions_in_doubt((elsewhere or [chosen])[0]),
+        undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
         motions=free_motions_of(model, found),
         as_rigid=_redundant_if_rigid(found),
         notes=(),
@@ -151,9 +153,37 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
     return replace(mobility, notes=(*notes, *_notes(model, found, here, mobility)))
 
 
-def reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
+def _reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
     """The reactions, drivers' too, that redundant equations leave undetermined in a pose."""
     return undetermined(found, dependence(found.A).circuits)
+
+
+def redundant_reactions(
+    compiled: Compiled, model: Model, q: NDArray[np.float64]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that.
+
+    Raises
+    ------
+    AssemblyError
+        Drivers contradict each other or the joints.
+    """
+    rows = rows_at(compiled, q)
+    found = weighted(compiled, Closed(q, rows, True))
+    problems, notes = surplus_problems(model, found, surplus_drivers(found))
+    if problems:
+        raise AssemblyError.from_problems(problems)
+    doubtful = tuple(told.path for told in _reactions_in_doubt(found))
+    redundant = len(found.A) - dependence(found.A).rank
+    if not redundant:
+        return (), notes
+    names = ", ".join(plain_name(path) for path in doubtful)
+    notes.append(
+        f"{redundant} of {len(found.A)} equations repeat others: the motion is unique, the "
+        f"reactions are not at {names} (the least ones are reported); flexmb check tells which "
+        "exchange of joints cures it"
+    )
+    return doubtful, notes
 
 
 def _assembled(compiled: Compiled, model: Model) -> Closed:
@@ -166,11 +196,17 @@ def _assembled(compiled: Compiled, model: Model) -> Closed:
             told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
             if told:
                 raise AssemblyError.from_problems(told)
-        raise AssemblyError.from_problems(gap_problems(compiled, pose.rows.C))
-    problems = branch_problems(compiled, model, pose.rows.markers.R)
-    if problems:
-        raise AssemblyError.from_problems(problems)
+        raise AssemblyError.from_problems(gap_problems(compiled, _work(compiled, pose)))
+    check_branches(compiled, model, _work(compiled, pose))
     return pose
+
+
+def _work(compiled: Compiled, pose: Closed) -> Work:
+    """Scratch of the engine with the gaps and the markers' axes of a pose."""
+    work = new_work(compiled.system)
+    work.con.C[:] = pose.rows.C
+    work.now.marker["R"] = pose.rows.markers.R
+    return work
 
 
 def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:

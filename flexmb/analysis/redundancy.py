@@ -95,7 +95,7 @@ def joint_dependence(found: Weighted) -> Dependence:
     told = dependence(found.A[~found.driven])
     circuits = np.zeros((len(told.circuits), len(found.A)))
     circuits[:, ~found.driven] = told.circuits
-    return Dependence(told.rank, circuits, told.almost, told.loose)
+    return Dependence(told.rank, circuits, told.almost)
 
 
 def redundancies(

@@ -3,8 +3,8 @@
 Every row is written once, as a function of h = x_J − x_I and the axes A, B of its two markers; its
 gradient comes from complex steps of that function, so the rows here are an independent check of
 `flexmb.engine.kernels.primitive`, whose docstring has the table. A new kind of row is one line of
-`MEASURES`. Velocity coordinates as in `flexmb.engine.layout`; source of the complex step: Squire and
-Trapp, SIAM Review 40 (1998) 110.
+`MEASURES`. Velocity coordinates as in `flexmb.engine.layout`; source of the complex step: Squire
+and Trapp, SIAM Review 40 (1998) 110.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _X, _Y, _Z = 0, 1, 2
 
 
 def _dot(u: Complex, v: Complex) -> Complex:
-    return np.einsum("...i,...i->...", u, v)
+    return np.asarray(np.einsum("...i,...i->...", u, v))
 
 
 def _length(u: Complex) -> Complex:
@@ -57,9 +57,7 @@ MEASURES: dict[int, Measure] = {
     tables.ANGLE: lambda a, b, h, A, B: _angle(
         _dot(A[..., _Y], B[..., b]), _dot(A[..., _X], B[..., b])
     ),
-    tables.TWIST: lambda a, b, h, A, B: (
-        _dot(A[..., _X], B[..., _Y]) - _dot(A[..., _Y], B[..., _X])
-    ),
+    tables.TWIST: lambda a, b, h, A, B: _dot(A[..., _X], B[..., _Y]) - _dot(A[..., _Y], B[..., _X]),
     tables.RADIAL: lambda a, b, h, A, B: _length(_off_axis(h, A)),
     tables.MOMENT: lambda a, b, h, A, B: _dot(h, np.cross(A[..., _Z], B[..., _Z])),
 }
@@ -109,8 +107,9 @@ def rows_at(compiled: Compiled, q: Array, t: float = 0.0) -> Rows:
             if J is not None:
                 iv = int(system.parts.bodies[system.parts.markers[end]["body"]]["iv"])
                 Cq[k, iv : iv + J.shape[1]] += part @ J
+    scalars: Any = system.parts.coordinates
     for follow in system.follows:
-        Cq[follow["row"], system.parts.coordinates[follow["coordinate"]]["iv"]] -= follow["factor"]
+        Cq[follow["row"], scalars[follow["coordinate"]]["iv"]] -= follow["factor"]
     return Rows(C, g, Cq, markers)
 
 
@@ -142,9 +141,9 @@ def _asked(compiled: Compiled, q: Array, t: float) -> Array:
     for k, row in enumerate(system.rows):
         if row["fun"] >= 0 and not row["follows"]:
             asked[k] += evaluate(compiled.functions[row["fun"]].ops, t)[0]
+    scalars: Any = system.parts.coordinates
     for follow in system.follows:
-        iq = system.parts.coordinates[follow["coordinate"]]["iq"]
-        asked[follow["row"]] += follow["factor"] * q[iq]
+        asked[follow["row"]] += follow["factor"] * q[scalars[follow["coordinate"]]["iq"]]
     return asked
 
 
@@ -152,7 +151,9 @@ def placed_markers(compiled: Compiled, q: Array) -> Placed:
     """All markers at the positions q (nq,)."""
     parts = compiled.system.parts
     turns = [rotation_matrix(q[b["iq"] + 3 : b["iq"] + 7]) for b in parts.bodies]
-    x, R, J = [], [], []
+    x: list[Array] = []
+    R: list[Array] = []
+    J: list[Array | None] = []
     for marker in parts.markers:
         body = int(marker["body"])
         if body < 0:
@@ -198,12 +199,11 @@ def moved(compiled: Compiled, q: Array, d: Array) -> Array:
         size = float(np.linalg.norm(half))
         w, u = np.cos(size), np.sinc(size / np.pi) * half
         p = q[i + 3 : i + 7]
-        turned = np.append(
-            p[0] * w - p[1:] @ u, p[0] * u + w * p[1:] + np.cross(p[1:], u)
-        )
+        turned = np.append(p[0] * w - p[1:] @ u, p[0] * u + w * p[1:] + np.cross(p[1:], u))
         out[i + 3 : i + 7] = turned / np.linalg.norm(turned)
         out[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
-    for row in compiled.system.parts.coordinates if len(compiled.layout.coordinates) else ():
+    scalars: Any = compiled.system.parts.coordinates
+    for row in scalars if scalars is not None else ():
         out[row["iq"]] += d[row["iv"]]
     return out
 

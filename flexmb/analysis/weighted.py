@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.closing import Closed, column_scales
+from flexmb.analysis.poses import Closed, column_scales
 from flexmb.engine.compile import Compiled
 
 __all__ = ["Weighted", "plain_name", "weighted"]
@@ -68,11 +69,12 @@ def weighted(compiled: Compiled, pose: Closed) -> Weighted:
     scales = column_scales(compiled)
     rows = np.ones(compiled.layout.nc, bool)
     columns = scales > 0
+    scalars: Any = system.parts.coordinates
     followed = system.follows["coordinate"]
     for k in range(len(compiled.layout.coordinates)):
         if np.sum(followed == k) == 1:
             rows[system.follows["row"][followed == k]] = False
-            columns[system.parts.coordinates[k]["iv"]] = False
+            columns[scalars[k]["iv"]] = False
     weights = system.row_weights[rows, None]
     reach = np.tile(np.repeat([compiled.length, 1.0], 3), 2)
     groups = np.repeat(np.arange(len(system.groups)), system.groups["n"])

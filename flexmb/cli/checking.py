@@ -42,8 +42,6 @@ def _mobility(found: Any) -> None:
         ("freedoms δ", str(found.delta), _without_drivers(found)),
     ]
     show.table(("", "", ""), rows, right=(1,))
-    equations = [(e.path, e.type, str(e.count)) for e in found.equations]
-    show.table(("equations of", "type", ""), equations, right=(2,))
     for group in found.redundancies:
         joints = ", ".join(_plain(group.joints))
         show.line(f"{_count(group.count, 'redundant equation')} among {joints}")
@@ -51,8 +49,11 @@ def _mobility(found: Any) -> None:
             show.line(f"  {word}  {'; '.join(str(exchange) for exchange in cure)}")
         if not group.cures:
             show.line("  no exchange of these joints for weaker ones was found that cures it")
-    doubtful = [(_plain([u.path])[0], ", ".join(u.components)) for u in found.undetermined]
-    show.table(("reaction not unique", "components in the axes of its marker J"), doubtful)
+    doubtful: dict[str, list[str]] = {}
+    for told in found.undetermined:
+        doubtful.setdefault(", ".join(told.components), []).append(told.path)
+    shared = [(", ".join(_plain(paths)), components) for components, paths in doubtful.items()]
+    show.table(("reactions not unique at", "components, in the axes of marker J"), shared)
     motions = [("idle" if m.idle else "free", m.sentence) for m in found.motions]
     show.table(("motion", "what moves"), motions)
 

@@ -110,6 +110,8 @@ def result(run: Any) -> None:
     table(("wall time by phase", "s", ""), summary.costs(run.statistics), right=(1,))
     if rows:
         _energies(run)
+    if run.reactions_not_unique:
+        line(f"reactions not unique at: {', '.join(run.reactions_not_unique)}")
     if rows and "largest_position_drift" not in run.statistics:
         position, velocity = run.drift.max(axis=0)
         line(f"largest constraint drift: position {position:.2g}, velocity {velocity:.2g}")

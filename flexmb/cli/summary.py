@@ -27,6 +27,7 @@ _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s",
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
+_NOT_UNIQUE = "reactions_not_unique"
 
 
 def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
@@ -48,7 +49,7 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
         rows.append(
             ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")
         )
-    spoken = {*_TOLD, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES}
+    spoken = {*_TOLD, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _NOT_UNIQUE}
     rows += [
         (key.replace("_", " "), number(value), "")
         for key, value in known.items()

@@ -61,7 +61,7 @@ def check_scene(
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
         "equations of the joints": counts.equations,
-        "freedoms left by joints and drivers": counts.mobility,
+        "coordinates less equations": counts.mobility,
     }
     notes = _notes(model, counts)
     for name, found in surveys.items():

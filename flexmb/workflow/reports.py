@@ -62,6 +62,6 @@ class CheckReport:
     bodies: dict[str, dict[str, str]] = field(default_factory=dict)
     """What the reduction of each flexible body will keep, in words."""
     mobility: Mobility | None = None
-    """Coordinates, equations, rank and what follows; None where nothing moves or it is too large."""
+    """Coordinates, equations, rank and what follows; None for what is too large or never moves."""
     definition: tuple[tuple[str, Table], ...] = ()
     """The tables that define the model, each with its title, if they were asked for."""

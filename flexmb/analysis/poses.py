@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dependence import null_space
 from flexmb.analysis.rows import Rows, moved, rows_at
 from flexmb.engine.compile import Compiled
 
-__all__ = ["Closed", "close", "column_scales", "free_motions", "other_poses"]
+__all__ = ["Closed", "close", "column_scales", "other_poses"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -75,18 +76,6 @@ def close(compiled: Compiled, q: Array, which: Mask | None = None, t: float = 0.
     return Closed(q, rows, bool(left <= _CLOSED))
 
 
-def free_motions(A: Array, scales: Array) -> Array:
-    """(nv, k) orthonormal free motions of the rows A (n, nv) over their scales (nv,)."""
-    used = np.flatnonzero(scales > 0)
-    found = np.zeros((len(scales), 0))
-    if len(used):
-        _, size, Vt = np.linalg.svd(A[:, used] * scales[used]) if len(A) else (0, [], np.eye(len(used)))
-        rank = int(np.sum(np.asarray(size) > _SMALL * max(size, default=0.0)))
-        found = np.zeros((len(scales), len(used) - rank))
-        found[used] = Vt[rank:].T
-    return found
-
-
 def other_poses(compiled: Compiled, start: Closed, which: Mask, seed: int = 0) -> list[Closed]:
     """Up to two poses of the same assembly, a short way along its free motions.
 
@@ -95,7 +84,13 @@ def other_poses(compiled: Compiled, start: Closed, which: Mask, seed: int = 0) -
     """
     rng = np.random.default_rng(seed)
     scales = column_scales(compiled)
-    motions = free_motions((compiled.system.row_weights[:, None] * start.rows.Cq)[which], scales)
+    used = np.flatnonzero(scales > 0)
+    A = (compiled.system.row_weights[:, None] * start.rows.Cq * scales)[which]
+    motions = np.zeros((len(scales), 0))
+    if len(used):
+        free = null_space(A[:, used])
+        motions = np.zeros((len(scales), free.shape[1]))
+        motions[used] = free
     found: list[Closed] = []
     for _ in range(_TRIALS if motions.shape[1] else 0):
         step = motions @ rng.standard_normal(motions.shape[1])
