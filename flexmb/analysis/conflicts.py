@@ -158,7 +158,7 @@ def _freed(
         kept, all_columns = _without(found, cure), found.A.shape[1]
         held = dependence(np.vstack([kept, found.A[needed]])).rank
         freed = dependence(kept).rank == all_columns - 1
-        return freed and held == all_columns - (not drivers)
+        return bool(freed and held == all_columns - (not drivers))
 
     drops = len(told.circuits) + 1
     usual = {j: [w for w in known if w.type in MACHINE_JOINTS] for j, known in choices.items()}

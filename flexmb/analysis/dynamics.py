@@ -14,13 +14,13 @@ import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.mobility import redundant_reactions
+from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -134,7 +134,11 @@ def prepare(
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
     clock.lap("compile")
     progress("assemble", 0.0)
-    first = assemble(compiled, model, start=spec.start, begin=begin)
+    try:
+        first = assemble(compiled, model, start=spec.start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))

@@ -36,7 +36,7 @@ _PART = 1e-9  # of a gradient that may be outside of the rows it is a part of
 _RANK = 1e-6
 _MOST_TRIALS = 20_000
 _LEFT_OUT = 50  # cost of leaving a joint out: the last resort
-MACHINE_JOINTS = ("cylindrical", "spherical", "universal", "revolute", "prismatic")
+MACHINE_JOINTS = ("spherical", "cylindrical", "universal", "revolute", "prismatic")
 """Joints that are bought or made as such; the others are conditions."""
 
 _PREFERRED = (
@@ -87,6 +87,8 @@ def weaker_joints(
     """
     found: list[Weaker] = []
     for name in kept:
+        if used.all() and len(JOINT_ROWS.get(name, ())) >= len(g):
+            continue  # no part of what is held
         cost = _PREFERRED.index(name) if name in _PREFERRED else len(_PREFERRED)
         for turns in _placements(name):
             given_up = given_up_by(name, turns, g, ends, used)
@@ -94,6 +96,7 @@ def weaker_joints(
                 continue
             extra = 3 * (turns[0] + (turns[1] != turns[0]))
             found.append(Weaker(joint, name, turns, given_up, cost + extra))
+    found.sort(key=lambda weaker: weaker.cost)
     return [*found, Weaker(joint, "", (0, 0), np.eye(len(g)), _LEFT_OUT)]
 
 

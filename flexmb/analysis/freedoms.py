@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.dependence import null_space
-from flexmb.analysis.weighted import Weighted, plain_name
+from flexmb.analysis.weighted import Weighted
 from flexmb.engine.layout import BodyColumns
 from flexmb.model.model import Model
 from flexmb.model.names import GROUND, split_reference
@@ -25,6 +25,7 @@ __all__ = ["FreeMotion", "free_motions_of"]
 
 Array = NDArray[np.float64]
 _NOTHING = 1e-7
+_SCREW = 1e-6  # pitch and distance of a line, over the model size, that are round-off
 
 
 @dataclass(frozen=True)
@@ -102,9 +103,8 @@ def _alone(found: Weighted, bodies: tuple[BodyColumns, ...]) -> Array:
     inside = np.any([_columns(found, body) for body in bodies], axis=0) & ~found.modal
     motions = np.zeros((len(inside), 0))
     if np.any(inside):
-        mine = null_space(
-            found.A[:, inside], float(np.linalg.norm(found.A, 2)) if found.A.size else 1.0
-        )
+        whole = float(np.linalg.norm(found.A, 2)) if found.A.size else 1.0
+        mine = null_space(found.A[:, inside], whole)
         motions = np.zeros((len(inside), mine.shape[1]))
         motions[inside] = mine
     return motions
@@ -127,7 +127,7 @@ def _motion(
     if not _neighbours(model, names):
         sentence = f"{who} is held by no joint"
     elif count == 1:
-        sentence = f"{who} can {_screw(model, found, bodies[0], motions[:, 0])}"
+        sentence = f"{who} can {_screw(model, found, bodies, motions[:, 0])}"
     else:
         turns, slides = _turns_and_slides(found, bodies[0], motions)
         ways = [
@@ -153,39 +153,39 @@ def _turns_and_slides(found: Weighted, body: BodyColumns, motions: Array) -> tup
     return turns, motions.shape[1] - turns
 
 
-def _screw(model: Model, found: Weighted, body: BodyColumns, motion: Array) -> str:
+def _screw(model: Model, found: Weighted, bodies: tuple[BodyColumns, ...], motion: Array) -> str:
     """One motion as a turn about a line, a slide, or a screw motion."""
-    length = found.compiled.length
+    length, body = found.compiled.length, bodies[0]
     twist = _twists(found, body, motion[:, None])[0]
     v, w = twist[:3], twist[3:]
     spin = float(np.linalg.norm(w))
-    if spin < 1e-6:
+    if spin < _NOTHING:
         return f"slide along {_direction(v)}"
-    axis = w / spin
     r = found.pose.q[body.iq : body.iq + 3]
     point = r + length * np.cross(w, v) / spin**2
-    pitch = float(v @ w) / spin**2
-    about = _line(model, found, body.name, point, axis)
-    if abs(pitch) > 1e-6:
+    about = _line(model, found, {body.name for body in bodies}, point, w / spin)
+    if abs(float(v @ w)) > _SCREW * spin**2:
         return f"move as a screw about {about}"
     return f"turn about {about}"
 
 
-def _line(model: Model, found: Weighted, body: str, point: Array, axis: Array) -> str:
-    """The line by the joints of the body that it passes through, else by point and direction."""
+def _line(model: Model, found: Weighted, bodies: set[str], point: Array, axis: Array) -> str:
+    """The line by the joints of the bodies that it passes through, else by point and direction."""
     through = []
     for name, joint in model.joints.items():
-        path = f"joints.{name}"
-        if body in _ends(joint.between) and path in found.owners:
+        path, inside = f"joints.{name}", [end in bodies for end in _ends(joint.between)]
+        if inside[0] != inside[1] and path in found.owners:
             xi, _, xj, _ = found.ends(path)
-            x = (xj if _ends(joint.between)[1] == body else xi) * found.compiled.length
-            if np.linalg.norm(np.cross(x - point, axis)) < 1e-6 * found.compiled.length:
-                through.append(plain_name(path))
+            x = (xi if inside[0] else xj) * found.compiled.length
+            if np.linalg.norm(np.cross(x - point, axis)) < _SCREW * found.compiled.length:
+                through.append(name)
     if len(through) > 1:
         return f"the line through its joints {' and '.join(through)}"
     if through:
         return f"{_direction(axis)} through its joint {through[0]}"
-    place = ", ".join(f"{model.units.outward(float(c), 'm'):.4g}" for c in point)
+    noise = _NOTHING * found.compiled.length
+    kept = (float(c) if abs(c) > noise else 0.0 for c in point)
+    place = ", ".join(f"{model.units.outward(c, 'm'):.4g}" for c in kept)
     return f"{_direction(axis)} through ({place}) {model.units.label('m')}"
 
 

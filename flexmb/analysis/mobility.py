@@ -8,6 +8,7 @@ compiled. Degrees of freedom δ = coordinates − rank (Hong & Liu 2011, section
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,10 +35,10 @@ from flexmb.analysis.rows import rows_at
 from flexmb.analysis.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import Work, new_work
-from flexmb.errors import AssemblyError
+from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 
-__all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
+__all__ = ["LARGEST", "Equations", "Mobility", "driver_problems", "examine", "redundant_reactions"]
 
 LARGEST = 600
 """Coordinates up to which a dense decomposition is affordable."""
@@ -146,7 +147,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         generic_rank=generic,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
         undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
-        motions=free_motions_of(model, found),
+        motions=free_motions_of(model, chosen),
         as_rigid=_redundant_if_rigid(found),
         notes=(),
     )
@@ -190,15 +191,24 @@ def _assembled(compiled: Compiled, model: Model) -> Closed:
     """The closed pose, or the reason why there is none."""
     pose = close(compiled, compiled.placed)
     if not pose.kept:
-        joints = close(compiled, compiled.placed, _joint_rows(compiled))
-        if joints.kept:
-            found = weighted(compiled, joints)
-            told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
-            if told:
-                raise AssemblyError.from_problems(told)
-        raise AssemblyError.from_problems(gap_problems(compiled, _work(compiled, pose)))
+        gaps = gap_problems(compiled, _work(compiled, pose))
+        raise AssemblyError.from_problems(driver_problems(compiled, model, gaps))
     check_branches(compiled, model, _work(compiled, pose))
     return pose
+
+
+def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
+    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
+    joints = close(compiled, compiled.placed, _joint_rows(compiled))
+    if not model.drivers or not joints.kept:
+        return gaps
+    found = weighted(compiled, joints)
+    told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
+    if told:
+        return told
+    names = ", ".join(f"drivers.{name}" for name in model.drivers)
+    what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
+    return [Problem(names, what), *gaps]
 
 
 def _work(compiled: Compiled, pose: Closed) -> Work:
@@ -241,8 +251,8 @@ def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> l
     if told.singular:
         more = told.generic_rank - told.joint_rank
         notes.append(
-            f"the assembled pose is singular: {_number(more, 'equation')} of the joints more than "
-            "nearby depend on others, and the motion may branch; begin in another pose"
+            f"the assembled pose is singular: {_number(more, 'equation')} of the joints repeat "
+            "others here and not nearby, and the motion may branch; begin in another pose"
         )
     taken = told.as_rigid - (told.count - told.drivers - told.joint_rank)
     if told.modes and taken > 0:

@@ -26,6 +26,8 @@ __all__ = ["MEASURES", "Placed", "Rows", "gradient", "moved", "placed_markers", 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 _STEP = 1e-40  # no difference is formed, so none is too small
+_STEPS = 1j * _STEP * np.eye(3)
+_TURNS = -1j * _STEP * np.cross(np.eye(3)[:, None], np.eye(3)[None])  # e~ of each axis e
 _X, _Y, _Z = 0, 1, 2
 
 
@@ -115,14 +117,13 @@ def rows_at(compiled: Compiled, q: Array, t: float = 0.0) -> Rows:
 
 def gradient(axes: tuple[int, int, int], xi: Array, Ri: Array, xj: Array, Rj: Array) -> Array:
     """Gradient (12,) of a row (kind, a, b) for (δx_I, δφ_I, δx_J, δφ_J) in global axes."""
-    step = 1j * _STEP * np.eye(3)
-    turns = np.eye(3) + 1j * _STEP * np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
-    x, y = np.tile(xi.astype(complex), (12, 1)), np.tile(xj.astype(complex), (12, 1))
-    A, B = (np.tile(R.astype(complex), (12, 1, 1)) for R in (Ri, Rj))
-    x[0:3] += step
-    A[3:6] = turns @ Ri
-    y[6:9] += step
-    B[9:12] = turns @ Rj
+    x, y = np.empty((12, 3), complex), np.empty((12, 3), complex)
+    A, B = np.empty((12, 3, 3), complex), np.empty((12, 3, 3), complex)
+    x[:], A[:], y[:], B[:] = xi, Ri, xj, Rj
+    x[0:3] += _STEPS
+    A[3:6] += _TURNS @ Ri
+    y[6:9] += _STEPS
+    B[9:12] += _TURNS @ Rj
     found: Array = np.broadcast_to(_value(axes, x, A, y, B), (12,)).imag / _STEP
     return found
 
@@ -167,7 +168,7 @@ def placed_markers(compiled: Compiled, q: Array) -> Placed:
         R.append(A @ E @ marker["R"])
         rigid = np.block([[np.eye(3), -A @ _skew(s)], [np.zeros((3, 3)), A]])
         J.append(np.hstack([rigid, np.vstack([A @ modal[:3], A @ modal[3:]])]))
-    return Placed(np.array(x), np.array(R), tuple(J))
+    return Placed(np.reshape(x, (-1, 3)), np.reshape(R, (-1, 3, 3)), tuple(J))
 
 
 def _carried(pool: Array, marker: np.void, m: int, q: Array) -> tuple[Array, Array, Array]:
