@@ -15,7 +15,15 @@ import numpy as np
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    energy,
+    force,
+    kinematics,
+    reaction,
+    sensor,
+)
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
@@ -24,7 +32,7 @@ from flexmb.engine.kernels.tangent import marker_jacobian
 from flexmb.engine.tables import COORDINATE, SPRING
 from flexmb.engine.work import new_state, new_work
 
-STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
+STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
 @entry
@@ -58,6 +66,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
+    elif what == REACTIONS:
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
     return 0
 
 
@@ -104,7 +114,8 @@ class Bench:
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
         self.work = new_work(system)
-        self.out = np.full(max(self.layout.nq, 7 + channels, 12 + self.layout.nv), np.nan)
+        size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
+        self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -177,6 +188,13 @@ class Bench:
         """Where the velocity coordinates of a body are."""
         row = self.sys.parts.bodies[body]
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
+
+    @property
+    def reactions(self):
+        """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        self.run(REACTIONS)
+        n = len(self.sys.groups)
+        return self.out[: 12 * n].reshape(n, 4, 3).copy()
 
     @property
     def Cq(self):
