@@ -28,7 +28,7 @@ BODIES = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": 
 PLANE = [0, 1, 5]
 
 # Components that a joint cannot carry, on marker J in its axes, then on marker I in its axes
-# (README, "Reactions"). F, M: force, moment. What is not named here carries all; a planar joint none
+# (README, "Reactions"). F, M: force, moment. What is not named here carries all.
 NONE = {
     "revolute": ("Mz", "Mz"),
     "prismatic": ("Fz", "Fz"),
@@ -50,12 +50,12 @@ NONE = {
     "revolute-universal": ("Mz", "Mz"),
     "spherical-universal": ("Mx My Mz", "Mx My Mz"),
 }
-IN_PLANE = {  # the normal is z; x: the axis of what slides
+IN_PLANE = {  # beside those out of the plane; the normal is z, and x the axis of what slides
     "revolute": ("Mz", "Mz"),
     "prismatic": ("Fx", "Fx"),
     "cylindrical": ("Mz", "Mz"),  # with its axis along the normal
     "spherical": ("Mz", "Mz"),
-    "in-line": ("Mz", "Fx Mz"),
+    "in-line": ("Mz", "Fx"),
     "in-plane": ("Mz", "Fy"),
     "orientation": ("Fx Fy", "Fx Fy"),
     "distance": ("Mz", "Mz"),
