@@ -246,7 +246,8 @@ def _redundant_if_rigid(found: Weighted) -> int:
 def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> list[str]:
     """What the user should know of a mechanism that can be assembled."""
     notes = []
-    if is_locked(found, here) and not told.drivers:
+    flexible = any(spec.flexible for spec in model.bodies.values())
+    if is_locked(found, here) and not told.drivers and not flexible:
         notes.append(locked_sentence(model, found, here))
     if told.singular:
         more = told.generic_rank - told.joint_rank

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexmb.errors import SceneError
+from flexmb.errors import AssemblyError, SceneError
 from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
@@ -72,8 +72,13 @@ def check_scene(
     if counts.rigid_coordinates > LARGEST:
         notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
     elif model.joints or model.dynamics is not None:
-        moves = mobility(model, known)
-        notes += moves.notes
+        try:
+            moves = mobility(model, known)
+            notes += moves.notes
+        except AssemblyError as error:
+            if not surveys:
+                raise
+            notes += [f"if the flexible bodies do not give way: {p}" for p in error.problems]
     if moves is not None and surveys:
         notes.append(
             f"counted as rigid until reduced: {', '.join(surveys)}; modes add coordinates, and may "
