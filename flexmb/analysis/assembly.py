@@ -117,7 +117,7 @@ def _close_positions(
             break  # closed, or at a pose from which no small motion narrows the gaps
     solve_level(system, state, work, RESIDUAL)
     if np.abs(work.con.C * system.row_weights).max() <= _OPEN:
-        check_branches(compiled, model, work)
+        check_branches(compiled, model, state, work)
         return
     raise AssemblyError.from_problems(gap_problems(compiled, work))
 

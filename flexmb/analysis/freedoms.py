@@ -101,6 +101,7 @@ def _columns(found: Weighted, body: BodyColumns) -> NDArray[np.bool_]:
 def _alone(found: Weighted, bodies: tuple[BodyColumns, ...]) -> Array:
     """(columns, k) motions of these bodies that leave all else at rest, deformations too."""
     inside = np.any([_columns(found, body) for body in bodies], axis=0) & ~found.modal
+    inside |= found.scalar  # what follows them moves along
     motions = np.zeros((len(inside), 0))
     if np.any(inside):
         whole = float(np.linalg.norm(found.A, 2)) if found.A.size else 1.0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.analysis.contacts import branch_problems
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compile.groups import ANGULAR
 from flexmb.engine.compile.joint_rows import signs_of_axes
-from flexmb.engine.compile.joints import ANGULAR
-from flexmb.engine.work import Work
+from flexmb.engine.work import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 
@@ -37,7 +38,7 @@ def gap_problems(compiled: Compiled, work: Work) -> list[Problem]:
     return [head, *(problem for size, problem in found[:_SHOWN] if size > 0)]
 
 
-def check_branches(compiled: Compiled, model: Model, work: Work) -> None:
+def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish."""
     problems = []
     for name, joint in model.joints.items():
@@ -50,5 +51,6 @@ def check_branches(compiled: Compiled, model: Model, work: Work) -> None:
         if any(Ri[:, a] @ Rj[:, a] < _SAME for a in signs_of_axes(joint.type)):
             what = "assembles with its sides turned against each other; turn a marker or body"
             problems.append(Problem(f"joints.{name}", what))
+    problems += branch_problems(compiled, model, state, work)
     if problems:
         raise AssemblyError.from_problems(problems)

@@ -34,8 +34,9 @@ from flexmb.analysis.redundancy import (
 from flexmb.analysis.rows import rows_at
 from flexmb.analysis.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import Work, new_work
+from flexmb.engine.work import Work, new_state, new_work
 from flexmb.errors import AssemblyError, Problem
+from flexmb.model.drivers import DriverSpec
 from flexmb.model.model import Model
 
 __all__ = ["LARGEST", "Equations", "Mobility", "driver_problems", "examine", "redundant_reactions"]
@@ -46,7 +47,11 @@ LARGEST = 600
 
 @dataclass(frozen=True)
 class Equations:
-    """A joint, coupler or driver: its scene path, its type, and the equations it brings."""
+    """A joint, coupler or driver: its scene path, its type, and the equations it brings.
+
+    Those that say what a scalar coordinate beside the bodies is, such as the place along a curve,
+    are not counted, and neither are such coordinates.
+    """
 
     path: str
     type: str
@@ -57,7 +62,7 @@ class Equations:
 class Mobility:
     """What `flexmb check` tells of the motions of a model, with all its drivers.
 
-    ``coordinates`` are those of the bodies, modes and further scalar coordinates among them;
+    ``coordinates`` are those of the bodies, modes among them;
     ``rank`` that of all equations, ``joint_rank`` without drivers, both in the assembled pose;
     ``generic_rank`` the joints' in poses nearby. ``as_rigid`` is the number of redundant equations
     that there would be without modes. ``notes`` are sentences for the user.
@@ -136,15 +141,16 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
     generic = max(told.rank for _, told in poses)
     (chosen, told), *others = [pair for pair in poses if pair[1].rank == generic]
     elsewhere = [other for other, _ in others]
+    own = int(np.sum(found.scalar))
     mobility = Mobility(
         bodies=len(model.bodies),
         planar=model.plane is not None,
-        coordinates=found.A.shape[1],
+        coordinates=found.A.shape[1] - own,
         modes=int(np.sum(found.modal)),
         equations=_equations(model, found),
-        rank=dependence(found.A).rank,
-        joint_rank=here.rank,
-        generic_rank=generic,
+        rank=dependence(found.A).rank - own,
+        joint_rank=here.rank - own,
+        generic_rank=generic - own,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
         undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
         motions=free_motions_of(model, chosen),
@@ -193,7 +199,9 @@ def _assembled(compiled: Compiled, model: Model) -> Closed:
     if not pose.kept:
         gaps = gap_problems(compiled, _work(compiled, pose))
         raise AssemblyError.from_problems(driver_problems(compiled, model, gaps))
-    check_branches(compiled, model, _work(compiled, pose))
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    state.q[:] = pose.q
+    check_branches(compiled, model, state, _work(compiled, pose))
     return pose
 
 
@@ -212,10 +220,10 @@ def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -
 
 
 def _work(compiled: Compiled, pose: Closed) -> Work:
-    """Scratch of the engine with the gaps and the markers' axes of a pose."""
+    """Scratch of the engine with the gaps and the markers of a pose."""
     work = new_work(compiled.system)
     work.con.C[:] = pose.rows.C
-    work.now.marker["R"] = pose.rows.markers.R
+    work.now.marker["x"], work.now.marker["R"] = pose.rows.markers.x, pose.rows.markers.R
     return work
 
 
@@ -227,14 +235,28 @@ def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
 
 
 def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:
-    """Equations by what brings them, in the order of the rows."""
+    """Equations by what brings them; scalar coordinates of its own take one each."""
+    own = [_element(name) for name in found.compiled.layout.coordinates]
+    rows = [_element(path) for path in found.owners]
     told = []
-    for path in dict.fromkeys(found.owners):
+    for path in dict.fromkeys(rows):
         section, _, name = path.partition(".")
         spec = getattr(model, section)[name]
-        type_ = getattr(spec, "type", None) or getattr(spec, "coordinate", section)
-        told.append(Equations(path, str(type_), int(np.sum(found.of(path)))))
+        kind = getattr(spec, "type", None) or _driven(spec)
+        count = rows.count(path) - own.count(path)
+        if count:
+            told.append(Equations(path, kind, count))
     return tuple(told)
+
+
+def _element(path: str) -> str:
+    """The section and name of what a path is of: couplers have a reaction for each joint."""
+    return ".".join(path.split(".")[:2])
+
+
+def _driven(spec: DriverSpec) -> str:
+    """The coordinates a driver prescribes."""
+    return ", ".join(motion.coordinate for motion in spec.motions())
 
 
 def _redundant_if_rigid(found: Weighted) -> int:

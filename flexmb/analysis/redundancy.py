@@ -24,6 +24,7 @@ from flexmb.analysis.exchange import (
     weaker_joints,
 )
 from flexmb.analysis.weighted import Weighted, plain_name
+from flexmb.model.gearing import terms_of
 from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.names import GROUND
@@ -181,9 +182,9 @@ def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[st
     """What each of the joints can be exchanged for; drivers and springs keep their coordinates."""
     choices = {}
     for name in names:
-        joint = plain_name(name)
-        if joint not in model.joints:
-            continue
+        joint, rows = plain_name(name), found.of(name)
+        if joint not in model.joints or np.any(found.A[np.ix_(rows, found.scalar)]):
+            continue  # screws and curves have nothing weaker of their kind
         needed = _used_coordinates(model, joint)
         kept = [
             row.name
@@ -192,7 +193,7 @@ def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[st
             and needed <= set(row.coordinates)
             and (model.plane is None or row.planar_equations is not None)
         ]
-        g = found.g[found.of(name)]
+        g = found.g[rows]
         known = weaker_joints(name, kept, g, found.ends(name), _used_motions(model))
         on_ground = any(end.partition(".")[0] == GROUND for end in model.joints[joint].between)
         choices[name] = [
@@ -207,7 +208,9 @@ def _used_coordinates(model: Model, joint: str) -> set[str]:
     """Coordinates of a joint that something else of the model uses."""
     specs = (*model.drivers.values(), *model.forces.values(), *model.sensors.values())
     using = [spec for spec in specs if getattr(spec, "joint", None) == joint]
-    return {str(getattr(spec, "coordinate", "angle")) for spec in using}
+    used = {str(getattr(spec, "coordinate", "angle")) for spec in using}
+    coupled = [term for spec in model.couplers.values() for term in terms_of(spec)]
+    return used | {coordinate for name, coordinate in coupled if name == joint}
 
 
 def _used_motions(model: Model) -> NDArray[np.bool_]:
@@ -243,7 +246,7 @@ def undetermined(found: Weighted, circuits: Array) -> tuple[Undetermined, ...]:
         if not len(circuits) or not np.any(circuits[:, rows]):
             continue
         turn = found.ends(name)[3]
-        changes = (circuits[:, rows] @ found.g[rows, 6:]).reshape(-1, 2, 3) @ turn
+        changes = (circuits[:, rows] @ found.on_J(name)).reshape(-1, 2, 3) @ turn
         size = np.abs(changes.reshape(-1, 6)).max(axis=0)
         components = np.array(_COMPONENTS)[size > _CHANGED * size.max()]
         told.append(Undetermined(name, tuple(components.tolist())))

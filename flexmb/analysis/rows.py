@@ -9,7 +9,7 @@ and Trapp, SIAM Review 40 (1998) 110.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine import tables
 from flexmb.engine.compile import Compiled
-from flexmb.model.jets import evaluate
+from flexmb.engine.compile.curve_pieces import Pieces
 from flexmb.model.orientation import rotation_matrix
 
 __all__ = ["MEASURES", "Placed", "Rows", "gradient", "moved", "placed_markers", "rows_at"]
@@ -71,12 +71,15 @@ class Placed:
     """All markers in one pose.
 
     x (n, 3), R (n, 3, 3) in global axes; J[k] (6, 6 + m) leads from the velocity coordinates of
-    the marker's body to its velocity and angular velocity in global axes, None on ground.
+    the marker's body to its velocity and angular velocity in global axes, None on ground. Of a
+    curve marker slides[k] is the velocity coordinate of its place along the curve, and the (6,)
+    velocity that it adds.
     """
 
     x: Array
     R: Array
     J: tuple[Array | None, ...]
+    slides: Mapping[int, tuple[int, Array]]
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,9 @@ def rows_at(compiled: Compiled, q: Array, t: float = 0.0) -> Rows:
             if J is not None:
                 iv = int(system.parts.bodies[system.parts.markers[end]["body"]]["iv"])
                 Cq[k, iv : iv + J.shape[1]] += part @ J
+            if end in markers.slides:
+                column, slide = markers.slides[end]
+                Cq[k, column] += part @ slide
     scalars: Any = system.parts.coordinates
     for follow in system.follows:
         Cq[follow["row"], scalars[follow["coordinate"]]["iv"]] -= follow["factor"]
@@ -141,7 +147,7 @@ def _asked(compiled: Compiled, q: Array, t: float) -> Array:
     asked: Array = system.rows["offset"].astype(float)
     for k, row in enumerate(system.rows):
         if row["fun"] >= 0 and not row["follows"]:
-            asked[k] += evaluate(compiled.functions[row["fun"]].ops, t)[0]
+            asked[k] += compiled.functions[row["fun"]].value(t)[0]
     scalars: Any = system.parts.coordinates
     for follow in system.follows:
         asked[follow["row"]] += follow["factor"] * q[scalars[follow["coordinate"]]["iq"]]
@@ -168,7 +174,36 @@ def placed_markers(compiled: Compiled, q: Array) -> Placed:
         R.append(A @ E @ marker["R"])
         rigid = np.block([[np.eye(3), -A @ _skew(s)], [np.zeros((3, 3)), A]])
         J.append(np.hstack([rigid, np.vstack([A @ modal[:3], A @ modal[3:]])]))
-    return Placed(np.reshape(x, (-1, 3)), np.reshape(R, (-1, 3, 3)), tuple(J))
+    slides = _slid(compiled, q, x, R, J)
+    return Placed(np.reshape(x, (-1, 3)), np.reshape(R, (-1, 3, 3)), tuple(J), slides)
+
+
+def _slid(
+    compiled: Compiled, q: Array, x: list[Array], R: list[Array], J: list[Array | None]
+) -> dict[int, tuple[int, Array]]:
+    """Move the curve markers, placed as the markers that carry their curves, along these."""
+    parts, slides = compiled.system.parts, {}
+    sliders: Any = parts.sliders
+    scalars: Any = parts.coordinates
+    for slider in sliders if sliders is not None else ():
+        k, at, n = (int(slider[word]) for word in ("marker", "at", "n"))
+        ends, coordinate = parts.pool[at : at + n + 1], scalars[slider["coordinate"]]
+        pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
+        s = q[coordinate["iq"]] % ends[-1] if slider["closed"] else q[coordinate["iq"]]
+        place, tangent, bend = Pieces(ends, pieces, 0.0).at(np.array([s]))[0]
+        arm = R[k] @ place
+        x[k] = x[k] + arm
+        carried = J[k]
+        if carried is not None:
+            J[k] = np.vstack([carried[:3] - _skew(arm) @ carried[3:], carried[3:]])
+        slide = np.append(R[k] @ tangent, np.zeros(3))
+        if slider["turns"]:
+            size = float(np.hypot(tangent[0], tangent[1]))
+            c, d = tangent[:2] / size
+            slide[3:] = (tangent[0] * bend[1] - tangent[1] * bend[0]) / size**2 * R[k][:, 2]
+            R[k] = R[k] @ np.array([[c, -d, 0.0], [d, c, 0.0], [0.0, 0.0, 1.0]])
+        slides[k] = int(coordinate["iv"]), slide
+    return slides
 
 
 def _carried(pool: Array, marker: np.void, m: int, q: Array) -> tuple[Array, Array, Array]:

@@ -1,15 +1,14 @@
-"""The Jacobian of one pose as the mobility report looks at it: weighted, and without what follows.
+"""The Jacobian of one pose as the mobility report looks at it: weighted, rows with their owners.
 
 Rows are counted in radians and in metres over the model size, columns likewise, so that numbers
-compare. A scalar coordinate that one row alone follows, such as the angle a joint spring counts, is
-left out together with its row: it says what the coordinate is and holds nothing.
+compare. Scalar coordinates that rows follow, such as the angle a spring counts, and places along
+curves are unknowns beside those of the bodies; each takes one equation for itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +19,21 @@ from flexmb.engine.compile import Compiled
 __all__ = ["Weighted", "plain_name", "weighted"]
 
 Array = NDArray[np.float64]
+Ends = tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
 class Weighted:
     """Weighted rows in one pose.
 
-    A (n, columns); `rows` and `columns` their indices in the system; `owners` the scene path that
-    each row belongs to; g (n, 12) gradients with lengths over the model size.
+    A (nc, columns); `columns` their indices in the system; `owners` the path that the reaction of
+    each row has; g (nc, 12) gradients with lengths over the model size.
     """
 
     compiled: Compiled
     pose: Closed
     A: Array
     g: Array
-    rows: NDArray[np.int64]
     columns: NDArray[np.int64]
     owners: tuple[str, ...]
 
@@ -51,37 +50,44 @@ class Weighted:
             found[body.iv + 6 : body.iv + 6 + body.m] = True
         return found[self.columns]
 
+    @cached_property
+    def scalar(self) -> NDArray[np.bool_]:
+        """Which columns are scalar coordinates beside the bodies."""
+        found: NDArray[np.bool_] = self.columns >= self.compiled.layout.nv - len(
+            self.compiled.layout.coordinates
+        )
+        return found
+
     def of(self, owner: str) -> NDArray[np.bool_]:
         """Which rows belong to a scene path."""
         return np.array([name == owner for name in self.owners], dtype=bool)
 
-    def ends(self, owner: str) -> tuple[Array, Array, Array, Array]:
-        """Places over the model size and axes of the two markers of a joint."""
-        row = self.compiled.system.rows[self.rows[np.flatnonzero(self.of(owner))[0]]]
+    def ends(self, owner: str) -> Ends:
+        """Places over the model size and axes of the two markers of a joint, I and J."""
+        group = self.compiled.system.groups[self.compiled.layout.reactions.index(owner)]
+        row = self.compiled.system.rows[group["row"]]
         markers, size = self.pose.rows.markers, self.compiled.length
-        i, j = int(row["I"]), int(row["J"])
+        i, j = (int(row[side]) for side in ("JI" if group["reversed"] else "IJ"))
         return markers.x[i] / size, markers.R[i], markers.x[j] / size, markers.R[j]
+
+    def on_J(self, owner: str) -> Array:
+        """Gradients (n, 6) of the rows of a joint for motions of its marker J."""
+        group = self.compiled.system.groups[self.compiled.layout.reactions.index(owner)]
+        side = slice(0, 6) if group["reversed"] else slice(6, 12)
+        return self.g[self.of(owner), side]
 
 
 def weighted(compiled: Compiled, pose: Closed) -> Weighted:
     """The weighted rows of a system in a pose."""
     system = compiled.system
     scales = column_scales(compiled)
-    rows = np.ones(compiled.layout.nc, bool)
-    columns = scales > 0
-    scalars: Any = system.parts.coordinates
-    followed = system.follows["coordinate"]
-    for k in range(len(compiled.layout.coordinates)):
-        if np.sum(followed == k) == 1:
-            rows[system.follows["row"][followed == k]] = False
-            columns[scalars[k]["iv"]] = False
-    weights = system.row_weights[rows, None]
+    columns = np.flatnonzero(scales > 0)
+    weights = system.row_weights[:, None]
     reach = np.tile(np.repeat([compiled.length, 1.0], 3), 2)
     groups = np.repeat(np.arange(len(system.groups)), system.groups["n"])
-    owners = tuple(compiled.layout.reactions[groups[k]] for k in np.flatnonzero(rows))
-    A = weights * pose.rows.Cq[rows][:, columns] * scales[columns]
-    g = weights * pose.rows.g[rows] * reach
-    return Weighted(compiled, pose, A, g, np.flatnonzero(rows), np.flatnonzero(columns), owners)
+    owners = tuple(compiled.layout.reactions[k] for k in groups)
+    A = weights * pose.rows.Cq[:, columns] * scales[columns]
+    return Weighted(compiled, pose, A, weights * pose.rows.g * reach, columns, owners)
 
 
 def plain_name(path: str) -> str:
