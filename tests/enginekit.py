@@ -37,7 +37,7 @@ NO_SIGNALS = Signals(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
     np.zeros(1, np.int64),
 )  # fmt: skip
-STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
+STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
 @entry
@@ -77,6 +77,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
+    elif what == REACTIONS:
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
     return 0
 
 
@@ -129,9 +131,8 @@ class Bench:
         self.state = new_state(system, channels)
         self.state.angles[:] = np.nan
         self.work = new_work(system)
-        self.out = np.full(
-            max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv), np.nan
-        )
+        size = max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv)
+        self.out = np.full(size, np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -218,6 +219,13 @@ class Bench:
         """Where the velocity coordinates of a body are."""
         row = self.sys.parts.bodies[body]
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
+
+    @property
+    def reactions(self):
+        """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        self.run(REACTIONS)
+        n = len(self.sys.groups)
+        return self.out[: 12 * n].reshape(n, 4, 3).copy()
 
     @property
     def scalars(self):
