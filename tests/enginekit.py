@@ -63,7 +63,6 @@ def run(sys, st, wk, out, what, cv, cp, k):
         sensor.read(
             sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
         )
-        reaction.read(sys, now.marker, st.lam, wk.dense.g, out[7 + n :])
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
@@ -131,8 +130,8 @@ class Bench:
         self.state = new_state(system, channels)
         self.state.angles[:] = np.nan
         self.work = new_work(system)
-        size = max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv)
-        self.out = np.full(size, np.nan)
+        size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
+        self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -200,13 +199,6 @@ class Bench:
     @property
     def channels(self):
         return self.out[7 : 7 + len(self.layout.channels)].copy()
-
-    @property
-    def reactions(self):
-        """(groups, 12): force and moment on J in its axes, on I in its axes."""
-        at = 7 + len(self.layout.channels)
-        n = 12 * len(self.sys.groups)
-        return self.out[at : at + n].copy().reshape(-1, 12)
 
     def marker(self, field):
         """(markers, ...) values of one field of all markers."""
