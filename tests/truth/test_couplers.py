@@ -285,7 +285,7 @@ def test_a_nut_falls_through_many_turns():
 def test_a_planetary_train_runs_up():
     """Constant torque: angles grow with t², over three turns; three planets share the load.
 
-    The planets' centres go round with hω up to 0.08: an error of some 1e-3 (hω)² was to be expected.
+    The planets go round with hω up to 0.08, which leaves errors of some 1e-3 (hω)².
     """
     model = planetary(3)
     for name in ("arm_pin", "sun_pin"):

@@ -341,6 +341,15 @@ def test_the_wheels_of_a_gear_are_different_bodies():
     )
 
 
+def test_mistakes_of_joints_are_not_told_again_of_their_couplers():
+    scene = wheels().to_scene_dict()
+    scene["couplers"] = {"mesh": {"type": "gear", "joints": ["pin_a", "pin_b"], "teeth": [2, 1]}}
+    scene["joints"]["pin_b"]["axis"] = "w"
+    with pytest.raises(SceneError) as caught:
+        Model.from_scene_dict(scene)
+    assert [problem.where for problem in caught.value.problems] == ["joints.pin_b.axis"]
+
+
 def test_in_a_plane_a_cylindrical_joint_has_one_coordinate():
     model = Model("flat", plane="xy")
     for name in "ab":
