@@ -21,7 +21,7 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SPRING
+from flexmb.engine.tables import COORDINATE, SLIDER, SPRING
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -66,10 +66,13 @@ def padded(system):
     parts = system.parts
     if parts.coordinates is None:
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
+    if parts.sliders is None:
+        parts = parts._replace(sliders=np.zeros(0, SLIDER))
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
     )
 
 
@@ -124,6 +127,11 @@ class Bench:
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
         for s in self.scalars:
             self.q[s["iq"]] = rng.standard_normal()
+        for slider in self.sliders:
+            # amid a piece, where the curve is a polynomial for differences as well
+            k = slider["at"] + rng.integers(slider["n"])
+            middle = 0.5 * (self.sys.parts.pool[k] + self.sys.parts.pool[k + 1])
+            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng
@@ -187,6 +195,12 @@ class Bench:
         return () if found is None else found
 
     @property
+    def sliders(self):
+        """The curve markers."""
+        found = self.sys.parts.sliders
+        return () if found is None else found
+
+    @property
     def Cq(self):
         """(nc, nv) Jacobian from the rows the kernels wrote."""
         dense = np.zeros((self.layout.nc, self.layout.nv))
@@ -199,6 +213,11 @@ class Bench:
         for follow in self.sys.follows:
             column = self.scalars[follow["coordinate"]]["iv"]
             dense[follow["row"], column] = -follow["factor"]
+        if len(self.sliders):
+            S = self.matrix()
+            for slider in self.sliders:
+                column = self.scalars[slider["coordinate"]]["iv"]
+                dense[:, column] = S[self.layout.nv :, column]
         return dense
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):

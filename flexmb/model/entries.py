@@ -11,6 +11,7 @@ from typing import Any
 
 from flexmb.errors import Problem
 from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.joints import JointSpec
@@ -22,7 +23,7 @@ from flexmb.model.sensors import SENSOR_TYPES
 
 __all__ = ["SECTIONS", "read_named"]
 
-SECTIONS = ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
+SECTIONS = ("bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors")
 """Sections whose entries have names."""
 
 _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
@@ -31,6 +32,7 @@ _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
     "sensors": ("sensor type", SENSOR_TYPES),
 }
 _SINGLE: dict[str, type[Spec]] = {
+    "curves": CurveSpec,
     "joints": JointSpec,
     "drivers": DriverSpec,
     "markers": MarkerSpec,

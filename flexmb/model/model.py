@@ -20,6 +20,7 @@ from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.couplers import CouplerSpec
 from flexmb.model.coupling import repeated_couplers
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
@@ -93,6 +94,7 @@ class Model:
         _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
+        self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
@@ -115,7 +117,7 @@ class Model:
     @property
     def terms(self) -> Terms:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units)
+        return Terms(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -150,6 +152,10 @@ class Model:
         else:
             self.ground = owner
         return spec
+
+    def add_curve(self, name: str, **fields: Any) -> Spec:
+        """Add the shape of a curve that joints slide along: ``points``, ``polar``, ..."""
+        return self._add("curves", name, fields)
 
     def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
         """Add a joint: ``between=[I, J]``, ``axis``."""
@@ -238,7 +244,7 @@ class Model:
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit)
+        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.

@@ -11,6 +11,16 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile.curves import Contact
+from flexmb.engine.compile.groups import (
+    Groups,
+    check_ends,
+    couples,
+    follow_table,
+    row_table,
+    row_weights,
+)
+from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -28,13 +38,17 @@ from flexmb.model.plane import normal_in_body
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `contacts` are the joints that can only push, cams with their followers.
+    """
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    contacts: tuple[Contact, ...] = ()
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -70,6 +84,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     table = body_tables.body_table(model, known, pool)
     scalars = coordinates.scalars(model, functions)
     groups = joints.joint_groups(model, known, markers, functions, scalars)
+    before, sliders = len(scalars), groups.sliders
+    scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
@@ -78,14 +94,21 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     sizes, n_functions = 6 + table["m"], len(functions.programs)
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
-    rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
+    rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers))
+    symbolic = analyse(_blocks(columns, groups, before, springs, markers))
     group_table = _place(table, groups, springs, markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
-        parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
+        parts=Parts(
+            table,
+            pool.array(),
+            markers.table(),
+            gravity,
+            scalar_table,
+            sliders.table(groups.groups, len(table), symbolic, before),
+        ),
         rows=rows,
         follows=follows,
         groups=group_table,
@@ -93,12 +116,13 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         weights=np.append(
             _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
         ),
-        row_weights=joints.row_weights(groups, length),
+        row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
         functions=lower(functions.programs),
         springs=springs,
         loads=loads,
         sensors=sensors,
+        kinks=kink_table(functions.programs, model.dynamics),
     )
     layout = Layout(
         bodies=tuple(
@@ -115,14 +139,15 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )
-    placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known)
+    begin = np.append(np.zeros(before), sliders.starts())
+    placed = np.append(body_tables.placed_positions(model, table), begin)
+    return Compiled(system, layout, placed, length, known, tuple(sliders.contacts))
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system."""
+    """Hash of all tables of a system that do not depend on how long it runs."""
     digest = hashlib.sha256()
-    for part in _flatten(system):
+    for part in _flatten(system._replace(kinks=None)):
         digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
@@ -133,8 +158,8 @@ def _flatten(part: object) -> list[object]:
     return [part]
 
 
-def _refuse_loops(groups: joints.Groups) -> None:
-    names = joints.check_ends(groups)
+def _refuse_loops(groups: Groups) -> None:
+    names = check_ends(groups)
     if names:
         raise SceneError.from_problems(
             [Problem(name.split(":")[0], "connects a body with itself") for name in names]
@@ -151,19 +176,24 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
 
 
 def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
-    pairs = joints.couples(groups)
+    pairs = couples(groups)
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
     ]
+    sliders, first = groups.sliders, len(bodies) + n_scalars
+    pairs += sliders.couples(groups.groups, first)
     return Blocks(
-        columns=bodies + [[0]] * n_scalars,
+        columns=bodies + [[0]] * (n_scalars + len(sliders.found)),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
+        group_sliders=[
+            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
+        ],
     )
 
 
@@ -175,7 +205,8 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
+        turned = k in groups.reversed
+        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
     for spring in springs if springs is not None else ():
         pair = markers.body(spring["I"]), markers.body(spring["J"])
         spring["couple"] = symbolic.couple_links.get(pair, -1)
