@@ -73,6 +73,30 @@ def test_unknown_joints_and_bodies_are_named(result: Result) -> None:
         result["pin.rod.forse.x"]
 
 
+def test_couplers_act_on_their_joints(tmp_path: Path) -> None:
+    """One reaction for each joint; on a second angle the joint's marker J is side I."""
+    scene = SCENE | {
+        "couplers": {"mesh": {"type": "gear", "joints": ["pin", "motor"], "ratio": 2}},
+        "forces": {"coil": {"joint": "pin", "about": "second_axis"}},
+    }
+    names = ("couplers.mesh.pin", "couplers.sum.motor.second_angle", "forces.coil")
+    layout = dataclasses.replace(FakeLayout(), reactions=names)
+    rows = block(0, 3, layout)
+    rows.reactions[:] = np.arange(36.0)
+    with ResultWriter(tmp_path / "r.h5", layout, 3, scene=scene) as out:
+        out.append(rows)
+    found = Result(out.path)
+    assert found.reactions == ("mesh.pin", "sum.motor.second_angle", "coil")
+    for name, on, by in (
+        ("mesh.pin", "rod.big_end", "crank.tip"),
+        ("sum.motor.second_angle", "ground", "crank"),
+        ("coil", "crank.tip", "rod.big_end"),
+    ):
+        acting = found.reaction(name, on="J")
+        assert (acting.on, acting.by) == (on, by)
+    np.testing.assert_array_equal(found["mesh.pin.rod.moment.z"], [5, 5, 5])
+
+
 def weighted_bar(**joint: object) -> flexmb.Model:
     """A bar of 2 kg and 3 m along x from its bearing, which a motor turns."""
     model = flexmb.Model("bar", gravity=[0, -10, 0])
