@@ -100,10 +100,18 @@ HELIX = {"x": "cos(t)", "y": "sin(t)", "z": "t"}
 @pytest.mark.parametrize(
     ("model", "where", "sentence"),
     [
-        (cam(shape=LINE, start=3), "start", r"lies beyond the curve \"profile\", which is 2 m long"),
+        (
+            cam(shape=LINE, start=3),
+            "start",
+            r"lies beyond the curve \"profile\", which is 2 m long",
+        ),
         (cam(shape=LINE, start=-0.1), "start", "lies beyond"),
         (cam(shape=HELIX, plane=None), "curve", "needs a plane curve"),
-        (cam("point-on-curve", shape=HELIX), "curve", "three coordinates has no meaning in a plane"),
+        (
+            cam("point-on-curve", shape=HELIX),
+            "curve",
+            "three coordinates has no meaning in a plane",
+        ),
         (cam(plane="yz"), "between[0]", "must lie in the plane yz: turn the marker"),
         (cam("cam-flat", axis="z"), "axis", "must lie in the plane xy"),
     ],
