@@ -21,7 +21,7 @@ __all__ = ["contours", "followed"]
 Array = NDArray[np.float64]
 
 _THICK, _WIRE, _PAD = 0.06, 0.006, 0.16  # shares of the mechanism's size
-_SEGMENTS = 96
+_SEGMENTS = 90
 
 
 def contours(mechanism: Mechanism, body: str, size: float) -> list[Triangles]:

@@ -164,15 +164,15 @@ def cam(curve, kind, height, **fields):
 
 def ends(model, angle, **knobs):
     model.add_driver("motor", joint="pivot", angle=angle)
-    model.set_dynamics(**{"duration": 1, "step": 0.01, "outputs": 20, **knobs})
+    model.set_dynamics(**{"duration": 0.2, "step": 0.01, "outputs": 10, **knobs})
     memory = Memory()
     outcome = dynamics(compiled(model), model, memory)
     return outcome.status, outcome.message, " ".join(outcome.notes), float(memory.tables()[0][-1])
 
 open_cam = {"polar": "0.05 + 0.01*t", "range": [0, 3]}
-found["end"] = ends(cam(open_cam, "cam-knife", 0.06), "-2*t")
-found["beginning"] = ends(cam(open_cam, "cam-knife", 0.06), "2*t")
-found["controlled"] = ends(cam(open_cam, "cam-knife", 0.06), "-2*t", step=None, accuracy=1e-4)
+found["end"] = ends(cam(open_cam, "cam-knife", 0.06), "-20*t")
+found["beginning"] = ends(cam(open_cam, "cam-knife", 0.06), "20*t")
+found["controlled"] = ends(cam(open_cam, "cam-knife", 0.06), "-20*t", step=None, accuracy=1e-2)
 disk = {"circle": 0.05, "center": [0.02, 0]}
 found["lifting"] = ends(cam(disk, "cam-flat", 0.05, axis="y"), "10*t")
 pressed = cam(disk, "cam-flat", 0.05, axis="y")
@@ -204,20 +204,20 @@ def found(tmp_path_factory):
      ("beginning", "beginning", np.pi / 2)],
 )  # fmt: skip
 def test_a_joint_that_leaves_its_curve(name, end, time, found):
-    """The cam is touched at the angle π/2 ± 2 t of its profile, which ends at 0 and 3 rad."""
+    """The cam is touched at the angle π/2 ± 20 t of its profile, which ends at 0 and 3 rad."""
     status, message, _, last = found[name]
     assert status == "failed"
     told_at = float(re.search(r"at t = ([\d.]+) s", message)[1])
-    assert told_at == pytest.approx(0.5 * time, abs=2e-5)
+    assert told_at == pytest.approx(0.05 * time, abs=2e-5)
     assert f"joints.contact leaves its curve at the {end} of it" in message
     assert "closed = true" in message
-    assert 0.5 * time - 0.06 < float(last) < 0.5 * time
+    assert 0.05 * time - 0.021 < float(last) < 0.05 * time
 
 
 def test_a_cam_that_loses_contact_is_noted(found):
     """Without weight the flat is pulled as soon as it slows down, sin θ > 0."""
     note = found["lifting"][2]
-    assert "joints.contact pulls its follower towards the cam, first at t = 0.05 s" in note
+    assert "joints.contact pulls its follower towards the cam, first at t = 0.02 s" in note
     assert "impact force" in note
 
 
