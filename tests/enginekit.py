@@ -72,6 +72,7 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
     )
 
 
@@ -124,7 +125,9 @@ class Bench:
             p = rng.standard_normal(4)
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
-        for slider in self.sys.parts.sliders:
+        for s in self.scalars:
+            self.q[s["iq"]] = rng.standard_normal()
+        for slider in self.sliders:
             # amid a piece, where the curve is a polynomial for differences as well
             k = slider["at"] + rng.integers(slider["n"])
             middle = 0.5 * (self.sys.parts.pool[k] + self.sys.parts.pool[k + 1])
@@ -186,6 +189,18 @@ class Bench:
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
 
     @property
+    def scalars(self):
+        """The scalar coordinates beside the bodies."""
+        found = self.sys.parts.coordinates
+        return () if found is None else found
+
+    @property
+    def sliders(self):
+        """The curve markers."""
+        found = self.sys.parts.sliders
+        return () if found is None else found
+
+    @property
     def Cq(self):
         """(nc, nv) Jacobian from the rows the kernels wrote."""
         dense = np.zeros((self.layout.nc, self.layout.nv))
@@ -196,16 +211,14 @@ class Bench:
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
         for follow in self.sys.follows:
-            dense[follow["row"], self.scalar(follow["coordinate"])] = -follow["factor"]
-        if len(self.sys.parts.sliders):
+            column = self.scalars[follow["coordinate"]]["iv"]
+            dense[follow["row"], column] = -follow["factor"]
+        if len(self.sliders):
             S = self.matrix()
-            for s in self.sys.parts.sliders["coordinate"]:
-                dense[:, self.scalar(s)] = S[self.layout.nv :, self.scalar(s)]
+            for slider in self.sliders:
+                column = self.scalars[slider["coordinate"]]["iv"]
+                dense[:, column] = S[self.layout.nv :, column]
         return dense
-
-    def scalar(self, coordinate):
-        """Column of a scalar coordinate."""
-        return int(self.sys.parts.coordinates[coordinate]["iv"])
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):
         """(nv + nc, nv + nc) iteration matrix without regularisation; also factors it."""
@@ -266,8 +279,8 @@ class Bench:
             q[i : i + 3] += d[o : o + 3]
             q[i + 3 : i + 7] = quaternion_product(q[i + 3 : i + 7], exponential(d[o + 3 : o + 6]))
             q[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
-        for row in self.sys.parts.coordinates:
-            q[row["iq"]] += d[row["iv"]]
+        for s in self.scalars:
+            q[s["iq"]] += d[s["iv"]]
         return q
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexmb.engine.kernels.function import ADD, MAX, OPCODES, TIME, FunctionTable
 from flexmb.model.expression import Expression
+from flexmb.model.piecewise import Piecewise
 
 __all__ = ["FunctionTable", "lower", "stack_for"]
 
@@ -27,10 +28,10 @@ def lower(expressions: Sequence[Expression]) -> FunctionTable:
     Returns
     -------
     FunctionTable
-        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack.
+        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, data (m,).
     """
     ops = [OPCODES[op] for expression in expressions for op, _ in expression.ops]
-    args = [argument for expression in expressions for _, argument in expression.ops]
+    args, data = _arguments(expressions)
     lengths = [len(expression.ops) for expression in expressions]
     start = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
     depth = max((_depth(expression) for expression in expressions), default=1)
@@ -39,7 +40,24 @@ def lower(expressions: Sequence[Expression]) -> FunctionTable:
         np.array(args, dtype=np.float64),
         start.astype(np.int32),
         depth,
+        data,
     )
+
+
+def _arguments(expressions: Sequence[Expression]) -> tuple[list[float], np.ndarray]:
+    """The argument of every operation, and the piecewise polynomials that some are places of."""
+    args: list[float] = []
+    places: dict[Piecewise, int] = {}
+    size = 0
+    for argument in (argument for expression in expressions for _, argument in expression.ops):
+        if not isinstance(argument, Piecewise):
+            args.append(argument)
+            continue
+        if argument not in places:
+            places[argument] = size
+            size += len(argument.data)
+        args.append(float(places[argument]))
+    return args, np.concatenate([*(pieces.data for pieces in places), np.zeros(1)])
 
 
 def stack_for(table: FunctionTable) -> np.ndarray:

@@ -233,6 +233,7 @@ class System(NamedTuple):
     springs: object  # SPRING or None
     loads: np.ndarray  # LOAD
     sensors: np.ndarray  # SENSOR
+    kinks: object  # (n, 2) times just before and after kinks of functions, in order, or None
 
 
 # Kinds of constraint rows.

@@ -21,8 +21,8 @@ from flexmb.model.reading import Reader, Spec, fail, given
 
 __all__ = ["COORDINATES", "JOINT_TYPES", "JointSpec", "JointType"]
 
-COORDINATES = ("angle", "stroke")
-"""Joint coordinates: angle [rad] about the axis, stroke [m] along it."""
+COORDINATES = ("angle", "second_angle", "stroke")
+"""Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,17 @@ _TABLE = (
     ("fixed", 6, 3, (), 0, "holds both markers together, place and axes"),
     ("revolute", 5, 2, ("angle",), 1, "turns about its axis"),
     ("prismatic", 5, 2, ("stroke",), 1, "slides along its axis"),
+    ("screw", 5, None, _BOTH, 1, "moves along its axis by the pitch for every turn about it"),
     ("cylindrical", 4, 2, _BOTH, 1, "turns about and slides along its axis"),
     ("spherical", 3, 2, (), 0, "holds the markers' points together"),
-    ("universal", 4, None, ("angle",), 2, "turns about an axis of I and one of J across it"),
+    (
+        "universal",
+        4,
+        None,
+        ("angle", "second_angle"),
+        2,
+        "turns about an axis of I and one of J across it",
+    ),
     ("constant-velocity", 4, None, (), 2, "joins two shafts that turn with equal speeds"),
     ("planar", 3, None, ("angle",), 1, "slides in the plane across its axis, and turns about it"),
     ("in-line", 2, 1, ("stroke",), 1, "keeps the point J on the axis through I"),
@@ -97,7 +105,8 @@ def _type(value: Any, info: ValidationInfo) -> str:
 class JointSpec(Spec):
     """A joint between the markers ``between = [I, J]``; composite ones stand for a massless link.
 
-    ``length`` of a distance joint; without it the distance is that of the placed pose. Joints on a
+    ``length`` of a distance joint; without it the distance is that of the placed pose. ``pitch`` of
+    a screw, along its axis for one turn about it, negative for a left-handed thread. Joints on a
     ``curve``: it lies in the axes of marker I, ``second_curve`` in those of J; ``start`` (and
     ``second_start``) tell where along it the joint begins, by default nearest in the placed pose;
     ``radius`` of a roller.
@@ -108,6 +117,7 @@ class JointSpec(Spec):
     axis: Axis | None = None
     second_axis: Axis | None = None
     length: Size | None = None
+    pitch: Length | None = None
     curve: Text | None = None
     second_curve: Text | None = None
     radius: Size | None = None
@@ -128,10 +138,20 @@ class JointSpec(Spec):
         if self.length is not None and self.type != "distance":
             what = "only a distance joint has a length that can be given"
             problems.append(Problem("length", what))
-        problems += self._curve_words()
+        problems += self._thread() + self._curve_words()
         if problems:
             raise fail(*problems)
         return self
+
+    def _thread(self) -> list[Problem]:
+        """What is wrong with the pitch."""
+        if self.type != "screw":
+            told = "only a screw has a pitch; leave it out"
+            return [] if self.pitch is None else [Problem("pitch", told)]
+        if self.pitch is None:
+            return [Problem("pitch", "is missing: how far the screw moves in one turn")]
+        told = "is zero: a screw that turns and does not move is a revolute joint"
+        return [Problem("pitch", told)] if self.pitch == 0 else []
 
     def _curve_words(self) -> list[Problem]:
         """What joints on curves need, and others do not have."""

@@ -18,6 +18,8 @@ from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.couplers import CouplerSpec
+from flexmb.model.coupling import repeated_couplers
 from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
@@ -94,6 +96,7 @@ class Model:
         self.bodies: dict[str, BodySpec] = {}
         self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
+        self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
         self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
@@ -107,14 +110,14 @@ class Model:
     def __repr__(self) -> str:
         counts = ", ".join(
             f"{len(getattr(self, section))} {section}"
-            for section in ("bodies", "joints", "drivers", "forces", "sensors")
+            for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
 
     @property
     def terms(self) -> Terms:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units)
+        return Terms(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -159,6 +162,10 @@ class Model:
         spec = self._add("joints", name, {"type": type, **fields})
         assert isinstance(spec, JointSpec)
         return spec
+
+    def add_coupler(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a gear, a rack and pinion, or a linear coupler of joint coordinates."""
+        return self._add("couplers", name, {"type": type, **fields})
 
     def add_driver(self, name: str, **fields: Any) -> DriverSpec:
         """Add a driver: ``joint`` and one of ``angle`` and ``stroke``."""
@@ -237,7 +244,7 @@ class Model:
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit)
+        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.
@@ -266,10 +273,12 @@ class Model:
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
         """Raise a :class:`SceneError` with all problems, if there are any.
 
-        Warns of markers far away from the flexible body they are on, once the body is given.
+        Warns of markers far away from the flexible body they are on, once the body is given, and
+        of couplers that repeat others.
         """
         _raise(self.problems(flexbodies))
-        for sentence in far_markers(self, flexbodies or {}):
+        known = flexbodies or {}
+        for sentence in (*far_markers(self, known), *repeated_couplers(self, known)):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def to_scene_dict(

@@ -6,7 +6,6 @@ all problems, with scene paths.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -16,8 +15,9 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.coupling import coupler_problems
+from flexmb.model.driver_problems import driver_problems, finite
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
@@ -35,7 +35,7 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, _sensors)
+    named = (body_problems, _joints, coupler_problems, driver_problems, _forces, _sensors)
     parts = (*named, curve_uses.shapes, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
@@ -50,19 +50,6 @@ def _joints(scope: Scope) -> Iterator[Problem]:
         yield from curve_uses.of_joint(scope, name, spec)
 
 
-def _drivers(scope: Scope) -> Iterator[Problem]:
-    driven: dict[tuple[str, str], str] = {}
-    for name, spec in scope.model.drivers.items():
-        where = f"drivers.{name}"
-        yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        yield from _finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
-        key = (spec.joint, spec.coordinate)
-        if key in driven:
-            what = f'the {key[1]} of joint "{key[0]}" is driven by "{driven[key]}" already'
-            yield Problem(where, what)
-        driven.setdefault(key, name)
-
-
 def _forces(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("forces")
     for name, spec in scope.model.forces.items():
@@ -74,7 +61,7 @@ def _forces(scope: Scope) -> Iterator[Problem]:
             yield from _joint_spring(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
-                yield from _finite(f"{where}.value[{i}]", function)
+                yield from finite(f"{where}.value[{i}]", function)
             if split_reference(spec.at)[0] == GROUND:
                 yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
             yield from scope.material(f"{where}.at", spec.at)
@@ -83,7 +70,7 @@ def _forces(scope: Scope) -> Iterator[Problem]:
 def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
     yield from scope.coordinate(where, spec.joint, spec.coordinate)
     if spec.value is not None:
-        yield from _finite(f"{where}.value", spec.value)
+        yield from finite(f"{where}.value", spec.value)
     if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
         yield Problem(where, "does nothing: give stiffness, damping or value")
 
@@ -162,13 +149,3 @@ def _times(scope: Scope) -> Iterator[Problem]:
         if time > duration * (1 + 1e-12):
             after, end = units.say(time, "s"), units.say(duration, "s")
             yield Problem(where, f"{after} lies after the end of the run, {end}")
-
-
-def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    jet = function.value(0.0)
-    parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
-        if not math.isfinite(value):
-            text = function.expression.text
-            yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
-            return

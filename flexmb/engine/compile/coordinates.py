@@ -1,7 +1,8 @@
 """Table of scalar coordinates beside the bodies; None where the model has none.
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
-counts turns, and its damper and spring are linear in it.
+counts turns, and its damper and spring are linear in it. Couplers have those that tell how their
+joints move together.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.forces import JointSpringSpec
@@ -39,7 +41,7 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
 
 def scalars(model: Model, functions: Functions) -> list[Scalar]:
     """The scalar coordinates of a model."""
-    return [
+    springs = [
         Scalar(
             f"forces.{name}",
             damping=spec.damping,
@@ -50,6 +52,8 @@ def scalars(model: Model, functions: Functions) -> list[Scalar]:
         )
         for name, spec in joint_springs(model).items()
     ]
+    coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
+    return springs + coupled
 
 
 def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:

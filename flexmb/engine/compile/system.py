@@ -12,6 +12,15 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints
 from flexmb.engine.compile.curves import Contact
+from flexmb.engine.compile.groups import (
+    Groups,
+    check_ends,
+    couples,
+    follow_table,
+    row_table,
+    row_weights,
+)
+from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -73,8 +82,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     pool, functions = Pool(), Functions()
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    groups = joints.joint_groups(model, known, markers, functions)
     scalars = coordinates.scalars(model, functions)
+    groups = joints.joint_groups(model, known, markers, functions, scalars)
     before, sliders = len(scalars), groups.sliders
     scalars += sliders.scalars()
     _refuse_loops(groups)
@@ -85,7 +94,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     sizes, n_functions = 6 + table["m"], len(functions.programs)
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
-    rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
+    rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
     symbolic = analyse(_blocks(columns, groups, before, springs, markers))
     group_table = _place(table, groups, springs, markers, symbolic)
@@ -107,12 +116,13 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         weights=np.append(
             _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
         ),
-        row_weights=joints.row_weights(groups, length),
+        row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
         functions=lower(functions.programs),
         springs=springs,
         loads=loads,
         sensors=sensors,
+        kinks=kink_table(functions.programs, model.dynamics),
     )
     layout = Layout(
         bodies=tuple(
@@ -135,9 +145,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system."""
+    """Hash of all tables of a system that do not depend on how long it runs."""
     digest = hashlib.sha256()
-    for part in _flatten(system):
+    for part in _flatten(system._replace(kinks=None)):
         digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
@@ -148,8 +158,8 @@ def _flatten(part: object) -> list[object]:
     return [part]
 
 
-def _refuse_loops(groups: joints.Groups) -> None:
-    names = joints.check_ends(groups)
+def _refuse_loops(groups: Groups) -> None:
+    names = check_ends(groups)
     if names:
         raise SceneError.from_problems(
             [Problem(name.split(":")[0], "connects a body with itself") for name in names]
@@ -166,7 +176,7 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
 
 
 def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
-    pairs = joints.couples(groups)
+    pairs = couples(groups)
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [

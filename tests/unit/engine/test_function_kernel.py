@@ -9,6 +9,7 @@ from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels.function import OPCODES, evaluate
 from flexmb.model.expression import parse
+from flexmb.model.functions import read_function
 
 TEXTS = (
     "3.0",
@@ -27,7 +28,19 @@ TEXTS = (
     "sqrt(max(t - 1, 0))",
     "log(t - 5)",
     "1/(t - t)",
+    "step5(t, 0.2, 1, 0.9, 3)*havsin(t, 0.2, 1, 0.9, 3)",
+    "cycloidal(t, 0.2, 1, 0.9, 3)",
+    "modsine(t, 0.2, 1, 1.9, 3) + modsine(t, 0.36, 1, 0.5, 3) + modsine(t, 0.35, 1, 1.9, 3)",
 )
+POINTS = [[0, 1], [0.2, 3], [0.5, 2], [0.9, 2], [1.1, -1]]
+FORMS = (
+    {"type": "trapezoidal", "y1": 3, "speed": 4, "acceleration": 9},
+    {"type": "spline", "points": POINTS, "beyond": "extrapolate"},
+    {"type": "akima", "points": POINTS, "beyond": "repeat"},
+    {"type": "table", "points": POINTS, "beyond": "hold"},
+    {"type": "table", "points": POINTS},
+)
+FUNCTIONS = [parse(text) for text in TEXTS] + [read_function(form).expression for form in FORMS]
 LAST_DIGITS = 1e-13  # other order of sums; elementary functions differ by an ulp
 
 
@@ -38,21 +51,26 @@ def evaluated(table, k, t, stack):
 
 @pytest.fixture(scope="module")
 def table():
-    return lower([parse(text) for text in TEXTS])
+    return lower(FUNCTIONS)
 
 
-@pytest.mark.parametrize("k", range(len(TEXTS)), ids=TEXTS)
+@pytest.mark.parametrize("k", range(len(FUNCTIONS)), ids=[f.text for f in FUNCTIONS])
 def test_kernel_agrees_with_jets(table, k):
     stack = stack_for(table)
-    for t in (0.0, 0.37, 0.5, 1.3):
+    for t in (0.0, 0.37, 0.5, 1.1, 1.3):
         with np.errstate(all="ignore"):
             found = np.array(evaluated(table, k, t, stack))
-        wanted = np.array(parse(TEXTS[k]).value(t))
+        wanted = np.array(FUNCTIONS[k].value(t))
         np.testing.assert_allclose(found, wanted, rtol=LAST_DIGITS, atol=1e-15)
 
 
 def test_every_operation_is_exercised(table):
     assert set(table.ops) == set(OPCODES.values())
+
+
+def test_equal_piecewise_polynomials_are_stored_once(table):
+    twice = lower([*FUNCTIONS, read_function(FORMS[1]).expression])
+    assert len(twice.data) == len(table.data)
 
 
 def test_the_stack_is_as_deep_as_needed():
