@@ -95,5 +95,6 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
             yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
     n = len(columns.coordinates)  # scalar ones stand behind the bodies
     for i, name in enumerate(columns.coordinates):
-        yield Channel(name, "q", columns.nq - n + i, "")
-        yield Channel(f"{name}.rate", "v", columns.nv - n + i, "")
+        unit, rate = ("m", "m/s") if name.endswith("position") else ("", "")  # along a curve
+        yield Channel(name, "q", columns.nq - n + i, unit)
+        yield Channel(f"{name}.rate", "v", columns.nv - n + i, rate)
