@@ -46,6 +46,10 @@ MARKER_NOW = np.dtype(
 )
 
 
+# A curve marker now: its twist per ds and the change of that per ds, global.
+SLIDER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
+
+
 class State(NamedTuple):
     """Complete state: positions, velocities, multipliers, integrator memory, counters."""
 
@@ -73,6 +77,7 @@ class Now(NamedTuple):
     body: np.ndarray  # BODY_NOW
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    slider: object  # SLIDER_NOW or None
 
 
 class Constraints(NamedTuple):
@@ -210,10 +215,12 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
     depth = max(int(system.functions.depth), int(system.sensors.programs.depth))
+    sliders = system.parts.sliders
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
+        None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),

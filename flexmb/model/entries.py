@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem
+from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.joints import JointSpec
@@ -22,15 +24,20 @@ from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 
 __all__ = ["SECTIONS", "read_named"]
 
-SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors", "states", "controllers")
+SECTIONS = (
+    "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
+    "controllers",
+)  # fmt: skip
 """Sections whose entries have names."""
 
 _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
+    "couplers": ("coupler type", COUPLER_TYPES),
     "forces": ("force type", FORCE_TYPES),
     "sensors": ("sensor type", SENSOR_TYPES),
     "controllers": ("controller type", CONTROLLER_TYPES),
 }
 _SINGLE: dict[str, type[Spec]] = {
+    "curves": CurveSpec,
     "joints": JointSpec,
     "drivers": DriverSpec,
     "states": StateSpec,

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.coupling import coupler_problems
 from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
@@ -35,8 +36,11 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, sensor_problems, signal_problems)
-    parts = (*named, _channels, _judged, _frequencies, _times)
+    named = (body_problems, _joints, coupler_problems, _drivers, _forces)
+    parts = (
+        *named, sensor_problems, signal_problems, curve_uses.shapes, _channels, _judged,
+        _frequencies, _times,
+    )  # fmt: skip
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -47,6 +51,7 @@ def _joints(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("joints")
     for name, spec in scope.model.joints.items():
         yield from scope.pair(f"joints.{name}", spec.between, "a joint")
+        yield from curve_uses.of_joint(scope, name, spec)
 
 
 def _drivers(scope: Scope) -> Iterator[Problem]:

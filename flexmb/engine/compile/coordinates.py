@@ -2,7 +2,8 @@
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
 counts turns, and its damper and spring are linear in it. A force along a line has one that follows
-the distance. Each state has one with mass one, whose velocity is the state.
+the distance, couplers have those that tell how their joints move together. Each state has one with
+mass one, whose velocity is the state.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.forces import JointSpringSpec, LineForceSpec
@@ -46,7 +48,7 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint springs, of forces along lines, states."""
+    """The scalar coordinates of a model: of joint springs, couplers, lines; states."""
     springs = [
         Scalar(
             f"forces.{name}",
@@ -62,11 +64,12 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
         for name, spec in line_forces(model).items()
     ]
+    coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
     own = [
         Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
         for s in states
     ]
-    return [*springs, *lines, *own]
+    return [*springs, *coupled, *lines, *own]
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:

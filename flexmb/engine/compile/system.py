@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints, sensors, signals
+from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -29,7 +30,10 @@ from flexmb.model.signals import resolved, states_of
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `contacts` are the joints that can only push, cams with their followers.
+    """
 
     system: System
     layout: Layout
@@ -38,6 +42,7 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     starts: tuple[signals.Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
+    contacts: tuple[Contact, ...] = ()
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -71,15 +76,17 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     pool, functions = Pool(), Functions(lambda expression: resolved(model, expression))
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    groups = joints.joint_groups(model, known, markers, functions)
     states = states_of(model)
     scalars = coordinates.scalars(model, functions, states)
+    groups = joints.joint_groups(model, known, markers, functions, scalars)
+    before, sliders = len(scalars), groups.sliders
+    scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
     length, sizes = _length(model, known), 6 + table["m"]
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
-    ivs = {s.name: nv + len(scalars) - len(states) + k for k, s in enumerate(states)}
+    ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = signals.starts(states, ivs, functions)
     sensor_tables, numbers = sensors.sensor_tables(model, known, markers, groups, ivs)
     n_functions = len(functions.programs)
@@ -87,7 +94,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
     columns = _columns(model, table)
     acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
-    blocks = _blocks(columns, groups, len(scalars), springs, markers)
+    blocks = _blocks(columns, groups, before, springs, markers)
     if acting is not None:
         blocks.couples.extend(acting.couples)
     symbolic = analyse(blocks)
@@ -97,7 +104,14 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
-        parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
+        parts=Parts(
+            table,
+            pool.array(),
+            markers.table(),
+            gravity,
+            scalar_table,
+            sliders.table(groups.groups, len(table), symbolic, before),
+        ),
         rows=rows,
         follows=follows,
         groups=group_table,
@@ -129,8 +143,12 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )
-    placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known, tuple(starts), tuple(numbers))
+    begin = np.append(np.zeros(before), sliders.starts())
+    placed = np.append(body_tables.placed_positions(model, table), begin)
+    return Compiled(
+        system, layout, placed, length, known, tuple(starts), tuple(numbers),
+        tuple(sliders.contacts),
+    )  # fmt: skip
 
 
 def fingerprint(system: System) -> str:
@@ -172,12 +190,17 @@ def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
     ]
+    sliders, first = groups.sliders, len(bodies) + n_scalars
+    pairs += sliders.couples(groups.groups, first)
     return Blocks(
-        columns=bodies + [[0]] * n_scalars,
+        columns=bodies + [[0]] * (n_scalars + len(sliders.found)),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
+        group_sliders=[
+            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
+        ],
     )
 
 
@@ -189,7 +212,8 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
+        turned = k in groups.reversed
+        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
     for spring in springs if springs is not None else ():
         pair = markers.body(spring["I"]), markers.body(spring["J"])
         spring["couple"] = symbolic.couple_links.get(pair, -1)

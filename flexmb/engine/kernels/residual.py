@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics, signal
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    force,
+    inertia,
+    kinematics,
+    signal,
+    slider,
+)
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
@@ -49,4 +57,5 @@ def forces(sys, wk, q, v, vd, lam):
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
+    slider.subtract_forces(sys.parts.sliders, sys.parts, wk.now, wk.trial.res)
     return bad
