@@ -69,6 +69,10 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
             driver = drivers.get(name, {})
             joint, second = str(driver.get("joint", "")), "second_angle" in driver
         between = joints.get(joint, {}).get("between", ("", ""))
+        if section == "forces":
+            table = scene.get("forces", {}).get(name, {})
+            on_joint = joints.get(str(table.get("joint", "")), {}).get("between", ("", ""))
+            between = table.get("between", on_joint)
         between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
