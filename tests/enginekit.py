@@ -91,6 +91,7 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
         further=np.zeros(1),
         signals=NO_SIGNALS if system.signals is None else system.signals,
     )

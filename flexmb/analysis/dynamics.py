@@ -183,9 +183,10 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
-    poses, lifts = SingularPoses(run.compiled.layout, prepared.model), Lifts(run.compiled)
+    lifts = Lifts(run.compiled)
+    poses = SingularPoses(run.compiled.layout, prepared.model)
     status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
-    notes += poses.notes + lifts.notes()
+    notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:

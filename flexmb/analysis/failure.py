@@ -116,7 +116,8 @@ def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
 def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
     """All functions of time with their place and how many derivatives the run needs."""
     for name, driver in model.drivers.items():
-        yield f"drivers.{name}.{driver.coordinate}", driver.function, 2
+        for coordinate, function in driver.motions(model.plane):
+            yield f"drivers.{name}.{coordinate}", function, max(0, 2 - driver.order)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
             for k, function in enumerate(force.value):

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexmb.engine.kernels.function import ADD, HYPOT, OPCODES, TIME, VAR, FunctionTable
 from flexmb.model.expression import Expression, channel_of
+from flexmb.model.piecewise import Piecewise
 
 __all__ = ["FunctionTable", "lower", "stack_for"]
 
@@ -31,12 +32,11 @@ def lower(
     Returns
     -------
     FunctionTable
-        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, live (k,).
+        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, data (m,),
+        live (k,) int32.
     """
-    known = variables or {}
-    steps = [step for expression in expressions for step in expression.ops]
-    ops = [_code(op) for op, _ in steps]
-    args = [float(known[channel_of(op)]) if channel_of(op) else arg for op, arg in steps]
+    ops = [_code(op) for expression in expressions for op, _ in expression.ops]
+    args, data = _arguments(expressions, variables or {})
     lengths = [len(expression.ops) for expression in expressions]
     start = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
     depth = max((_depth(expression) for expression in expressions), default=1)
@@ -45,8 +45,30 @@ def lower(
         np.array(args, dtype=np.float64),
         start.astype(np.int32),
         depth,
+        data,
         np.array([bool(expression.channels) for expression in expressions], dtype=np.int32),
     )
+
+
+def _arguments(
+    expressions: Sequence[Expression], variables: Mapping[str, int]
+) -> tuple[list[float], np.ndarray]:
+    """The argument of every operation, and the piecewise polynomials that some are places of."""
+    args: list[float] = []
+    places: dict[Piecewise, int] = {}
+    size = 0
+    for op, argument in (step for expression in expressions for step in expression.ops):
+        if channel_of(op):
+            args.append(float(variables[channel_of(op)]))
+            continue
+        if not isinstance(argument, Piecewise):
+            args.append(argument)
+            continue
+        if argument not in places:
+            places[argument] = size
+            size += len(argument.data)
+        args.append(float(places[argument]))
+    return args, np.concatenate([*(pieces.data for pieces in places), np.zeros(1)])
 
 
 def stack_for(table: FunctionTable) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine import control
+from flexmb.engine import control, kinks
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
@@ -115,8 +115,12 @@ def _accept(sys, settings, st, wk, h):
 @inlined
 def _advance(sys, method, settings, st, wk, room):
     """One accepted step of the size that works; or the status of the last one tried."""
+    if settings.step == 0.0:
+        status = kinks.cross(sys, sys.kinks, st, wk, _filter(method.alpha, settings, st))
+        if status != FINE:
+            return status
     while True:
-        h = control.proposed(settings, st, room)
+        h = control.proposed(settings, sys.kinks, st, room)
         status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
         if status == NO_METHOD:
             status = explicit.step(sys, method.explicit, settings, st, wk, h)
@@ -124,7 +128,7 @@ def _advance(sys, method, settings, st, wk, room):
             status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
-            wk.trial.t[0] = control.exact_time(settings, st, h)
+            wk.trial.t[0] = control.exact_time(settings, sys.kinks, st, h)
             _accept(sys, settings, st, wk, h)
             control.accepted(settings, st, wk.trial.error, h)
             return FINE

@@ -291,6 +291,7 @@ class System(NamedTuple):
     functions: object  # FunctionTable
     springs: object  # SPRING or None
     loads: np.ndarray  # LOAD
+    kinks: object  # (n, 2) times just before and after kinks of functions, in order, or None
     sensors: Sensors
     further: object  # one number if sensors read more than motions along axes and angles, or None
     signals: object  # Signals or None

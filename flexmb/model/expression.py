@@ -15,6 +15,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model import jets
@@ -22,6 +23,7 @@ from flexmb.model import jets
 __all__ = [
     "CONSTANTS",
     "FUNCTIONS",
+    "RISES",
     "Expression",
     "channel_of",
     "names_in",
@@ -50,10 +52,24 @@ FUNCTIONS: dict[str, tuple[int, str]] = {
     "max": (2, "max(a, b)"),
     "hypot": (2, "hypot(a, b), the root of a**2 + b**2"),
     "step": (5, "step(x, x0, y0, x1, y1): y0 before x0, y1 after x1, a cubic between"),
+    "step5": (5, "step5(x, x0, y0, x1, y1), a quintic"),
+    "havsin": (5, "havsin(x, x0, y0, x1, y1), half a wave of a cosine"),
+    "cycloidal": (5, "cycloidal(x, x0, y0, x1, y1), a cycloid"),
+    "modsine": (5, "modsine(x, x0, y0, x1, y1), a modified sine"),
 }
 """Functions an expression may call: number of arguments and how they are written."""
 
-Ops = tuple[tuple[str, float], ...]
+RISES = {
+    "step": "cubicstep",
+    "step5": "quinticstep",
+    "havsin": "haversinestep",
+    "cycloidal": "cycloidalstep",
+    "modsine": "modifiedsinestep",
+}
+"""Functions that lead from y0 at x0 to y1 at x1, and the operation from 0 to 1 that they are."""
+
+Ops = tuple[tuple[str, Any], ...]
+"""Pairs (operation, argument): a number, or of "piecewise" a `Piecewise`."""
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
@@ -274,17 +290,17 @@ class _Lowering:
                 node, f"{name} takes {count} argument{'s' * (count > 1)}, not {given}: {usage}"
             )
         args = [self.lower(argument) for argument in node.args]
-        if name == "step":
-            return self.step(node, args)
+        if name in RISES:
+            return self.rise(node, args, RISES[name])
         return self.fold(node, (*(op for ops in args for op in ops), (name, 0.0)))
 
-    def step(self, node: ast.Call, args: list[Ops]) -> Ops:
-        """y0 + (y1 - y0) cubicstep((x - x0)/(x1 - x0)): one function of one variable does it."""
+    def rise(self, node: ast.Call, args: list[Ops], rise: str) -> Ops:
+        """y0 + (y1 - y0) rise((x - x0)/(x1 - x0)): one function of one variable does it."""
         x, x0, y0, x1, y1 = args
         width = self.fold(node, (*x1, *x0, ("-", 0.0)))
         if width[0][0] == "const" and len(width) == 1 and width[0][1] <= 0:
             raise self.fail(node.args[3], "the end x1 of a step must lie after its beginning x0")
-        ratio = self.fold(node, (*x, *x0, ("-", 0.0), *width, ("/", 0.0), ("cubicstep", 0.0)))
+        ratio = self.fold(node, (*x, *x0, ("-", 0.0), *width, ("/", 0.0), (rise, 0.0)))
         height = self.fold(node, (*y1, *y0, ("-", 0.0)))
         return self.fold(node, (*y0, *height, *ratio, ("*", 0.0), ("+", 0.0)))
 

@@ -10,6 +10,7 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +66,47 @@ def _cubic_step(s: float) -> Jet:
     return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
 
+def _quintic_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and 10 s^3 - 15 s^4 + 6 s^5 between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    r = s * (1 - s)
+    return s**3 * (10 + s * (6 * s - 15)), 30 * r * r, 60 * r * (1 - 2 * s)
+
+
+def _haversine_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and (1 - cos(pi s))/2 between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    a = np.pi * s
+    return np.sin(a / 2) ** 2, np.pi / 2 * np.sin(a), np.pi**2 / 2 * np.cos(a)
+
+
+def _cycloidal_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and s - sin(2 pi s)/(2 pi) between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    a = 2 * np.pi * s
+    return s - np.sin(a) / (2 * np.pi), 2 * np.sin(a / 2) ** 2, 2 * np.pi * np.sin(a)
+
+
+def _modified_sine_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1; an eighth each of a fast sine at the ends, a slow one between.
+
+    Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), section 3.6.
+    """
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    unit = 1 / (4 + np.pi)
+    if 0.125 < s < 0.875:
+        a = 4 * np.pi * s / 3 - np.pi / 6
+        f = unit * (2 + np.pi * s - 2.25 * np.cos(a))
+        return f, np.pi * unit * (1 + 3 * np.sin(a)), 4 * np.pi**2 * unit * np.cos(a)
+    a = 4 * np.pi * s
+    f = unit * (np.pi * s - 0.25 * np.sin(a)) + (4 * unit if s > 0.5 else 0.0)
+    return f, 2 * np.pi * unit * np.sin(a / 2) ** 2, 4 * np.pi**2 * unit * np.sin(a)
+
+
 CHAIN: dict[str, Callable[[float], Jet]] = {
     "sin": lambda a: (np.sin(a), np.cos(a), -np.sin(a)),
     "cos": lambda a: (np.cos(a), -np.sin(a), -np.cos(a)),
@@ -81,6 +123,10 @@ CHAIN: dict[str, Callable[[float], Jet]] = {
     "abs": lambda a: (abs(a), np.sign(a), 0.0),
     "sign": lambda a: (np.sign(a), 0.0, 0.0),
     "cubicstep": _cubic_step,
+    "quinticstep": _quintic_step,
+    "haversinestep": _haversine_step,
+    "cycloidalstep": _cycloidal_step,
+    "modifiedsinestep": _modified_sine_step,
 }
 """Functions of one argument: name to (g, g', g'') at a."""
 
@@ -137,7 +183,7 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
 
 
 def evaluate(
-    ops: Iterable[tuple[str, float]], t: float, variables: Mapping[str, Jet] | None = None
+    ops: Iterable[tuple[str, Any]], t: float, variables: Mapping[str, Jet] | None = None
 ) -> Jet:
     """Run a postfix program at time ``t`` [s].
 
@@ -172,6 +218,9 @@ def evaluate(
             elif op == "powc":
                 a = stack.pop()
                 stack.append(_chain(_power(argument, a[0]), a))
+            elif op == "piecewise":
+                a = stack.pop()
+                stack.append(_chain(argument.jet(a[0]), a))
             elif op in CHAIN:
                 a = stack.pop()
                 stack.append(_chain(CHAIN[op](a[0]), a))

@@ -120,7 +120,7 @@ class Model:
     @property
     def terms(self) -> Terms:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units)
+        return Terms(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -257,7 +257,7 @@ class Model:
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit)
+        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.

@@ -6,7 +6,6 @@ all problems, with scene paths.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -17,8 +16,8 @@ from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.coupling import coupler_problems
+from flexmb.model.driver_problems import driver_problems, finite
 from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
@@ -36,11 +35,9 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, coupler_problems, _drivers, _forces)
-    parts = (
-        *named, sensor_problems, signal_problems, curve_uses.shapes, _channels, _judged,
-        _frequencies, _times,
-    )  # fmt: skip
+    named = (body_problems, _joints, coupler_problems, driver_problems, _forces)
+    further = (sensor_problems, signal_problems, curve_uses.shapes)
+    parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -54,19 +51,6 @@ def _joints(scope: Scope) -> Iterator[Problem]:
         yield from curve_uses.of_joint(scope, name, spec)
 
 
-def _drivers(scope: Scope) -> Iterator[Problem]:
-    driven: dict[tuple[str, str], str] = {}
-    for name, spec in scope.model.drivers.items():
-        where = f"drivers.{name}"
-        yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        yield from _finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
-        key = (spec.joint, spec.coordinate)
-        if key in driven:
-            what = f'the {key[1]} of joint "{key[0]}" is driven by "{driven[key]}" already'
-            yield Problem(where, what)
-        driven.setdefault(key, name)
-
-
 def _forces(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("forces")
     for name, spec in scope.model.forces.items():
@@ -77,12 +61,12 @@ def _forces(scope: Scope) -> Iterator[Problem]:
         elif isinstance(spec, LineForceSpec):
             yield from scope.pair(where, spec.between, "a line-force")
             yield from _length(scope, where, spec.between, "a force along a line")
-            yield from _finite(f"{where}.value", spec.value)
+            yield from finite(f"{where}.value", spec.value)
         elif isinstance(spec, JointSpringSpec):
             yield from _joint_spring(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
-                yield from _finite(f"{where}.value[{i}]", function)
+                yield from finite(f"{where}.value[{i}]", function)
             if split_reference(spec.at)[0] == GROUND:
                 yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
             yield from scope.material(f"{where}.at", spec.at)
@@ -91,7 +75,7 @@ def _forces(scope: Scope) -> Iterator[Problem]:
 def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
     yield from scope.coordinate(where, spec.joint, spec.coordinate)
     if spec.value is not None:
-        yield from _finite(f"{where}.value", spec.value)
+        yield from finite(f"{where}.value", spec.value)
     if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
         yield Problem(where, "does nothing: give stiffness, damping or value")
 
@@ -169,15 +153,3 @@ def _times(scope: Scope) -> Iterator[Problem]:
         if time > duration * (1 + 1e-12):
             after, end = units.say(time, "s"), units.say(duration, "s")
             yield Problem(where, f"{after} lies after the end of the run, {end}")
-
-
-def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    if function.expression.channels:
-        return  # known only as the model moves
-    jet = function.value(0.0)
-    parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
-        if not math.isfinite(value):
-            text = function.expression.text
-            yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
-            return

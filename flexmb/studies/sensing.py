@@ -148,7 +148,8 @@ def _reactions(model: Model, result: Result) -> list[History]:
 
 
 def _unit(model: Model, owner: str, what: str) -> str:
-    if what == "driven":
+    if what.startswith("driven"):
         driver = model.drivers[owner.partition(".")[2]]
-        return "N" if driver.coordinate == "stroke" else "N m"
+        coordinate = driver.coordinate if what == "driven" else what.removeprefix("driven ")
+        return "N m" if coordinate == "angle" else "N"
     return "N" if what.startswith(("place", "offset")) else "N m"

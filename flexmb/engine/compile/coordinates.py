@@ -2,7 +2,7 @@
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
 counts turns, and its damper and spring are linear in it. A force along a line has one that follows
-the distance, couplers have those that tell how their joints move together. Each state has one with
+the distance. Couplers have those that tell how their joints move together. Each state has one with
 mass one, whose velocity is the state.
 """
 
@@ -48,7 +48,7 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint springs, couplers, lines; states."""
+    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
     springs = [
         Scalar(
             f"forces.{name}",
@@ -69,7 +69,7 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
         Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
         for s in states
     ]
-    return [*springs, *coupled, *lines, *own]
+    return [*springs, *lines, *coupled, *own]
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:

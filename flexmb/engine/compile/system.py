@@ -12,6 +12,15 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, joints, sensors, signals
 from flexmb.engine.compile.curves import Contact
+from flexmb.engine.compile.groups import (
+    Groups,
+    check_ends,
+    couples,
+    follow_table,
+    row_table,
+    row_weights,
+)
+from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -40,9 +49,9 @@ class Compiled:
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    contacts: tuple[Contact, ...] = ()
     starts: tuple[signals.Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
-    contacts: tuple[Contact, ...] = ()
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -91,7 +100,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     sensor_tables, numbers = sensors.sensor_tables(model, known, markers, groups, ivs)
     n_functions = len(functions.programs)
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
-    rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
+    rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
     acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
     blocks = _blocks(columns, groups, before, springs, markers)
@@ -119,11 +128,12 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         weights=np.append(
             _weights(model, known, length), [coordinates.unit_weight(s, length) for s in scalars]
         ),
-        row_weights=joints.row_weights(groups, length),
+        row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
         functions=lower(functions.programs, numbers),
         springs=springs,
         loads=loads,
+        kinks=kink_table(functions.programs, model.dynamics),
         sensors=sensor_tables,
         further=None if acting is None and sensors.is_basic(sensor_tables) else np.zeros(1),
         signals=None if acting is None else acting.signals,
@@ -146,15 +156,21 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     begin = np.append(np.zeros(before), sliders.starts())
     placed = np.append(body_tables.placed_positions(model, table), begin)
     return Compiled(
-        system, layout, placed, length, known, tuple(starts), tuple(numbers),
+        system,
+        layout,
+        placed,
+        length,
+        known,
         tuple(sliders.contacts),
-    )  # fmt: skip
+        tuple(starts),
+        tuple(numbers),
+    )
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system."""
+    """Hash of all tables of a system that do not depend on how long it runs."""
     digest = hashlib.sha256()
-    for part in _flatten(system):
+    for part in _flatten(system._replace(kinks=None)):
         digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
@@ -165,8 +181,8 @@ def _flatten(part: object) -> list[object]:
     return [part]
 
 
-def _refuse_loops(groups: joints.Groups) -> None:
-    names = joints.check_ends(groups)
+def _refuse_loops(groups: Groups) -> None:
+    names = check_ends(groups)
     if names:
         raise SceneError.from_problems(
             [Problem(name.split(":")[0], "connects a body with itself") for name in names]
@@ -183,7 +199,7 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
 
 
 def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
-    pairs = joints.couples(groups)
+    pairs = couples(groups)
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [

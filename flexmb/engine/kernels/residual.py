@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import (
-    constraint,
-    coordinate,
-    force,
-    inertia,
-    kinematics,
-    signal,
-    slider,
-)
+from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics, signal, slider
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
