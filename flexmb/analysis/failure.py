@@ -7,7 +7,7 @@ function of time that is not finite is named before anything it has spoilt.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -24,7 +24,7 @@ from flexmb.model.model import Model
 from flexmb.model.signals import live_functions, resolved
 from flexmb.results import OutputBlock
 
-__all__ = ["first_rows", "gaps_at", "n_kept", "open_joint", "reason"]
+__all__ = ["first_rows", "gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
 
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
@@ -47,18 +47,24 @@ def reason(
     time, step : float
         When the step began, and its length [s].
     """
+    told = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
         told = _not_finite(compiled, model, work, time)
-        if told:
-            return told
-        for where, function, derivatives in _functions(model):
-            for moment in (time, time + 0.5 * step, time + step):
-                jet = tuple(function.value(moment))[: derivatives + 1]
-                for word, number in zip(_WORDS, jet, strict=False):
-                    if not math.isfinite(number):
-                        what = f'the {word} of "{function.expression.text}" is {number:g}'
-                        return f"at t = {moment:.6g} s {where}: {what}, not finite"
-    return sentence(status, compiled, work, time)
+        if not told:
+            told = not_finite_function(model, (time, time + 0.5 * step, time + step))
+    return told or sentence(status, compiled, work, time)
+
+
+def not_finite_function(model: Model, times: Iterable[float]) -> str:
+    """The sentence for the first function of time that is not finite at one of these times."""
+    for where, function, derivatives in _functions(model):
+        for moment in times:
+            jet = tuple(function.value(moment))[: derivatives + 1]
+            for word, number in zip(_WORDS, jet, strict=False):
+                if not math.isfinite(number):
+                    what = f'the {word} of "{function.expression.text}" is {number:g}'
+                    return f"at t = {moment:.6g} s {where}: {what}, not finite"
+    return ""
 
 
 def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> str:

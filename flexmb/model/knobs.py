@@ -16,7 +16,7 @@ __all__ = ["knob_names", "resolve_knob"]
 
 _SECTIONS = (
     "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
-    "controllers", "dynamics",
+    "controllers", "assembly", "dynamics",
 )  # fmt: skip
 _TOP = ("gravity",)
 

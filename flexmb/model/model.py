@@ -11,10 +11,11 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup, references, writing
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
@@ -27,6 +28,7 @@ from flexmb.model.entries import read_named
 from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 __all__ = ["Model", "Source"]
+
+S = TypeVar("S", bound=Spec)
 
 
 class Source(NamedTuple):
@@ -105,7 +109,9 @@ class Model:
         self.controllers: dict[str, ControllerSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
+        self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
@@ -211,26 +217,33 @@ class Model:
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
-        spec, problems = read_entry(DynamicsSpec, fields, self.terms)
-        _raise(under("dynamics", problems))
-        assert spec is not None
-        self.dynamics = spec
-        return spec
+        self.dynamics = self._single("dynamics", DynamicsSpec, fields)
+        return self.dynamics
+
+    def set_kinematics(self, **fields: Any) -> KinematicsSpec:
+        """Say how to run as a kinematic analysis: ``duration``, ``outputs``."""
+        self.kinematics = self._single("kinematics", KinematicsSpec, fields)
+        return self.kinematics
+
+    def set_assembly(self, **fields: Any) -> AssemblySpec:
+        """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
+        self.assembly = self._single("assembly", AssemblySpec, fields)
+        return self.assembly
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
-        spec, problems = read_entry(StudySpec, fields, self.terms)
-        _raise(under("study", problems))
-        assert spec is not None
-        self.study = spec
-        return spec
+        self.study = self._single("study", StudySpec, fields)
+        return self.study
 
     def set_view(self, **fields: Any) -> ViewSpec:
         """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""
-        spec, problems = read_entry(ViewSpec, fields, self.terms)
-        _raise(under("view", problems))
+        self.view = self._single("view", ViewSpec, fields)
+        return self.view
+
+    def _single(self, section: str, kind: type[S], fields: Any) -> S:
+        spec, problems = read_entry(kind, fields, self.terms)
+        _raise(under(section, problems))
         assert spec is not None
-        self.view = spec
         return spec
 
     def _add(self, section: str, name: str, data: Any) -> Spec:

@@ -13,6 +13,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import curve_uses, lookup
+from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.coupling import coupler_problems
@@ -36,7 +37,7 @@ def problems(
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
     named = (body_problems, _joints, coupler_problems, driver_problems, _forces)
-    further = (sensor_problems, signal_problems, curve_uses.shapes)
+    further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
     parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
@@ -144,9 +145,10 @@ def _judged(scope: Scope) -> Iterator[Problem]:
 
 def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
-    if model.dynamics is None:
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    if not spans:
         return
-    duration, units = model.dynamics.duration, model.units
+    duration, units = max(spans), model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from flexmb.flexbody.planes import PLANES
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import FlexbodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
@@ -22,6 +23,7 @@ from flexmb.model.flexible import UnitsName
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, form_of, reference
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.reading import Spec
@@ -69,7 +71,9 @@ def _top() -> dict[str, Form]:
         "states": _named(reference(StateSpec)),
         "controllers": _named(_one_of(CONTROLLER_TYPES.values())),
         "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
+        "assembly": reference(AssemblySpec),
         "dynamics": reference(DynamicsSpec),
+        "kinematics": reference(KinematicsSpec),
         "study": reference(StudySpec),
         "view": reference(ViewSpec),
     }

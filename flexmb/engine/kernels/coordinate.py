@@ -73,6 +73,14 @@ def add_tangents(coordinates, kkt, cv, cp, low, up):
 
 
 @kernel
+def put_metric(coordinates, kkt, metric, low):
+    """The metric of all coordinates on the diagonal."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            low[kkt.panels[coordinates[k]["panel"]]["at"]] = metric[coordinates[k]["iv"]]
+
+
+@kernel
 def put_rows(sys, coordinates, factor):
     """−f of the rows that follow coordinates in the Jacobian."""
     if coordinates is not None:
