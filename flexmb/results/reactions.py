@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.results.layout import Columns
 
-__all__ = ["Reaction", "Sides", "find_side", "sides"]
+__all__ = ["NOT_UNIQUE", "Reaction", "Sides", "find_side", "sides"]
 
 Array = NDArray[np.float64]
+NOT_UNIQUE = "reactions_not_unique"
+"""The statistic that names the joints and drivers whose reactions redundant equations share."""
 
 
 class Reaction(NamedTuple):
@@ -33,6 +35,7 @@ class Reaction(NamedTuple):
     moment: Array  # (n, 3) about the marker
     on: str  # the marker, such as "rod.big_end"
     by: str  # the marker on the other side
+    unique: bool = True  # False: redundant equations share it, and the least share is given
 
 
 class Sides(NamedTuple):

@@ -214,7 +214,7 @@ def loaded():
 
 
 def test_reaction_sensors_are_the_stored_reactions(loaded):
-    found, stored = channels(loaded), loaded.reactions
+    found, stored = channels(loaded), loaded.reactions.reshape(-1, 12)
     R = loaded.marker("R")
     shown = loaded.sys.sensors.channels
     for k, owner in enumerate(loaded.layout.reactions):
