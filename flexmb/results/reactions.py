@@ -65,10 +65,10 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     for path in columns.reactions:
         section, _, name = path.partition(".")
         joint, second = _acts_on(section, name, scene)
-        driver = drivers.get(name, {}) if section == "drivers" else {}
-        between = driver.get("between") or joints.get(joint, {}).get("between", ("", ""))
-        if "marker" in driver:
-            between = driver.get("relative_to", "ground.origin"), driver["marker"]
+        table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
+        between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in table:
+            between = table.get("relative_to", "ground.origin"), table["marker"]
         between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
