@@ -13,6 +13,8 @@ import flexmb
 from flexmb.errors import ResultFileError
 from flexmb.model.orientation import rotation_matrix
 from flexmb.results import Result, ResultWriter
+from flexmb.results.layout import Columns
+from flexmb.results.reactions import sides
 
 SCENE = {
     "title": "two names",
@@ -159,3 +161,18 @@ def test_reactions_tables_and_durations_are_in_the_scenes_units(tmp_path: Path) 
     assert "0 to 600 ms" in done._repr_html_()
     with pytest.raises(flexmb.FlexmbError, match="output intervals of 100 ms, is 650 ms"):
         flexmb.resume(result, duration=650)
+
+
+def test_drivers_of_markers_are_between_the_markers_that_they_name() -> None:
+    layout = FakeLayout(reactions=("drivers.path", "drivers.turn", "drivers.ram"))
+    drivers = {
+        "path": {"marker": "arm.tip", "x": "t"},
+        "turn": {"marker": "arm.tip", "relative_to": "base.eye", "angle": "t"},
+        "ram": {"between": ["base.foot", "arm.eye"], "distance": "1 + t"},
+    }
+    found = sides(Columns.of(layout), {"drivers": drivers})
+    assert [(pair.I, pair.J) for pair in found] == [
+        ("ground.origin", "arm.tip"),
+        ("base.eye", "arm.tip"),
+        ("base.foot", "arm.eye"),
+    ]
