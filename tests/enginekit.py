@@ -15,13 +15,22 @@ import numpy as np
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    contact,
+    coordinate,
+    energy,
+    force,
+    joint_friction,
+    kinematics,
+    sensor,
+)
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SPRING
+from flexmb.engine.tables import CONTACT, COORDINATE, JOINT_FRICTION, SPRING
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -43,7 +52,10 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
+        out[3] += contact.energy(sys.contacts, now.marker)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
+        coordinates = sys.parts.coordinates
+        out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
         sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
         return bad
@@ -70,6 +82,8 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
+        frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )
 
 

@@ -192,12 +192,14 @@ def loop_settings(
         system.springs is not None
         or len(system.loads) > 0
         or system.parts.coordinates is not None
+        or system.contacts is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
     stiff = bool(
         system.springs is not None
         or system.parts.coordinates is not None
+        or system.contacts is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
     return method.Settings(
@@ -283,6 +285,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
         "newton_iterations": int(count[method.RESIDUALS]),
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
+        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

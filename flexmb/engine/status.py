@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, ZERO_LENGTH
+from flexmb.engine.method import (
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    SELF_LOCKING,
+    TOO_SMALL,
+    ZERO_LENGTH,
+)
 from flexmb.engine.work import Work
 
 _WHAT = {
@@ -13,6 +19,7 @@ _WHAT = {
     NOT_FINITE: "the solution is no longer finite",
     TOO_SMALL: "no step is small enough for the accuracy asked for",
     ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
+    SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
 }
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
@@ -20,6 +27,8 @@ _CURE = {
     NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
+    SELF_LOCKING: "friction grows as fast as the forces that work against it, so a joint locks "
+    "itself: lower its coefficients, or make its bearing longer",
 }
 
 
@@ -35,7 +44,9 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
     time : float
         Time at which the step began [s].
     """
-    where = "" if status == ZERO_LENGTH else f"; most at {worst_place(compiled, work)}"
+    where = (
+        "" if status in (ZERO_LENGTH, SELF_LOCKING) else f"; most at {worst_place(compiled, work)}"
+    )
     return f"at t = {time:.6g} s {_WHAT[status]}{where}: {_CURE[status]}"
 
 

@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationInfo
 
 from flexmb.errors import Problem
+from flexmb.model.contacts import ContactSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.quantities import Pair, Quantity, Text
 from flexmb.model.reading import Reader, Spec, fail, given, names_of, units_of
@@ -129,4 +131,6 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "spring-damper": SpringDamperSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
 }

@@ -18,10 +18,12 @@ from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
@@ -93,7 +95,10 @@ class Model:
         self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
+        self.forces: dict[
+            str,
+            LoadSpec | SpringDamperSpec | JointSpringSpec | ContactSpec | JointFrictionSpec,
+        ] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []

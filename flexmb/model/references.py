@@ -16,7 +16,10 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.contact_checks import contact_problems, joint_friction_problems
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
@@ -71,6 +74,10 @@ def _forces(scope: Scope) -> Iterator[Problem]:
             yield from _length(scope, where, spec)
         elif isinstance(spec, JointSpringSpec):
             yield from _joint_spring(scope, where, spec)
+        elif isinstance(spec, ContactSpec):
+            yield from contact_problems(scope, where, spec)
+        elif isinstance(spec, JointFrictionSpec):
+            yield from joint_friction_problems(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
                 yield from _finite(f"{where}.value[{i}]", function)

@@ -13,10 +13,19 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
+from flexmb.model.contact_checks import friction_coordinate
 from flexmb.model.forces import JointSpringSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.model import Model
 
-__all__ = ["Scalar", "coordinate_table", "joint_springs", "scalars"]
+__all__ = [
+    "Scalar",
+    "coordinate_table",
+    "followers",
+    "joint_coordinate",
+    "joint_springs",
+    "scalars",
+]
 
 
 @dataclass(frozen=True)
@@ -37,19 +46,39 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
     return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
+def followers(model: Model) -> dict[str, JointSpringSpec | JointFrictionSpec]:
+    """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+    frictions = {n: spec for n, spec in model.forces.items() if isinstance(spec, JointFrictionSpec)}
+    return {**joint_springs(model), **frictions}
+
+
+def joint_coordinate(model: Model, spec: JointSpringSpec | JointFrictionSpec) -> str:
+    """The coordinate of its joint that a force acts on."""
+    if isinstance(spec, JointFrictionSpec):
+        return friction_coordinate(model, spec)
+    return spec.coordinate
+
+
 def scalars(model: Model, functions: Functions) -> list[Scalar]:
     """The scalar coordinates of a model."""
-    return [
-        Scalar(
-            f"forces.{name}",
-            damping=spec.damping,
-            stiffness=spec.stiffness,
-            free=spec.free,
-            function=-1 if spec.value is None else functions.add(spec.value.expression),
-            angular=spec.coordinate == "angle",
+    found = []
+    for name, spec in followers(model).items():
+        angular = joint_coordinate(model, spec) == "angle"
+        if isinstance(spec, JointFrictionSpec):
+            found.append(Scalar(f"forces.{name}", angular=angular))
+            continue
+        function = -1 if spec.value is None else functions.add(spec.value.expression)
+        found.append(
+            Scalar(
+                f"forces.{name}",
+                damping=spec.damping,
+                stiffness=spec.stiffness,
+                free=spec.free,
+                function=function,
+                angular=angular,
+            )
         )
-        for name, spec in joint_springs(model).items()
-    ]
+    return found
 
 
 def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:

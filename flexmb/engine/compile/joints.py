@@ -119,8 +119,8 @@ def joint_groups(
         row = _driven(model, driver.joint, driver.coordinate)
         fun = functions.add(driver.function.expression)
         groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
-    for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
-        row = _driven(model, force.joint, force.coordinate)
+    for k, (name, force) in enumerate(coordinates.followers(model).items()):
+        row = _driven(model, force.joint, coordinates.joint_coordinate(model, force))
         entry = Entry(*row, follows=((k, 1.0),))
         groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
     return groups

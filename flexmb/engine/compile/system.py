@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile import contacts, coordinates, elements, joints
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -72,6 +72,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalars = coordinates.scalars(model, functions)
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
+    touching = contacts.contact_table(model, known, markers)
+    kept = 1 + sum(contacts.memory_of(row) for row in _rows(touching))
+    frictions = contacts.joint_friction_table(model, groups, kept)
     loads = elements.load_table(model, known, markers, functions)
     sensors = elements.sensor_table(model, known, markers)
     length = _length(model, known)
@@ -80,8 +83,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers))
-    group_table = _place(table, groups, springs, markers, symbolic)
+    symbolic = analyse(_blocks(columns, groups, len(scalars), (springs, touching), markers))
+    group_table = _place(table, groups, (springs, touching), markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
@@ -99,6 +102,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         springs=springs,
         loads=loads,
         sensors=sensors,
+        contacts=touching,
+        frictions=frictions,
     )
     layout = Layout(
         bodies=tuple(
@@ -150,10 +155,10 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
+def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) -> Blocks:
     pairs = joints.couples(groups)
-    if springs is not None:
-        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
+    for found in elements:  # between two markers each
+        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in _rows(found)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
@@ -167,8 +172,12 @@ def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -
     )
 
 
-def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.void]:
-    """Tell bodies, groups and springs where their blocks are in the factor."""
+def _rows(table) -> NDArray[np.void] | tuple[()]:
+    return () if table is None else table
+
+
+def _place(table, groups, elements, markers, symbolic: Symbolic) -> NDArray[np.void]:
+    """Tell bodies, groups and elements between markers where their blocks are in the factor."""
     table["panel"] = symbolic.panel_of[: len(table)]
     first = len(symbolic.panel_of) - len(groups.groups)
     rows = np.zeros(len(groups.groups), GROUP)
@@ -176,9 +185,10 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
         rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
-    for spring in springs if springs is not None else ():
-        pair = markers.body(spring["I"]), markers.body(spring["J"])
-        spring["couple"] = symbolic.couple_links.get(pair, -1)
+    for found in elements:
+        for row in _rows(found):
+            pair = markers.body(row["I"]), markers.body(row["J"])
+            row["couple"] = symbolic.couple_links.get(pair, -1)
     return rows
 
 

@@ -10,8 +10,16 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    inertia_tangent,
+    joint_friction,
+    kinematics,
+    ldl,
+)
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
+from flexmb.engine.kernels.contact_tangent import contact_tangents
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 
 _REGULARISATION = 1e-9
@@ -37,6 +45,8 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         group_tangents(sys, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
+        contact_tangents(sys, sys.contacts, wk, v, cv, cp)
+        joint_friction.add_tangents(sys, sys.frictions, wk, v, cv, cp)
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])

@@ -11,7 +11,7 @@ alone fix the motion, it is M.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, kinematics
+from flexmb.engine.kernels import constraint, joint_friction, kinematics
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.ldl import solve, solve_refined
 from flexmb.engine.kernels.motion import move
@@ -22,6 +22,11 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
+# Rounds in which friction in joints and the reactions that cause it agree, to this share.
+_FRICTION_ROUNDS = 100
+_SETTLED = 1e-10
+UNSETTLED = -1_000_000_000
+"""What `accelerations` returns where they do not: a joint locks itself."""
 
 
 @kernel
@@ -80,11 +85,12 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
     q and v are.
 
-    Returns the number of replaced pivots, or −1 − k for spring k of no length.
+    Returns the number of replaced pivots, −1 − k for spring k of no length, or `UNSETTLED`.
     """
-    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
+    tr, fac = wk.trial, wk.factor
     position_stage(sys, wk, t, q)
     velocity_stage(sys, wk, v)
+    joint_friction.put_grips(sys, sys.frictions, wk, lam)
     fac.symmetric[0] = 1
     fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
     if project == 2 and lam.shape[0] > 0:
@@ -101,10 +107,31 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     constraint.right_side(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
     for i in range(v.shape[0]):
         tr.res[i] = -tr.res[i]
-    permute(sys.kkt, tr.res, wk.con.gamma, fac.rhs)
+    _solve(sys, wk, vd, lam)
+    return fixes if _settle(sys, sys.frictions, wk, q, v, vd, lam) else UNSETTLED
+
+
+@kernel
+def _solve(sys, wk, vd, lam):
+    """(v̇; λ) for the forces in wk.trial.res."""
+    fac, place, nv = wk.factor, sys.kkt.place, vd.shape[0]
+    permute(sys.kkt, wk.trial.res, wk.con.gamma, fac.rhs)
     solve_refined(sys.kkt, fac, _REFINEMENTS)
-    for i in range(v.shape[0]):
+    for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
-        lam[i] = fac.sol[place[v.shape[0] + i]]
-    return fixes
+        lam[i] = fac.sol[place[nv + i]]
+
+
+@kernel
+def _settle(sys, frictions, wk, q, v, vd, lam):
+    """Solve on with the friction of the multipliers found, until they agree; whether they do."""
+    if frictions is not None:
+        for _ in range(_FRICTION_ROUNDS):
+            if joint_friction.put_grips(sys, frictions, wk, lam) <= _SETTLED:
+                return True
+            coordinates = sys.parts.coordinates
+            joint_friction.renew_forces(frictions, coordinates, wk.now, q, v, wk.trial.res)
+            _solve(sys, wk, vd, lam)
+        return False
+    return True

@@ -9,22 +9,28 @@ from flexmb.engine.kernels.vector import put
 
 
 @kernel
+def put_wrench(sys, markers, group, lam, g, w):
+    """w (12): the wrenches −Σ λ_k ∂C_k/∂(motion) of a group on I and J, global axes; g: scratch."""
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        row = sys.rows[r]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
+
+
+@kernel
 def read(sys, markers, lam, g, out):
     """out (12 groups): force and moment on marker J in its axes, then on marker I in its axes.
 
-    The wrench on a marker is −Σ λ_k ∂C_k/∂(its motion); g (2, 12) is scratch.
+    g (2, 12) is scratch.
     """
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]
         i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        mi, mj = markers[i], markers[j]
-        for c in range(12):
-            w[c] = 0.0
-        for r in range(group["row"], group["row"] + group["n"]):
-            row = sys.rows[r]
-            primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g[0])
-            for c in range(12):
-                w[c] -= lam[r] * g[0, c]
+        put_wrench(sys, markers, group, lam, g[0], w)
         for part in range(4):
             R = markers[j]["R"] if part < 2 else markers[i]["R"]
             at = 6 + 3 * part if part < 2 else 3 * part - 6
