@@ -14,15 +14,18 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import contact, joint_friction, kinematics
 from flexmb.engine.kernels.triple import inner
-from flexmb.engine.method import AGE, EVENT_STEP, EVENT_TRIES, EVENTS, STEP
+from flexmb.engine.method import AGE, EVENT_REST, EVENT_STEP, EVENT_TRIES, EVENTS, STEP
 from flexmb.engine.tables import BRISTLE, OPEN
 
 # A step is short enough if a crossing is this share of it before its end, by a straight line.
 _NEAR = 0.02
 _BEYOND = 1.01  # where it is aimed at, over the way to the crossing
 _TRIES = 10
-# Steps are not made shorter than this share of the first one.
-_SHORTEST = 1e-9
+# Steps are not made shorter for events than this share of the run.
+_SHORTEST = 1e-7
+# Steps after an event in which no other one shortens steps, so that what flutters about zero, such
+# as friction without load, does not stop the run.
+_REST = 5.0
 # First step after an event, over the one before it was shortened.
 _RESTART = 0.1
 
@@ -90,12 +93,13 @@ def missed(sys, contacts, frictions, settings, st, wk, h):
         share = 1.0
         for k in range(wk.events.now.shape[0]):
             share = min(share, _crossing(wk.events, k))
-        if share >= 1.0 - _NEAR or memory[EVENT_TRIES] >= _TRIES:
+        tried = memory[EVENT_TRIES] >= _TRIES or memory[EVENT_REST] > 0.0
+        if share >= 1.0 - _NEAR or tried:
             return False
         if memory[EVENT_TRIES] == 0.0:
             memory[EVENT_STEP] = h
         shorter = h * max(share * _BEYOND, 1e-3)
-        if shorter < _SHORTEST * memory[EVENT_STEP]:
+        if shorter < _SHORTEST * (settings.end - settings.start):
             return False
         memory[EVENT_TRIES] += 1.0
         memory[STEP] = shorter
@@ -111,14 +115,19 @@ def accepted(sys, contacts, frictions, settings, st, wk, h):
         if settings.step > 0.0:
             return
         memory = st.memory
+        memory[EVENT_REST] = max(memory[EVENT_REST] - 1.0, 0.0)
         found = False
         for k in range(wk.events.now.shape[0]):
             if _crossing(wk.events, k) < 1.0:
                 found = True
-                st.count[EVENTS] += 1
+                if memory[EVENT_REST] == 0.0:
+                    st.count[EVENTS] += 1
         if found:
             longest = memory[EVENT_STEP] if memory[EVENT_TRIES] > 0.0 else h
-            memory[STEP] = min(memory[STEP], _RESTART * longest)
+            longest = max(_RESTART * longest, _SHORTEST * (settings.end - settings.start))
+            if memory[EVENT_REST] == 0.0:
+                memory[STEP] = min(memory[STEP], longest)
+                memory[EVENT_REST] = _REST
             memory[EVENT_TRIES] = 0.0
         elif memory[EVENT_TRIES] > 0.0:  # the event is still to come, or it has gone away
             memory[STEP] = min(memory[STEP], h)

@@ -68,12 +68,13 @@ SELF_LOCKING = 7
 # fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
 # least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
 # the share of the tolerance that leaves the accuracy in the end; steps to go before it may grow;
-# the step before it was shortened to end at an event (0: it was not), how often it was.
+# the step before it was shortened to end at an event (0: it was not), how often it was, and
+# steps to go after an event before the next one is looked for.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, ERROR_SUM, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10, 11
 SINCE, JERK_ERROR, SHARE, CALM = 12, 13, 14, 15
-EVENT_STEP, EVENT_TRIES = 16, 17
-MEMORY = 18
+EVENT_STEP, EVENT_TRIES, EVENT_REST = 16, 17, 18
+MEMORY = 19
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
 EVENTS = 8

@@ -206,7 +206,7 @@ def keep(contacts, now, kept):
 
 
 @kernel
-def slip(c, now, kept, n, g, mj, excess):
+def slip(c, kept, n, g, mj, excess):
     """What crosses zero from below where it begins to slide, or to stick.
 
     |T| − μ N while it sticks, the speed against its bristle while it slides.

@@ -22,20 +22,16 @@ from flexmb.engine.tables import SLIDES
 
 @kernel
 def put_grips(sys, frictions, wk, lam):
-    """Normal forces of all joint frictions for these multipliers; returns the largest change.
-
-    Relative to the largest of them.
-    """
-    change, most = 0.0, 0.0
+    """Normal forces of all joint frictions for these multipliers; returns the largest change."""
+    change = 0.0
     if frictions is not None:
         for k in range(frictions.shape[0]):
             N = _normal_force(sys, frictions[k], wk, lam)
             step = abs(N - wk.now.grip[k, 0])
             if not step <= change:
                 change = step
-            most = max(most, N)
             wk.now.grip[k, 0] = N
-    return change / most if most > 0.0 else change
+    return change
 
 
 @kernel

@@ -22,7 +22,8 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
-# Rounds in which friction in joints and the reactions that cause it agree, to this share.
+# Rounds in which friction in joints and the reactions that cause it agree, to this share of the
+# largest force.
 _FRICTION_ROUNDS = 100
 _SETTLED = 1e-10
 UNSETTLED = -1_000_000_000
@@ -128,7 +129,8 @@ def _settle(sys, frictions, wk, q, v, vd, lam):
     """Solve on with the friction of the multipliers found, until they agree; whether they do."""
     if frictions is not None:
         for _ in range(_FRICTION_ROUNDS):
-            if joint_friction.put_grips(sys, frictions, wk, lam) <= _SETTLED:
+            change = joint_friction.put_grips(sys, frictions, wk, lam)
+            if change <= _SETTLED * max(largest(wk.trial.res), largest(lam)):
                 return True
             coordinates = sys.parts.coordinates
             joint_friction.renew_forces(frictions, coordinates, wk.now, q, v, wk.trial.res)
