@@ -131,14 +131,27 @@ def test_a_drawer_jams():
         assert found["place.x"][-1] < 3 * push / 1e5
 
 
-def test_a_joint_that_locks_itself_while_it_moves_is_told():
-    """A body beside its guide: friction turns it, which makes more friction than there was."""
+def beside(**friction):
+    """A body beside its guide, in motion: friction turns it, which makes 1.5 times that friction.
+
+    N² = W² + (2 b f/L)² and f = μ N have no common solution for 2 μ b/L = 1.5.
+    """
     made = Model("lock", gravity=[0, -G, 0])
     made.add_body("arm", mass=1.0, inertia=[0.01] * 3, center=[0.6, 0, 0], velocity=[0, 0, 1.0])
     made.add_joint("guide", "prismatic", between=["ground", "arm"], axis="z")
-    made.add_force("rub", "joint-friction", joint="guide", dynamic=0.5, length=0.4, **BRISTLE)
+    made.add_force("rub", "joint-friction", joint="guide", dynamic=0.5, length=0.4, **friction)
+    made.add_sensor("place", "position", of="arm")
+    return made
+
+
+def test_a_guide_that_locks_itself_stops_on_its_bristle():
+    found = run(beside(**BRISTLE), duration=0.05, outputs=50, accuracy=1e-3)
+    assert 0.0 < found["place.z"].max() < 1.0 * math.sqrt(1.0 / 1e5)
+
+
+def test_smooth_friction_that_locks_itself_is_told():
     with pytest.raises(AssemblyError, match="locks itself"):
-        run(made, duration=0.1, outputs=5, accuracy=1e-3)
+        run(beside(model="smooth", creep_speed=1e-3), duration=0.1, outputs=5, accuracy=1e-3)
 
 
 def test_stick_slip_on_a_belt():
