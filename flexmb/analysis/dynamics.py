@@ -7,6 +7,7 @@ shortened so that the outputs fall on steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,6 +22,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results import OutputBlock
@@ -138,7 +140,7 @@ def prepare(
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = list(first.notes)
+    notes = [*first.notes, *_frictions(model)]
     if rank is not None and rank < compiled.layout.nc:
         redundant = compiled.layout.nc - rank
         notes.append(
@@ -150,6 +152,18 @@ def prepare(
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
     return Prepared(run, grid, model, clock, tuple(notes))
+
+
+def _frictions(model: Model) -> Iterator[str]:
+    """What to know of friction that does not stick."""
+    for name, spec in model.forces.items():
+        friction = getattr(spec, "friction", spec)
+        if isinstance(friction, BaseFriction) and friction.creep_speed is not None:
+            speed = model.units.say(friction.creep_speed, "m/s")
+            yield (
+                f"forces.{name}: smooth friction does not stick but creeps, with {speed} under "
+                '71 % of the load that makes it slide; model = "bristle" sticks'
+            )
 
 
 def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) -> Outcome:

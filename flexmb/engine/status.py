@@ -21,15 +21,19 @@ _WHAT = {
     ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
     SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
 }
+_LOCKS = (
+    "friction grows as fast as the forces against it, so that a joint locks itself: lower its "
+    "coefficients or make its bearing longer"
+)
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
     NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
-    SELF_LOCKING: "friction grows as fast as the forces that work against it, so a joint locks "
-    "itself: lower its coefficients, or make its bearing longer",
+    SELF_LOCKING: _LOCKS,
 }
+_NAMELESS = (ZERO_LENGTH, SELF_LOCKING)
 
 
 def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
@@ -44,10 +48,11 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
     time : float
         Time at which the step began [s].
     """
-    where = (
-        "" if status in (ZERO_LENGTH, SELF_LOCKING) else f"; most at {worst_place(compiled, work)}"
-    )
-    return f"at t = {time:.6g} s {_WHAT[status]}{where}: {_CURE[status]}"
+    where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
+    cure = _CURE[status]
+    if status == NO_CONVERGENCE and compiled.system.frictions is not None:
+        cure += f"; or {_LOCKS}"
+    return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cure}"
 
 
 def worst_place(compiled: Compiled, work: Work) -> str:

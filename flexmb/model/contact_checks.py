@@ -50,11 +50,10 @@ def contact_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[Pr
     k = spec.round_side
     surface = spec.shapes[1 - k]
     inside = isinstance(surface, CylinderSide) and surface.side == "inside"
-    if inside and isinstance(spec.shapes[k], SphereSide):
-        if spec.shapes[k].radius >= surface.radius:
-            what = f"a sphere of this radius does not fit into the bore of shapes[{1 - k}]"
-            yield Problem(f"{where}.shapes[{k}].radius", what)
-            return
+    if inside and getattr(spec.shapes[k], "radius", 0.0) >= surface.radius:
+        what = f"a sphere of this radius does not fit into the bore of shapes[{1 - k}]"
+        yield Problem(f"{where}.shapes[{k}].radius", what)
+        return
     yield from _deep(scope, where, spec)
 
 
@@ -121,11 +120,9 @@ def _deep(scope: Scope, where: str, spec: ContactSpec) -> Iterator[Problem]:
     depth = max((_depth(other, R, point - x) for point in points), default=0.0) + mine
     if depth > _DEEP * scale:
         say = scope.model.units.say
-        what = f"the shapes overlap by {say(depth, 'm', 3)} in the placed pose; the force would be "
-        cure = (
-            f"that of no contact: place the bodies apart, by less than {say(_DEEP * scale, 'm', 3)}"
-        )
-        yield Problem(f"{where}.between", f"{what}{cure} of overlap")
+        what = f"the shapes overlap by {say(depth, 'm', 3)} in the placed pose, more than a contact"
+        what += f" ever would ({say(_DEEP * scale, 'm', 3)}): place the bodies apart"
+        yield Problem(f"{where}.between", what)
 
 
 def _places(scope: Scope, reference: str, side: Any) -> Array:

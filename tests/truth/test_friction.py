@@ -157,8 +157,8 @@ def test_smooth_friction_that_locks_itself_is_told():
 def test_stick_slip_on_a_belt():
     """Coulomb's two coefficients, spring k, mass m, belt speed V: period and turning points.
 
-    While it slips x − x_d = D cos ωt + V/ω sin ωt, D = (μ_s − μ_d) m g/k, until it is as fast as the
-    belt again; while it sticks it rides 2 D: T = 2 (π − arctan(V/(ω D)))/ω + 2 D/V.
+    While it slips x − x_d = D cos ωt + V/ω sin ωt, D = (μ_s − μ_d) m g/k, until it is as fast as
+    the belt again; while it sticks it rides 2 D: T = 2 (π − arctan(V/(ω D)))/ω + 2 D/V.
     """
     k, m, static, dynamic, V = 100.0, 1.0, 0.4, 0.2, 0.1
     made = Model("belt", gravity=[0, 0, -G])

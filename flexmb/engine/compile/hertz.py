@@ -5,7 +5,7 @@ and K(e), E(e) the complete elliptic integrals,
 
     K = (2π E*/3) K(e)^(−3/2) ((K(e) − E(e))/(e² A))^(1/2),   B/A = (E/(1 − e²) − K)/(K − E),
 
-which for round contact is (4/3) E* √R. Source: Johnson, Contact Mechanics (1985), sections 4.1, 4.2.
+which for round contact is (4/3) E* √R. Source: Johnson, Contact Mechanics (1985), ch. 4.
 """
 
 from __future__ import annotations
