@@ -143,6 +143,7 @@ LOAD = np.dtype(
 # `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
 # axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
 # body `n` or -1. EXPRESSION: program `first` over channels. STATE: velocity coordinate `first`.
+# PLACE of a curve marker: position coordinate `first`, or with `n` = 1 velocity coordinate `first`.
 CHANNEL = np.dtype(
     [
         ("what", _I),
@@ -352,7 +353,7 @@ class System(NamedTuple):
 POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
 LINES = (TWIST, RADIAL, MOMENT)
 # What channels are.
-SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
+SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90
