@@ -102,6 +102,7 @@ def _attempt(sys, settings, st, wk, path, h, last):
     tr = wk.trial
     tr.t[0] = st.t[0] + h
     evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, wk.con.fun)
+    signal.clear(sys.signals, wk.con.fun)
     if not continuity.finite(wk.con.fun, sys.functions.start.shape[0] - 1):
         return NOT_FINITE
     for i in range(st.v.shape[0]):

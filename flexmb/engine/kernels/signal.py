@@ -55,6 +55,15 @@ def _channel(sys, wk, c, q, v, vd, lam):
 
 
 @kernel
+def clear(signals, fun):
+    """Zero for all functions over channels: where none of them has a say yet."""
+    if signals is not None:
+        for k in range(signals.programs.shape[0]):
+            for c in range(3):
+                fun[signals.programs[k], c] = 0.0
+
+
+@kernel
 def rounds(signals):
     """How often what forces depend on is solved for, where nothing tells whether it settles."""
     if signals is not None and signals.implicit[0] == 1:
