@@ -7,6 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import BODIES, Mechanism
 
+from flexmb.analysis.mobility import examine
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
@@ -215,3 +216,16 @@ def test_times_in_expressions_over_channels_are_events():
     model.set_dynamics(duration=1.0)
     kinks = compile_system(model).system.kinks
     np.testing.assert_allclose(kinks.mean(axis=1), [0.2, 0.4], rtol=1e-12)
+
+
+def test_states_are_no_freedoms():
+    """A slider pushed by a controller has the one freedom of the slider, and no redundant row."""
+    model = Model("counts")
+    model.add_body("a", mass=2, inertia=[0.1, 0.1, 0.1], position=[1, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "a"], axis="x")
+    model.add_sensor("x", "position", of="a")
+    model.add_state("z", rate="x.x - z")
+    model.add_controller("c", "pid", input="z", kp=1, ki=2, kd=3, filter=0.1)
+    model.add_force("line", "line-force", between=["ground", "a"], value="c")
+    found = examine(compile_system(model), model)
+    assert (found.coordinates, found.rank, found.delta, found.redundant) == (6, 5, 1, 0)
