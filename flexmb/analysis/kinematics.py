@@ -76,6 +76,12 @@ def prepare_sweep(
     spec = model.kinematics
     if spec is None:
         raise SceneError("the scene has no [kinematics]: give its duration")
+    if compiled.starts:
+        names = ", ".join((*model.states, *model.controllers))
+        raise SceneError(
+            f"kinematics has no states that change by rates: {names}; run [dynamics], or leave "
+            "them out"
+        )
     clock = Clock()
     channels = len(compiled.layout.channels)
     compile_sweep(compiled.system, channels, progress)
@@ -85,7 +91,7 @@ def prepare_sweep(
     work, path = new_work(compiled.system, channels), new_path(compiled.system)
     state.q[:] = compiled.placed
     _close(compiled, model, state, work)
-    state.angles[:] = 0.0
+    state.angles[:] = np.nan
     enter(compiled.system, state, work, path, EVALUATE)
     found = decompose(compiled, work) if compiled.layout.nv <= LARGEST else None
     if found is not None and found.rank < found.n:

@@ -25,6 +25,7 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    signal,
     slider,
 )
 from flexmb.engine.kernels.kkt import factorise_metric
@@ -100,7 +101,8 @@ def _attempt(sys, settings, st, wk, path, h, last):
     """
     tr = wk.trial
     tr.t[0] = st.t[0] + h
-    evaluate_all(sys.functions, tr.t[0], tr.stack, wk.con.fun)
+    evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, wk.con.fun)
+    signal.clear(sys.signals, wk.con.fun)
     if not continuity.finite(wk.con.fun, sys.functions.start.shape[0] - 1):
         return NOT_FINITE
     for i in range(st.v.shape[0]):
@@ -145,8 +147,16 @@ def _accept(sys, st, wk, path, h):
     copy(tr.q, st.q)
     copy(tr.v, st.v)
     copy(tr.vd, st.vd)
-    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    _follow(sys, st, wk)
     st.count[STEPS] += 1
+
+
+@inlined
+def _follow(sys, st, wk):
+    """Carry the continuous angles to the present pose."""
+    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
 
 
 @inlined
@@ -182,9 +192,13 @@ def _reach(sys, settings, st, wk, path):
 
 @inlined
 def _reactions(sys, st, wk):
-    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; a spring of no length, or −1."""
+    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; a spring of no length, or −1.
+
+    Forces that follow reactions take those of the round before.
+    """
     fac, place, nv = wk.factor, sys.kkt.place, st.v.shape[0]
     inertia.prepare(sys.parts, wk.now, st.q)
+    signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
     for i in range(st.lam.shape[0]):
         st.lam[i] = 0.0
         fac.rhs[place[nv + i]] = 0.0
@@ -202,9 +216,9 @@ def _reactions(sys, st, wk):
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
-    if _reactions(sys, st, wk) >= 0:
-        return ZERO_LENGTH
-    sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out.sensors[row])
+    for _ in range(signal.rounds(sys.signals)):
+        if _reactions(sys, st, wk) >= 0:
+            return ZERO_LENGTH
     reaction.read(sys, now.marker, st.lam, wk.dense.g, out.reactions[row])
     out.t[row] = st.t[0]
     copy(st.q, out.q[row])
@@ -223,6 +237,9 @@ def _report(sys, settings, st, wk, path, out):
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     for k in range(3):
         e[4 + k] = st.work_done[k]
+    sensor.read(
+        sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, e, st.angles, out.sensors[row]
+    )
     if not (np.isfinite(e[0]) and np.isfinite(largest(st.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -233,7 +250,7 @@ def _report(sys, settings, st, wk, path, out):
 @inlined
 def _evaluate(sys, st, wk, path):
     """Everything at the state's positions and velocities, with the factor there."""
-    evaluate_all(sys.functions, st.t[0], wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, st.t[0], wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, st.q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, st.q)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
@@ -241,7 +258,7 @@ def _evaluate(sys, st, wk, path):
     kinematics.velocity(sys.parts, wk.now, st.v)
     coordinate.put_rates(sys.parts.coordinates, sys, st.v, wk.con.fun)
     constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
-    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    _follow(sys, st, wk)
 
 
 @entry
