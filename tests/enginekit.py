@@ -15,15 +15,28 @@ import numpy as np
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    energy,
+    force,
+    kinematics,
+    reaction,
+    sensor,
+    signal,
+)
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SLIDER, SPRING
+from flexmb.engine.tables import COORDINATE, PARTIAL, PULL, SLIDER, SPRING, Signals
 from flexmb.engine.work import new_state, new_work
 
+NO_SIGNALS = Signals(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
+    np.zeros(1, np.int64),
+)  # fmt: skip
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
 
 
@@ -45,10 +58,16 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
-        sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
+        sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+        n = st.angles.shape[0]
+        sensor.read(
+            sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
+        )
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out[7 + n :])
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         return factorise(sys, wk, st.v, st.vd, st.lam, cv, cp)
     if what == SOLVE:
         solve_refined(sys.kkt, wk.factor, k)
@@ -72,6 +91,9 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
+        further=np.zeros(1),
+        signals=NO_SIGNALS if system.signals is None else system.signals,
     )
 
 
@@ -105,8 +127,11 @@ class Bench:
         self.sys = system
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
+        self.state.angles[:] = np.nan
         self.work = new_work(system)
-        self.out = np.full(max(self.layout.nq, 7 + channels, 12 + self.layout.nv), np.nan)
+        self.out = np.full(
+            max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv), np.nan
+        )
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -174,6 +199,13 @@ class Bench:
     @property
     def channels(self):
         return self.out[7 : 7 + len(self.layout.channels)].copy()
+
+    @property
+    def reactions(self):
+        """(groups, 12): force and moment on J in its axes, on I in its axes."""
+        at = 7 + len(self.layout.channels)
+        n = 12 * len(self.sys.groups)
+        return self.out[at : at + n].copy().reshape(-1, 12)
 
     def marker(self, field):
         """(markers, ...) values of one field of all markers."""

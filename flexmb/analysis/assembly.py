@@ -26,6 +26,7 @@ from flexmb.engine.consistent import (
     VELOCITIES,
     solve_level,
 )
+from flexmb.engine.kernels.projection import LOOP
 from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
@@ -93,6 +94,7 @@ def assemble(
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_level(stiff, state, work, VELOCITIES)
+        _start_states(compiled, state, work, begin)
 
     close(begin is None)
     notes = asked.notes(state) if begin is None else []
@@ -101,6 +103,18 @@ def assemble(
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)
     return Assembled(state, work, tuple(notes))
+
+
+def _start_states(compiled: Compiled, state: State, work: Work, begin: Begin | None) -> None:
+    """Set the states: values, then what starts as a function has then, which may need others."""
+    free = [s for s in compiled.starts if begin is None or np.isnan(begin.v[s.iv])]
+    for start in free:
+        state.v[start.iv] = start.value
+    follow = [start for start in free if start.program >= 0]
+    for _ in follow:
+        solve_level(compiled.system, state, work, RESIDUAL)
+        for start in follow:
+            state.v[start.iv] = work.con.fun[start.program, 0]
 
 
 @dataclass(frozen=True)
@@ -182,6 +196,12 @@ def _equilibrate(
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
     code = solve_level(system, state, work, ACCELERATIONS)
+    if code == LOOP:
+        what = (
+            "forces that depend on accelerations or reactions find none that fit them: the loop "
+            "amplifies; lower its gain, or let a state or a filter stand between"
+        )
+        raise AssemblyError(what)
     if code < 0:
         what = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(what)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.contacts import branch_problems
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compile.groups import ANGULAR
 from flexmb.engine.compile.joint_rows import signs_of_axes
-from flexmb.engine.compile.joints import ANGULAR
 from flexmb.engine.work import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model

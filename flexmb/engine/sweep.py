@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import entry, inlined
+from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
     constraint,
     continuity,
@@ -25,6 +25,7 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    signal,
     slider,
 )
 from flexmb.engine.kernels.kkt import factorise_metric
@@ -34,7 +35,16 @@ from flexmb.engine.kernels.path import close, rates, shape_forces
 from flexmb.engine.kernels.residual import forces
 from flexmb.engine.kernels.time_function import evaluate_all
 from flexmb.engine.kernels.vector import copy, largest, weighted_size
-from flexmb.engine.method import CURVE_END, FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS, ZERO_LENGTH
+from flexmb.engine.method import (
+    CURVE_END,
+    FAILED,
+    FINE,
+    NO_LOOP,
+    NOT_FINITE,
+    OUTPUTS,
+    STEPS,
+    ZERO_LENGTH,
+)
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
 
@@ -47,6 +57,8 @@ NEXT, MOVED = 0, 1
 _LONGEST = 0.5
 _SMALLEST = 2.0**-22
 _KEPT = 8  # singular poses of which time and positions are kept
+# Forces that depend on reactions: rounds until these settle, relative.
+_LOOPS, _SETTLED = 100, 1e-12
 _CUT = 0.3  # a correction of first positions is cut to this
 
 
@@ -100,8 +112,8 @@ def _attempt(sys, settings, st, wk, path, h, last):
     """
     tr = wk.trial
     tr.t[0] = st.t[0] + h
-    evaluate_all(sys.functions, tr.t[0], tr.stack, wk.con.fun)
-    if not continuity.finite(wk.con.fun, sys.functions.start.shape[0] - 1):
+    evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, wk.con.fun)
+    if not continuity.finite(sys.functions, wk.con.fun):
         return NOT_FINITE
     for i in range(st.v.shape[0]):
         j = path.jerk[i]
@@ -146,6 +158,8 @@ def _accept(sys, st, wk, path, h):
     copy(tr.v, st.v)
     copy(tr.vd, st.vd)
     sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
     st.count[STEPS] += 1
 
 
@@ -180,31 +194,48 @@ def _reach(sys, settings, st, wk, path):
     return FINE
 
 
-@inlined
+@kernel
 def _reactions(sys, st, wk):
-    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; a spring of no length, or −1."""
-    fac, place, nv = wk.factor, sys.kkt.place, st.v.shape[0]
+    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; returns the status."""
+    fac, place, nv, before = wk.factor, sys.kkt.place, st.v.shape[0], wk.con.gamma
     inertia.prepare(sys.parts, wk.now, st.q)
-    for i in range(st.lam.shape[0]):
-        st.lam[i] = 0.0
-        fac.rhs[place[nv + i]] = 0.0
-    bad = forces(sys, wk, st.q, st.v, st.vd, st.lam)
-    shape_forces(sys.parts.bodies, wk.trial.res)
-    for i in range(nv):
-        fac.rhs[place[i]] = -wk.trial.res[i]
-    solve_refined(sys.kkt, fac, 2)
-    for i in range(st.lam.shape[0]):
-        st.lam[i] = fac.sol[place[nv + i]]
-    return bad
+    for n in range(_LOOPS):
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
+        for i in range(st.lam.shape[0]):
+            before[i] = st.lam[i]
+            st.lam[i] = 0.0
+            fac.rhs[place[nv + i]] = 0.0
+        if forces(sys, wk, st.q, st.v, st.vd, st.lam) >= 0:
+            return ZERO_LENGTH
+        shape_forces(sys.parts.bodies, wk.trial.res)
+        for i in range(nv):
+            fac.rhs[place[i]] = -wk.trial.res[i]
+        solve_refined(sys.kkt, fac, 2)
+        change, size = 0.0, 0.0
+        for i in range(st.lam.shape[0]):
+            st.lam[i] = fac.sol[place[nv + i]]
+            change = max(change, abs(st.lam[i] - before[i]))
+            size = max(size, abs(st.lam[i]))
+        if _independent(sys.signals) or (n > 0 and change <= _SETTLED * size):
+            return FINE
+    return NO_LOOP
+
+
+@kernel
+def _independent(signals):
+    """Whether no force depends on reactions or accelerations."""
+    if signals is not None:
+        return signals.implicit[0] == 0
+    return True
 
 
 @inlined
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
-    if _reactions(sys, st, wk) >= 0:
-        return ZERO_LENGTH
-    sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out.sensors[row])
+    status = _reactions(sys, st, wk)
+    if status != FINE:
+        return status
     reaction.read(sys, now.marker, st.lam, wk.dense.g, out.reactions[row])
     out.t[row] = st.t[0]
     copy(st.q, out.q[row])
@@ -223,6 +254,9 @@ def _report(sys, settings, st, wk, path, out):
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     for k in range(3):
         e[4 + k] = st.work_done[k]
+    sensor.read(
+        sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, e, st.angles, out.sensors[row]
+    )
     if not (np.isfinite(e[0]) and np.isfinite(largest(st.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -233,7 +267,7 @@ def _report(sys, settings, st, wk, path, out):
 @inlined
 def _evaluate(sys, st, wk, path):
     """Everything at the state's positions and velocities, with the factor there."""
-    evaluate_all(sys.functions, st.t[0], wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, st.t[0], wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, st.q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, st.q)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
@@ -242,6 +276,8 @@ def _evaluate(sys, st, wk, path):
     coordinate.put_rates(sys.parts.coordinates, sys, st.v, wk.con.fun)
     constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
     sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
 
 
 @entry

@@ -71,7 +71,7 @@ class _Builder:
 
     def __init__(self, model: Model, scene: Mapping[str, Any]) -> None:
         self.model, self.scene = model, scene
-        self.names = Terms({}, model.units)
+        self.names = Terms({}, model.units, folder=model.folder)
         self.problems: list[Problem] = []
         self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
 
@@ -88,7 +88,7 @@ class _Builder:
         self.model.given_parameters, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
         known = {**dict.fromkeys(map(str, parameters), 1.0), **values}
-        self.names = Terms(known, self.model.units)
+        self.names = Terms(known, self.model.units, folder=self.model.folder)
         self.model.plane, problems = read_plane(self.scene.get("plane"))
         self.problems += problems
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)

@@ -25,7 +25,7 @@ from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.kinematics import KinematicsSpec
@@ -35,7 +35,8 @@ from flexmb.model.parameters import resolve
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, read_entry, under
-from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
+from flexmb.model.sensors import SensorSpec, channel_unit, channels_of
+from flexmb.model.states import ControllerSpec, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 from flexmb.units import UnitSystem, unit_system
@@ -102,8 +103,10 @@ class Model:
         self.joints: dict[str, JointSpec] = {}
         self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
-        self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
+        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec | LineForceSpec] = {}
+        self.sensors: dict[str, SensorSpec] = {}
+        self.states: dict[str, StateSpec] = {}
+        self.controllers: dict[str, ControllerSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.assembly: AssemblySpec | None = None
@@ -123,7 +126,7 @@ class Model:
     @property
     def terms(self) -> Terms:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units)
+        return Terms(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -187,6 +190,14 @@ class Model:
         """Add a sensor."""
         return self._add("sensors", name, {"type": type, **fields})
 
+    def add_state(self, name: str, **fields: Any) -> Spec:
+        """Add a state: ``rate``, an expression over channels and t, and its ``start``."""
+        return self._add("states", name, fields)
+
+    def add_controller(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
+        return self._add("controllers", name, {"type": type, **fields})
+
     def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
 
@@ -246,18 +257,20 @@ class Model:
         return spec
 
     def channels(self) -> tuple[str, ...]:
-        """Names of all sensor channels, in order."""
+        """Names of all channels of sensors, states and controllers, in order."""
         pairs = self.sensors.items()
-        return tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        sensed = tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        return (*sensed, *self.states, *self.controllers)
 
     def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a sensor channel; None where there is no such sensor."""
-        return channel_unit({name: spec.type for name, spec in self.sensors.items()}, channel)
+        """SI unit of a channel; None where there is no such sensor, state or controller."""
+        owners = {**self.sensors, **self.states, **self.controllers}
+        return channel_unit({name: vars(spec) for name, spec in owners.items()}, channel)
 
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit)
+        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.

@@ -28,6 +28,7 @@ from flexmb.model.markers import GroundSpec
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import SENSOR_TYPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
@@ -67,6 +68,8 @@ def _top() -> dict[str, Form]:
         "drivers": _named(reference(DriverSpec)),
         "forces": _named(_one_of(FORCE_TYPES.values())),
         "sensors": _named(_one_of(SENSOR_TYPES.values())),
+        "states": _named(reference(StateSpec)),
+        "controllers": _named(_one_of(CONTROLLER_TYPES.values())),
         "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
         "assembly": reference(AssemblySpec),
         "dynamics": reference(DynamicsSpec),

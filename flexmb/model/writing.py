@@ -41,7 +41,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
     }
     if model.curves:
         scene["curves"] = {name: _curve(model, spec) for name, spec in model.curves.items()}
-    for section in ("joints", "couplers", "drivers", "forces", "sensors"):
+    for section in ("joints", "couplers", "drivers", "forces", "sensors", "states", "controllers"):
         scene[section] = {
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }

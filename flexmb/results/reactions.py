@@ -61,14 +61,16 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint, second = name, False
+        joint, second, driver = name, False, {}
         if section == "couplers":
             joint, _, coordinate = name.partition(".")[2].partition(".")
             second = coordinate == "second_angle"
         elif section == "drivers":
             driver = drivers.get(name, {})
             joint, second = str(driver.get("joint", "")), "second_angle" in driver
-        between = joints.get(joint, {}).get("between", ("", ""))
+        between = driver.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in driver:
+            between = driver.get("relative_to", "ground.origin"), driver["marker"]
         between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))

@@ -13,6 +13,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl, slider
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
+from flexmb.engine.kernels.signal_tangent import signal_tangents
 from flexmb.engine.kernels.slider_tangent import slider_tangents
 
 _REGULARISATION = 1e-9
@@ -39,6 +40,8 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         slider_tangents(sys, sys.parts.sliders, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
+    if cv != 0.0:
+        signal_tangents(sys.signals, sys, wk, v, cv, cp)
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
