@@ -5,7 +5,7 @@ all with one factor of [[W, Cqᵀ], [Cq, 0]], W a diagonal metric: masses play n
 repeat others do no harm. The factor of one point begins the next; reactions follow from
 Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ + h³/6 j), j the last difference of v̇. An
 increment is halved where Newton's method fails or the new point does not continue the motion
-(`kernels.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
+(`engine.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine import continuity
 from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
     constraint,
-    continuity,
     coordinate,
     energy,
     force,
@@ -31,7 +31,6 @@ from flexmb.engine.kernels import (
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
-from flexmb.engine.kernels.path import close, rates, shape_forces
 from flexmb.engine.kernels.residual import forces
 from flexmb.engine.kernels.time_function import evaluate_all
 from flexmb.engine.kernels.vector import copy, largest, weighted_size
@@ -45,6 +44,7 @@ from flexmb.engine.method import (
     STEPS,
     ZERO_LENGTH,
 )
+from flexmb.engine.point import close, rates, shape_forces
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
 
