@@ -175,11 +175,3 @@ def _look(sys, wk, path):
     solve(sys.kkt, wk.factor, sol)
     for i in range(nv):
         path.look[i] = sol[place[i]]
-
-
-@kernel
-def shape_forces(bodies, res):
-    """No forces on modal coordinates: what holds the shapes takes them."""
-    for k in range(bodies.shape[0]):
-        for j in range(bodies[k]["m"]):
-            res[bodies[k]["iv"] + 6 + j] = 0.0

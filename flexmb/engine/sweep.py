@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine import continuity
-from flexmb.engine.jit import entry, inlined, kernel
+from flexmb.engine.inverse import reactions
+from flexmb.engine.jit import entry, inlined
 from flexmb.engine.kernels import (
     constraint,
     coordinate,
     energy,
     force,
-    inertia,
     kinematics,
     reaction,
     sensor,
@@ -31,20 +31,17 @@ from flexmb.engine.kernels import (
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
-from flexmb.engine.kernels.residual import forces
 from flexmb.engine.kernels.time_function import evaluate_all
 from flexmb.engine.kernels.vector import copy, largest, weighted_size
 from flexmb.engine.method import (
     CURVE_END,
     FAILED,
     FINE,
-    NO_LOOP,
     NOT_FINITE,
     OUTPUTS,
     STEPS,
-    ZERO_LENGTH,
 )
-from flexmb.engine.point import close, rates, shape_forces
+from flexmb.engine.point import close, rates
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
 
@@ -57,8 +54,6 @@ NEXT, MOVED = 0, 1
 _LONGEST = 0.5
 _SMALLEST = 2.0**-22
 _KEPT = 8  # singular poses of which time and positions are kept
-# Forces that depend on reactions: rounds until these settle, relative.
-_LOOPS, _SETTLED = 100, 1e-12
 _CUT = 0.3  # a correction of first positions is cut to this
 
 
@@ -194,46 +189,11 @@ def _reach(sys, settings, st, wk, path):
     return FINE
 
 
-@kernel
-def _reactions(sys, st, wk):
-    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; returns the status."""
-    fac, place, nv, before = wk.factor, sys.kkt.place, st.v.shape[0], wk.con.gamma
-    inertia.prepare(sys.parts, wk.now, st.q)
-    for n in range(_LOOPS):
-        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
-        for i in range(st.lam.shape[0]):
-            before[i] = st.lam[i]
-            st.lam[i] = 0.0
-            fac.rhs[place[nv + i]] = 0.0
-        if forces(sys, wk, st.q, st.v, st.vd, st.lam) >= 0:
-            return ZERO_LENGTH
-        shape_forces(sys.parts.bodies, wk.trial.res)
-        for i in range(nv):
-            fac.rhs[place[i]] = -wk.trial.res[i]
-        solve_refined(sys.kkt, fac, 2)
-        change, size = 0.0, 0.0
-        for i in range(st.lam.shape[0]):
-            st.lam[i] = fac.sol[place[nv + i]]
-            change = max(change, abs(st.lam[i] - before[i]))
-            size = max(size, abs(st.lam[i]))
-        if _independent(sys.signals) or (n > 0 and change <= _SETTLED * size):
-            return FINE
-    return NO_LOOP
-
-
-@kernel
-def _independent(signals):
-    """Whether no force depends on reactions or accelerations."""
-    if signals is not None:
-        return signals.implicit[0] == 0
-    return True
-
-
 @inlined
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
-    status = _reactions(sys, st, wk)
+    status = reactions(sys, st, wk)
     if status != FINE:
         return status
     reaction.read(sys, now.marker, st.lam, wk.dense.g, out.reactions[row])
