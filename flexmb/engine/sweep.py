@@ -48,7 +48,7 @@ from flexmb.engine.work import sizes
 # What the entry is asked for.
 POINTS, CORRECT, EVALUATE = 0, 1, 2
 # Places in Path.number: the increment to try next, motion since the factor (< 0: none of use),
-# least number of weak rows so far.
+# largest of the least pivots so far.
 NEXT, MOVED = 0, 1
 # An increment is at most this motion (model size, rad), and at least this share of the interval.
 _LONGEST = 0.5
@@ -94,7 +94,7 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0, np.inf]), np.zeros((_KEPT, 2)), np.zeros((_KEPT, nq)),
+        np.array([np.inf, -1.0, 0.0]), np.zeros((_KEPT, 2)), np.zeros((_KEPT, nq)),
         np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
