@@ -148,7 +148,7 @@ def factorise_metric(sys, wk, metric):
     slider.put_rows(sys, sys.parts.sliders, wk)
     for i in range(low.shape[0]):
         factor.low0[i] = low[i]
-    factor.replaced[0] = ldl.factor(kkt, factor)
+    factor.replaced[0] = ldl.factor_symmetric(kkt, factor)
     return factor.replaced[0]
 
 

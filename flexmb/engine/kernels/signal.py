@@ -15,7 +15,6 @@ from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import wrapped
 from flexmb.engine.tables import ANGLE_TURNS, ANGLES_TURN, SUM
 
-_ROUNDS = 60  # a loop of half a gain settles to the last digit
 
 
 @kernel
@@ -52,23 +51,6 @@ def _channel(sys, wk, c, q, v, vd, lam):
         near = wk.live.near[c] if channel["turns"] == ANGLE_TURNS else math.nan
         return s if math.isnan(near) else near + wrapped(s - near)
     return sensor.other(sys.further, sys, wk, channel, q, v, lam, wk.trial.power)
-
-
-@kernel
-def clear(signals, fun):
-    """Zero for all functions over channels: where none of them has a say yet."""
-    if signals is not None:
-        for k in range(signals.programs.shape[0]):
-            for c in range(3):
-                fun[signals.programs[k], c] = 0.0
-
-
-@kernel
-def rounds(signals):
-    """How often what forces depend on is solved for, where nothing tells whether it settles."""
-    if signals is not None and signals.implicit[0] == 1:
-        return _ROUNDS
-    return 1
 
 
 @kernel

@@ -76,6 +76,10 @@ loose = linkage()
 loose.add_body("stone", mass=1.0, inertia=[1, 1, 1])
 keep("free body", loose)
 
+stated = linkage()
+stated.add_state("warmth", rate="1 - warmth", start=0)
+keep("states", stated)
+
 twice = linkage(angle="t")
 twice.add_driver("other", joint="right", angle="t")
 keep("rates apart", twice)
@@ -203,6 +207,10 @@ def test_a_locked_mechanism_names_driver_and_joints(runs):
 def test_motions_without_driver_are_named(runs):
     said(runs, "no driver", "refused", "leave 1 motion free", "add a driver of joints.left.angle")
     said(runs, "free body", "refused", "leave 3 motions free", "bodies.stone")
+
+
+def test_states_are_refused(runs):
+    said(runs, "states", "refused", "states.warmth: is integrated", "[dynamics]")
 
 
 @pytest.mark.parametrize("name", ["rates apart", "drift apart"])
