@@ -153,7 +153,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         generic_rank=generic - own,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
         undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
-        motions=free_motions_of(model, chosen),
+        motions=free_motions_of(model, chosen, elsewhere),
         as_rigid=_redundant_if_rigid(found),
         notes=(),
     )
