@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
     from flexmb.workflow import (
         check_scene,
+        kinematics,
         mobility,
         new_scene,
         resume,
@@ -48,6 +49,7 @@ _HOMES = {
     "check_scene": "flexmb.workflow",
     "mobility": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "kinematics": "flexmb.workflow",
     "Study": "flexmb.studies",
     "study": "flexmb.studies",
     "resume": "flexmb.workflow",
@@ -65,6 +67,7 @@ __all__ = [
     "Study",
     "check_scene",
     "history_figure",
+    "kinematics",
     "load_result",
     "load_scene",
     "mobility",

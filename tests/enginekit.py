@@ -23,15 +23,20 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    signal,
 )
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SLIDER, SPRING
+from flexmb.engine.tables import COORDINATE, PARTIAL, PULL, SLIDER, SPRING, Signals
 from flexmb.engine.work import new_state, new_work
 
+NO_SIGNALS = Signals(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
+    np.zeros(1, np.int64),
+)  # fmt: skip
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
@@ -53,10 +58,15 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
-        sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
+        sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+        n = st.angles.shape[0]
+        sensor.read(
+            sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
+        )
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         return factorise(sys, wk, st.v, st.vd, st.lam, cv, cp)
     if what == SOLVE:
         solve_refined(sys.kkt, wk.factor, k)
@@ -83,6 +93,8 @@ def padded(system):
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
         kinks=None,
+        further=np.zeros(1),
+        signals=NO_SIGNALS if system.signals is None else system.signals,
     )
 
 
@@ -116,6 +128,7 @@ class Bench:
         self.sys = system
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
+        self.state.angles[:] = np.nan
         self.work = new_work(system)
         size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
         self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
@@ -202,9 +215,11 @@ class Bench:
     @property
     def reactions(self):
         """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        before, n = self.out.copy(), len(self.sys.groups)
         self.run(REACTIONS)
-        n = len(self.sys.groups)
-        return self.out[: 12 * n].reshape(n, 4, 3).copy()
+        found = self.out[: 12 * n].reshape(n, 4, 3).copy()
+        self.out[:] = before
+        return found
 
     @property
     def scalars(self):

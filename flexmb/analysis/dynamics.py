@@ -18,6 +18,7 @@ from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, rea
 from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
+from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
@@ -39,6 +40,21 @@ class Sink(Protocol):
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A sink that shows its rows to those who look for singular poses."""
+
+    sink: Sink
+    poses: SingularPoses
+
+    def append(self, block: OutputBlock) -> None:
+        self.poses.add(block)
+        self.sink.append(block)
+
+    def save_state(self, state: dict[str, np.ndarray]) -> None:
+        self.sink.save_state(state)
 
 
 @dataclass(frozen=True)
@@ -150,6 +166,7 @@ def prepare(
     if rank is not None and rank < compiled.layout.nc:
         doubtful, told = redundant_reactions(compiled, model, first.state.q)
         notes += told
+    notes += loop_notes(model)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
@@ -171,8 +188,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
     lifts = Lifts(run.compiled)
-    status, message = _integrate(prepared, sink, progress, lifts)
-    notes += lifts.notes()
+    poses = SingularPoses(run.compiled.layout, prepared.model)
+    status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
+    notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -201,6 +219,7 @@ def loop_settings(
     works = bool(
         system.springs is not None
         or len(system.loads) > 0
+        or system.signals is not None
         or system.parts.coordinates is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
@@ -208,6 +227,7 @@ def loop_settings(
     stiff = bool(
         system.springs is not None
         or system.parts.coordinates is not None
+        or system.signals is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
     return method.Settings(

@@ -197,7 +197,7 @@ def _assembled(compiled: Compiled, model: Model) -> Closed:
     """The closed pose, or the reason why there is none."""
     pose = close(compiled, compiled.placed)
     if not pose.kept:
-        gaps = gap_problems(compiled, _work(compiled, pose))
+        gaps = gap_problems(compiled, model, _work(compiled, pose), ())
         raise AssemblyError.from_problems(driver_problems(compiled, model, gaps))
     state = new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = pose.q

@@ -36,7 +36,8 @@ def show_run(report: Any) -> None:
     """Show the summary of a run, and end in the exit code that it deserves."""
     status = show.run_report(report)
     if status == "stopped":
-        show.line(f"resume with: flexmb resume {report.output}")
+        if report.resumable:
+            show.line(f"resume with: flexmb resume {report.output}")
         raise typer.Exit(INTERRUPTED)
     if any(not outcome.passed for outcome in report.checks):
         raise typer.Exit(FAILED_CHECK)

@@ -100,6 +100,10 @@ def run(
         ),
     ] = None,
     overrides: Overrides = None,
+    analysis: Annotated[
+        str | None,
+        typer.Option(help="dynamics or kinematics, for a scene that has both.", show_default=False),
+    ] = None,
     start_from: Annotated[
         Path | None,
         typer.Option(
@@ -117,6 +121,9 @@ def run(
 ) -> None:
     """Run a scene: reduce its meshes, simulate, draw.
 
+    Runs what the scene says: [dynamics] integrates the motion, [kinematics] finds the one that
+    joints and drivers fix.
+
     Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
     its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
     again. Ctrl-C stops the run and keeps what was computed; `flexmb resume` goes on from there.
@@ -125,7 +132,12 @@ def run(
     """
     from flexmb.cli.actions import run_scene
 
-    options = {"start_from": start_from, "fresh": fresh, "pictures": not no_picture}
+    options = {
+        "analysis": analysis,
+        "start_from": start_from,
+        "fresh": fresh,
+        "pictures": not no_picture,
+    }
     run_scene(scene, output, overrides or [], options)
 
 

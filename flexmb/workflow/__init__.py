@@ -11,7 +11,7 @@ from flexmb.workflow.place import output_folder
 from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.resume import resume, resume_run
-from flexmb.workflow.run import run_model, run_scene, simulate
+from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
 from flexmb.workflow.templates import new_scene, templates
 from flexmb.workflow.warmup import Warmed, warmup
 
@@ -26,6 +26,7 @@ __all__ = [
     "Warmed",
     "check_scene",
     "flexible_bodies",
+    "kinematics",
     "listing",
     "mobility",
     "new_scene",

@@ -50,6 +50,7 @@ class RunReport:
     statistics: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     checks: list[CheckOutcome] = field(default_factory=list)
+    resumable: bool = True
 
 
 @dataclass(frozen=True)

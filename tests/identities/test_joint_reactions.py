@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from curvekit import special_fields
 from enginekit import Bench, rotation
 from generators import cloud, interface, random_rotation
+from jointfields import special_fields
 
 from flexmb.analysis.poses import close
 from flexmb.analysis.rows import placed_markers

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from curvekit import special_fields
 from enginekit import Bench
 from generators import TOPOLOGIES, Mechanism
+from jointfields import special_fields
 from mechanisms import excavator, quick_return
 
 from flexmb.analysis.rows import MEASURES, moved, rows_at

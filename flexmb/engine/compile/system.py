@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile import coordinates, elements, joints, sensors, signals
 from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.groups import (
     Groups,
@@ -35,6 +35,7 @@ from flexmb.model import lookup
 from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
+from flexmb.model.signals import resolved, states_of
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
+    starts: tuple[signals.Start, ...] = ()  # of the states
+    numbers: tuple[str, ...] = ()  # names of all channels and states by their number
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -82,24 +85,33 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     model.validate(known)
     if not model.bodies:
         raise SceneError("the model has no bodies")
-    pool, functions = Pool(), Functions()
+    pool, functions = Pool(), Functions(lambda expression: resolved(model, expression))
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    scalars = coordinates.scalars(model, functions)
+    states = states_of(model)
+    scalars = coordinates.scalars(model, functions, states)
     groups = joints.joint_groups(model, known, markers, functions, scalars)
     before, sliders = len(scalars), groups.sliders
     scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
-    sensors = elements.sensor_table(model, known, markers)
-    length = _length(model, known)
-    sizes, n_functions = 6 + table["m"], len(functions.programs)
+    length, sizes = _length(model, known), 6 + table["m"]
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
+    ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
+    starts = signals.starts(states, ivs, functions)
+    sensor_tables, numbers = sensors.sensor_tables(model, known, markers, groups, ivs)
+    n_functions = len(functions.programs)
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, before, springs, markers))
+    acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
+    blocks = _blocks(columns, groups, before, springs, markers)
+    if acting is not None:
+        blocks.couples.extend(acting.couples)
+    symbolic = analyse(blocks)
+    if acting is not None:
+        acting.place(symbolic)
     group_table = _place(table, groups, springs, markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
@@ -117,15 +129,17 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         groups=group_table,
         kkt=symbolic.kkt,
         weights=np.append(
-            _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
+            _weights(model, known, length), [coordinates.unit_weight(s, length) for s in scalars]
         ),
         row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
-        functions=lower(functions.programs),
+        functions=lower(functions.programs, numbers),
         springs=springs,
         loads=loads,
-        sensors=sensors,
         kinks=kink_table(functions.programs, model.dynamics),
+        sensors=sensor_tables,
+        further=None if acting is None and sensors.is_basic(sensor_tables) else np.zeros(1),
+        signals=None if acting is None else acting.signals,
     )
     layout = Layout(
         bodies=tuple(
@@ -144,8 +158,17 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     )
     begin = np.append(np.zeros(before), sliders.starts())
     placed = np.append(body_tables.placed_positions(model, table), begin)
-    found = tuple(functions.programs), tuple(sliders.contacts)
-    return Compiled(system, layout, placed, length, known, *found)
+    return Compiled(
+        system,
+        layout,
+        placed,
+        length,
+        known,
+        functions=tuple(functions.programs),
+        contacts=tuple(sliders.contacts),
+        starts=tuple(starts),
+        numbers=tuple(numbers),
+    )
 
 
 def fingerprint(system: System) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics, slider
+from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics, signal, slider
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
 @kernel
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
-    evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, t, wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
@@ -34,13 +34,14 @@ def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
     _velocities_for_forces(sys.springs, sys.parts, wk.now, v)
+    signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     return forces(sys, wk, q, v, vd, lam)
 
 
 @kernel
 def forces(sys, wk, q, v, vd, lam):
-    """res = M v̇ − Q + Cqᵀ λ after the position (and, with springs, the velocity) stage."""
+    """res = M v̇ − Q + Cqᵀ λ after the stages of position (with springs: velocity) and signals."""
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
