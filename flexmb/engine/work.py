@@ -67,12 +67,31 @@ class State(NamedTuple):
     count: np.ndarray  # counters, places in `method`
 
 
+class ElementNow(NamedTuple):
+    """Scratch of one force element: relative motion, force, and what tangents are made of."""
+
+    x: np.ndarray  # (6,) separation and rotation vector of J from I, axes of I
+    rate: np.ndarray  # (6,) velocity and angular velocity of J seen from I, axes of I
+    Q: np.ndarray  # (3, 3) axes of J in those of I
+    p: np.ndarray  # (6,) force conjugate to x
+    f: np.ndarray  # (6,) force and moment with which J is pulled to I, axes of I
+    K: np.ndarray  # (6, 6) its change with the relative motion
+    C: np.ndarray  # (6, 6) and with the relative velocity
+    E: np.ndarray  # (6, 12) relative motion per motion of the markers
+    D: np.ndarray  # (6, 12) change of the relative velocity with their position
+    S: np.ndarray  # (6, 12)
+    W: np.ndarray  # (12, 12) damping between the markers
+    N: np.ndarray  # (6, 6 + m) change of a marker's velocity with q at constant v
+    stack: np.ndarray  # (depth, 3) of the function evaluator
+
+
 class Now(NamedTuple):
     """Bodies and markers at the last evaluated position."""
 
     body: np.ndarray  # BODY_NOW
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    element: object  # ElementNow, or None without such elements
 
 
 class Constraints(NamedTuple):
@@ -201,6 +220,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
+        _new_element(system),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
@@ -211,6 +231,17 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     return Work(now, con, _new_dense(system), _new_factor(system), trial)
+
+
+def _new_element(system: System) -> ElementNow | None:
+    if system.elements is None:
+        return None
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    return ElementNow(
+        _nan(6), _nan(6), _nan(3, 3), _nan(6), _nan(6), _nan(6, 6), _nan(6, 6), _nan(6, 12),
+        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n),
+        _nan(int(system.elements.programs.depth), 3),
+    )  # fmt: skip
 
 
 def _new_dense(system: System) -> Dense:

@@ -13,6 +13,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
+from flexmb.engine.kernels.force_tangent import add_coordinate_tangents, element_tangents
 
 _REGULARISATION = 1e-9
 
@@ -32,11 +33,13 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         kinematics.velocity(sys.parts, wk.now, v)
     _bodies(sys.parts, sys.kkt, wk, v, vd, cv, cp)
     coordinate.add_tangents(sys.parts.coordinates, sys.kkt, cv, cp, low, up)
+    add_coordinate_tangents(sys.elements, sys.parts.coordinates, sys.kkt, wk, v, cv, cp)
     constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
+        element_tangents(sys, sys.elements, wk, v, cv, cp)
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])

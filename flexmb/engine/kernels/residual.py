@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, coordinate, force, inertia, kinematics
+from flexmb.engine.kernels import constraint, coordinate, element, force, inertia, kinematics
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
@@ -24,8 +24,8 @@ def velocity_stage(sys, wk, v):
 
 
 @kernel
-def _velocities_for_forces(springs, parts, now, v):
-    if springs is not None:
+def _velocities_for_forces(springs, elements, parts, now, v):
+    if springs is not None or elements is not None:
         kinematics.velocity(parts, now, v)
 
 
@@ -33,7 +33,7 @@ def _velocities_for_forces(springs, parts, now, v):
 def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
-    _velocities_for_forces(sys.springs, sys.parts, wk.now, v)
+    _velocities_for_forces(sys.springs, sys.elements, sys.parts, wk.now, v)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     return forces(sys, wk, q, v, vd, lam)
 
@@ -43,9 +43,13 @@ def forces(sys, wk, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ after the position (and, with springs, the velocity) stage."""
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
+    undefined = element.add_wrenches(sys.elements, wk.now, wk.con.fun)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
     constraint.subtract_reactions(sys.lines, sys.rows, wk.now.marker, lam, wk.dense.g[0])
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
-    return bad
+    element.put_coordinate_forces(
+        sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, q, v, wk.trial.res
+    )
+    return max(bad, undefined)
