@@ -15,13 +15,22 @@ import numpy as np
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    element,
+    energy,
+    force,
+    kinematics,
+    sensor,
+)
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SPRING
+from flexmb.engine.functions import lower
+from flexmb.engine.tables import COORDINATE, FRAME, LAW, MUTUAL, SPRING, Elements
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -43,6 +52,7 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
+        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, wk.con.fun, st.v)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
         sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
@@ -70,7 +80,20 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        elements=_padded_elements(system.elements),
     )
+
+
+def _padded_elements(elements):
+    if elements is None:
+        elements = Elements(None, None, None, np.zeros(1), lower([]))
+    tables = {"frames": FRAME, "laws": LAW, "mutual": MUTUAL}
+    empty = {
+        name: np.zeros(0, dtype)
+        for name, dtype in tables.items()
+        if getattr(elements, name) is None
+    }
+    return elements._replace(**empty)
 
 
 def interpreted(code, folder):

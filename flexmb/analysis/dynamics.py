@@ -190,6 +190,7 @@ def loop_settings(
     system = compiled.system
     works = bool(
         system.springs is not None
+        or system.elements is not None
         or len(system.loads) > 0
         or system.parts.coordinates is not None
         or np.any(system.rows["fun"] >= 0)
@@ -197,6 +198,7 @@ def loop_settings(
     )
     stiff = bool(
         system.springs is not None
+        or system.elements is not None
         or system.parts.coordinates is not None
         or np.any(system.parts.bodies["m"] > 0)
     )

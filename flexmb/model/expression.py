@@ -66,7 +66,13 @@ class Expression:
         return jets.evaluate(self.ops, t)
 
 
-def parse(text: str, names: Mapping[str, float] | None = None, *, time: bool = True) -> Expression:
+def parse(
+    text: str,
+    names: Mapping[str, float] | None = None,
+    *,
+    time: bool = True,
+    variable: str = "t",
+) -> Expression:
     """Parse an expression.
 
     Parameters
@@ -76,14 +82,16 @@ def parse(text: str, names: Mapping[str, float] | None = None, *, time: bool = T
     names : mapping
         Values of the parameters it may use.
     time : bool
-        Whether ``t`` may occur.
+        Whether the variable may occur.
+    variable : str
+        Name of the variable, in place of the time.
 
     Raises
     ------
     SceneError
         One problem, with the text and a caret under the character that is wrong.
     """
-    return Expression(text, _Lowering(text, dict(names or {}), time).run())
+    return Expression(text, _Lowering(text, dict(names or {}), time, variable).run())
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -145,8 +153,10 @@ def _error(
 class _Lowering:
     """Turns the syntax tree into postfix operations, folding constants on the way."""
 
-    def __init__(self, text: str, names: Mapping[str, float], time: bool) -> None:
-        self.text, self.names, self.time = text, names, time
+    def __init__(
+        self, text: str, names: Mapping[str, float], time: bool, variable: str = "t"
+    ) -> None:
+        self.text, self.names, self.time, self.variable = text, names, time, variable
         flat = text.replace("\n", " ")
         self.lead = len(flat) - len(flat.lstrip())
 
@@ -196,7 +206,7 @@ class _Lowering:
         return (("const", value),)
 
     def name(self, node: ast.expr, name: str) -> Ops:
-        if name == "t" and self.time:
+        if name == self.variable and self.time:
             return (("t", 0.0),)
         value = self.names.get(name, CONSTANTS.get(name))
         if value is not None:
@@ -205,7 +215,7 @@ class _Lowering:
             raise self.fail(node, "the time t cannot be used here, only in functions of time")
         if name in FUNCTIONS:
             raise self.fail(node, f'"{name}" is a function, written {FUNCTIONS[name][1]}')
-        known = (*self.names, *(("t",) if self.time else ()), *CONSTANTS)
+        known = (*self.names, *((self.variable,) if self.time else ()), *CONSTANTS)
         raise self.fail(node, f'unknown name "{name}"', known, name)
 
     def binary(self, node: ast.BinOp, operator: str) -> Ops:

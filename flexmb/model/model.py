@@ -21,7 +21,7 @@ from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.forces import AnyForce
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
@@ -93,7 +93,7 @@ class Model:
         self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[str, JointSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
+        self.forces: dict[str, AnyForce] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
@@ -161,7 +161,7 @@ class Model:
         return spec
 
     def add_force(self, name: str, type: str, **fields: Any) -> Spec:
-        """Add a force, a torque or a spring-damper: along a line, or on a joint."""
+        """Add a force, a torque, a spring-damper, bushing, beam or stop."""
         return self._add("forces", name, {"type": type, **fields})
 
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:

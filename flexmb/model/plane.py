@@ -23,6 +23,7 @@ from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
 from flexmb.model.reading import given
+from flexmb.model.stops import StopSpec
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -103,7 +104,10 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
     yield from _coordinates(model, flexbodies, plane)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
-            yield from _load(model, f"forces.{name}", force, plane)
+            yield from _load(model, f"forces.{name}", force, flexbodies, plane)
+        elif isinstance(force, StopSpec) and force.axis is not None:
+            if not keeps_plane(force.axis, plane):
+                yield Problem(f"forces.{name}.axis", f"must lie in the plane {plane}")
 
 
 def _body(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
@@ -162,17 +166,21 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
             yield Problem(where, f'in the plane {plane} the joint "{name}" has no {coordinate}')
 
 
-def _load(model: Model, where: str, force: LoadSpec, plane: str) -> Iterator[Problem]:
+def _load(
+    model: Model, where: str, force: LoadSpec, flexbodies: lookup.Bodies, plane: str
+) -> Iterator[Problem]:
     """Components out of the plane must be the number zero."""
     normal = np.array(PLANES[plane])
-    if force.axes == "body":
-        body = force.at.partition(".")[0]
+    if force.axes != "global":
+        reference = force.at if force.axes == "body" else force.axes
+        body = reference.partition(".")[0]
+        try:
+            marker = lookup.placed(model, reference, flexbodies)
+        except FlexmbError:
+            return
         if body in model.bodies:
-            try:
-                marker = lookup.placed(model, force.at, {})
-            except FlexmbError:
-                return
-            normal = marker.R.T @ normal_in_body(model.bodies[body], plane)
+            normal = normal_in_body(model.bodies[body], plane)
+        normal = marker.R.T @ normal
     for i, function in enumerate(force.value):
         inside = abs(normal[i]) <= _ALIGNED
         wanted = inside if force.type == "force" else not inside

@@ -6,20 +6,15 @@ all problems, with scene paths.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.errors import Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.functions import Function
+from flexmb.model.force_problems import finite, force_problems
 from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.sensors import AngleSensorSpec
@@ -35,7 +30,7 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, _sensors)
+    named = (body_problems, _joints, _drivers, force_problems, _sensors)
     parts = (*named, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
@@ -54,53 +49,12 @@ def _drivers(scope: Scope) -> Iterator[Problem]:
     for name, spec in scope.model.drivers.items():
         where = f"drivers.{name}"
         yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        yield from _finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
+        yield from finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
         key = (spec.joint, spec.coordinate)
         if key in driven:
             what = f'the {key[1]} of joint "{key[0]}" is driven by "{driven[key]}" already'
             yield Problem(where, what)
         driven.setdefault(key, name)
-
-
-def _forces(scope: Scope) -> Iterator[Problem]:
-    yield from scope.markers("forces")
-    for name, spec in scope.model.forces.items():
-        where = f"forces.{name}"
-        if isinstance(spec, SpringDamperSpec):
-            yield from scope.pair(where, spec.between, "a spring-damper")
-            yield from _length(scope, where, spec)
-        elif isinstance(spec, JointSpringSpec):
-            yield from _joint_spring(scope, where, spec)
-        elif isinstance(spec, LoadSpec):
-            for i, function in enumerate(spec.value):
-                yield from _finite(f"{where}.value[{i}]", function)
-            if split_reference(spec.at)[0] == GROUND:
-                yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
-            yield from scope.material(f"{where}.at", spec.at)
-
-
-def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
-    yield from scope.coordinate(where, spec.joint, spec.coordinate)
-    if spec.value is not None:
-        yield from _finite(f"{where}.value", spec.value)
-    if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
-        yield Problem(where, "does nothing: give stiffness, damping or value")
-
-
-def _length(scope: Scope, where: str, spec: SpringDamperSpec) -> Iterator[Problem]:
-    """A spring needs two points apart, as far as they are known."""
-    model = scope.model
-    try:
-        ends = [lookup.placed(model, reference, scope.flexbodies) for reference in spec.between]
-    except FlexmbError:
-        return
-    flexible = {m.body for m in ends if m.body != GROUND and model.bodies[m.body].flexible}
-    if any(lookup.flexbody_of(model, body, scope.flexbodies) is None for body in flexible):
-        return
-    points = [lookup.global_position(model, marker) for marker in ends]
-    if np.linalg.norm(points[1] - points[0]) == 0:
-        what = "its markers coincide in the placed pose: a spring of length zero pulls nowhere"
-        yield Problem(f"{where}.between", what)
 
 
 def _sensors(scope: Scope) -> Iterator[Problem]:
@@ -161,13 +115,3 @@ def _times(scope: Scope) -> Iterator[Problem]:
         if time > duration * (1 + 1e-12):
             after, end = units.say(time, "s"), units.say(duration, "s")
             yield Problem(where, f"{after} lies after the end of the run, {end}")
-
-
-def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    jet = function.value(0.0)
-    parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
-        if not math.isfinite(value):
-            text = function.expression.text
-            yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
-            return

@@ -15,6 +15,7 @@ from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.forces import JointSpringSpec
 from flexmb.model.model import Model
+from flexmb.model.stops import JointStopSpec
 
 __all__ = ["Scalar", "coordinate_table", "joint_springs", "scalars"]
 
@@ -32,24 +33,31 @@ class Scalar:
     angular: bool = True  # counted in radians, else in metres
 
 
-def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
-    """The springs on joint coordinates, by name."""
-    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
+def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
+    """The springs and stops on joint coordinates, by name."""
+    kinds = JointSpringSpec | JointStopSpec
+    return {name: spec for name, spec in model.forces.items() if isinstance(spec, kinds)}
 
 
 def scalars(model: Model, functions: Functions) -> list[Scalar]:
-    """The scalar coordinates of a model."""
+    """The scalar coordinates of a model; laws and stops on them are elements of their own."""
     return [
-        Scalar(
-            f"forces.{name}",
-            damping=spec.damping,
-            stiffness=spec.stiffness,
-            free=spec.free,
-            function=-1 if spec.value is None else functions.add(spec.value.expression),
-            angular=spec.coordinate == "angle",
-        )
-        for name, spec in joint_springs(model).items()
+        _scalar(f"forces.{name}", spec, functions) for name, spec in joint_springs(model).items()
     ]
+
+
+def _scalar(name: str, spec: JointSpringSpec | JointStopSpec, functions: Functions) -> Scalar:
+    angular = spec.coordinate == "angle"
+    if isinstance(spec, JointStopSpec):
+        return Scalar(name, angular=angular)
+    return Scalar(
+        name,
+        damping=spec.damping,
+        stiffness=spec.stiffness,
+        free=spec.free,
+        function=-1 if spec.value is None else functions.add(spec.value.expression),
+        angular=angular,
+    )
 
 
 def coordinate_table(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile import coordinates, elements, force_elements, joints
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -74,15 +74,19 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
     sensors = elements.sensor_table(model, known, markers)
+    scalar_names = [scalar.name for scalar in scalars]
+    acting = force_elements.element_tables(model, known, markers, functions, scalar_names)
     length = _length(model, known)
     sizes, n_functions = 6 + table["m"], len(functions.programs)
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     scalar_table = coordinates.coordinate_table(scalars, nq, nv, n_functions)
     rows = joints.row_table(groups, sizes, n_functions)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers))
+    pairs = force_elements.couples(acting, markers)
+    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers, pairs))
     group_table = _place(table, groups, springs, markers, symbolic)
     _place_coordinates(rows, group_table, scalar_table, len(table), symbolic)
+    force_elements.place(acting, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
         parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
@@ -98,6 +102,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         springs=springs,
         loads=loads,
         sensors=sensors,
+        elements=acting,
     )
     layout = Layout(
         bodies=tuple(
@@ -149,8 +154,10 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
-    pairs = joints.couples(groups)
+def _blocks(
+    bodies: list[list[int]], groups, n_scalars: int, springs, markers, pairs: list[tuple[int, int]]
+) -> Blocks:
+    pairs = joints.couples(groups) + pairs
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [
