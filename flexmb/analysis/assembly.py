@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.gaps import check_branches, gap_problems
 from flexmb.analysis.metric import slowest_period, stiff_system
+from flexmb.analysis.stops import stop_notes
 from flexmb.analysis.velocities import AskedVelocities
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
@@ -101,6 +102,7 @@ def assemble(
         _equilibrate(compiled, _SLOW * period, state, work, close)
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)
+    notes = [*notes, *stop_notes(compiled, model, state, work)]
     return Assembled(state, work, tuple(notes))
 
 

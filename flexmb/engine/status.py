@@ -12,7 +12,8 @@ _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
     NOT_FINITE: "the solution is no longer finite",
     TOO_SMALL: "no step is small enough for the accuracy asked for",
-    ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
+    ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
+    "undefined",
 }
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "

@@ -1,0 +1,280 @@
+"""Bushings, beams, stops and springs by laws against closed forms.
+
+The frequencies of a mass on a bushing, the cantilever, Euler's column and the vibrating cantilever of
+beam elements, bouncing on a linear and on a Hertzian stop, Duffing's oscillator, a line actuator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import Bench
+from femeshes import line
+from scipy.optimize import brentq
+from scipy.special import ellipk, gamma
+from truthkit import order, reference, run
+
+from flexmb.fe import assemble, general, resolve
+from flexmb.model import Model
+
+LAST_DIGITS = 1e-9
+
+
+def stiffness_and_mass(model, q=None):
+    """K and M (nv, nv) of a model without joints, at rest in its placed pose or at q."""
+    bench = Bench(model)
+    if q is not None:
+        bench.q[:] = q
+    M = bench.mass_matrix()
+    return bench.matrix(cp=1.0)[: len(M), : len(M)] - M, M
+
+
+def test_frequencies_of_a_mass_on_a_bushing():
+    """k/m along, k_r/J about each axis; the axes of the bushing are those of the ground marker."""
+    m, J = 2.0, [0.3, 0.4, 0.5]
+    k, turn = [100.0, 300.0, 700.0], [40.0, 50.0, 80.0]
+    made = Model("mount")
+    made.add_body("m", mass=m, inertia=J)
+    made.add_force(
+        "mount", "bushing", between=["ground", "m"], stiffness=k, rotational_stiffness=turn
+    )
+    K, M = stiffness_and_mass(made)
+    found = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    wanted = np.sort([*(x / m for x in k), *(x / j for x, j in zip(turn, J, strict=True))])
+    np.testing.assert_allclose(found, wanted, rtol=LAST_DIGITS)
+
+
+def test_a_bushing_turns_by_its_rotation_vector():
+    """About one axis it is the linear spring at any angle below half a turn: J φ'' + k φ = 0."""
+    made = Model("twist")
+    made.add_body("m", mass=1, inertia=[0.2, 0.2, 0.2], orientation={"axis": "z", "angle": 2.5})
+    made.add_force("mount", "bushing", between=["ground", "m"], rotational_stiffness=[9, 9, 5],
+                   stiffness=1, free="together")  # fmt: skip
+    made.add_sensor("angle", "angle", between=["ground", "m"], axis=None)
+    errors = []
+    for h in (4e-3, 2e-3):
+        found = run(made, duration=2.0, step=h, outputs=20)
+        errors.append(np.abs(found["angle"] - 2.5 * np.cos(5.0 * found.t)).max())
+        assert found.mismatch() < 1e-3 * found.energy[0, 3]
+    assert errors[-1] < 3e-3
+    assert 1.9 < order([2.0, 1.0], errors) < 2.1
+
+
+E, G, A, IY, IZ, J, L = 70e9, 27e9, 4e-4, 2e-8, 5e-8, 6e-8, 0.8
+SECTION = {"E": E, "G": G, "A": A, "Iy": IY, "Iz": IZ, "J": J, "orientation": "y"}
+
+
+def cantilever(**section):
+    made = Model("cantilever")
+    made.add_body("tip", mass=1, inertia=[1, 1, 1], position=[L, 0, 0])
+    made.add_force("beam", "beam", between=["ground", "tip"], **{**SECTION, **section})
+    return made
+
+
+def test_the_cantilever():
+    """Force, moment, torque and pull at the tip (Timoshenko, Strength of Materials, 1955)."""
+    K, _ = stiffness_and_mass(cantilever())
+    F = np.linalg.inv(K)  # displacements (r, φ) by unit loads
+    wanted = {
+        (0, 0): L / (E * A), (3, 3): L / (G * J),
+        (1, 1): L**3 / (3 * E * IZ), (5, 1): L**2 / (2 * E * IZ), (5, 5): L / (E * IZ),
+        (2, 2): L**3 / (3 * E * IY), (4, 2): -(L**2) / (2 * E * IY), (4, 4): L / (E * IY),
+    }  # fmt: skip
+    for (i, j), value in wanted.items():
+        assert F[i, j] == pytest.approx(value, rel=1e-8), (i, j)
+    rest = F.copy()
+    for i, j in wanted:
+        rest[i, j] = rest[j, i] = 0.0
+    assert np.abs(rest).max() < 1e-12 * np.abs(F).max()
+
+
+def test_shear_adds_to_the_deflection():
+    """F L / (k G A) in y and nothing in z, where no coefficient is given."""
+    F = np.linalg.inv(stiffness_and_mass(cantilever(ky=0.5))[0])
+    assert F[1, 1] == pytest.approx(L**3 / (3 * E * IZ) + L / (0.5 * G * A), rel=1e-8)
+    assert F[2, 2] == pytest.approx(L**3 / (3 * E * IY), rel=1e-8)
+
+
+def test_it_is_the_finite_element():
+    """K of the far end of a skew beam, from the own beam element of the mesh half."""
+    start, end, up = [0.1, -0.2, 0.3], [0.7, 0.5, 0.9], [0.1, 0.3, 1.0]
+    section = {"A": A, "Iy": IY, "Iz": IZ, "J": J, "ky": 0.8, "kz": 0.7, "orientation": up}
+    matter = {"E": E, "nu": 0.3, "density": 1.0}
+    fe = assemble(line(1, start, end), resolve(matter), {"all": general(**section)})
+    made = Model("skew")
+    made.add_body("tip", mass=1, inertia=[1, 1, 1], position=end)
+    made.add_marker("ground.root", position=start)
+    made.add_force("beam", "beam", between=["ground.root", "tip"], material=matter, **section)
+    wanted = fe.K.toarray()[6:, 6:]
+    K, _ = stiffness_and_mass(made)
+    np.testing.assert_allclose(K, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+def chain(n, load=0.0, slender=1e-5):
+    """A cantilever of n beam elements with a node body at the end of each, a dead load at the tip.
+
+    E = I = L = mass per length = 1; placed shortened by the load, which is then in equilibrium.
+    """
+    made = Model("column")
+    area = 1.0 / slender
+    h = 1.0 / n
+    section = {"E": 1, "G": 1, "A": area, "Iy": 1, "Iz": 1, "J": 1, "length": h}
+    before = "ground"
+    for k in range(n):
+        share = 0.5 if k == n - 1 else 1.0
+        made.add_body(f"b{k}", mass=share * h, inertia=[1e-6] * 3,
+                      position=[(k + 1) * h * (1.0 - load / area), 0, 0])  # fmt: skip
+        made.add_force(f"beam{k}", "beam", between=[before, f"b{k}"], **section)
+        before = f"b{k}"
+    made.add_force("load", "force", at=before, value=[-load, 0, 0])
+    return made
+
+
+def test_eulers_column_buckles():
+    """The least eigenvalue of the tangent stiffness passes zero at π²/4; the error is of order h².
+
+    Euler 1744: P = π² E I / (4 L²) of a column fixed at its foot.
+    """
+    wanted, errors = np.pi**2 / 4.0, []
+    for n in (4, 8):
+
+        def least(load, n=n):
+            return np.linalg.eigvals(stiffness_and_mass(chain(n, load))[0]).real.min()
+
+        found = brentq(least, 0.9 * wanted, 1.1 * wanted, xtol=1e-4)
+        errors.append(found / wanted - 1.0)
+    assert errors[-1] < 0.02
+    assert 1.9 < order([2.0, 1.0], errors) < 2.2
+
+
+def test_the_vibrating_cantilever():
+    """ω = 3.5160, 22.0345 (Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1).
+
+    Lumped masses leave an error of order h² below.
+    """
+    wanted, errors = np.array([1.87510407, 4.69409113]) ** 2, []
+    for n in (5, 10, 20):
+        K, M = stiffness_and_mass(chain(n))
+        found = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)[[0, 2]])
+        errors.append(np.abs(found / wanted - 1.0))
+    assert np.all(errors[-1] < [2e-3, 1e-2])
+    for k in range(2):
+        assert 1.8 < order([4.0, 2.0, 1.0], [e[k] for e in errors]) < 2.2
+
+
+M_, K_, V = 2.0, 8e4, 1.5
+
+
+def bouncing(kind, gap=0.03, **fields):
+    """A mass that slides towards a stop at speed V; the stop is at x = gap."""
+    made = Model("bounce")
+    made.add_body("m", mass=M_, inertia=[1, 1, 1], velocity=[V, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground", "m"], axis="x")
+    where = {"joint": "guide"} if kind == "translational-stop" else {"between": ["ground.eye", "m"]}
+    made.add_marker("ground.eye", position=[-1.0 if "lower" not in fields else 0.0, 0, 0])
+    made.add_force("stop", kind, stiffness=K_, **where, **fields)
+    for sensor in ("position", "velocity"):
+        made.add_sensor(sensor, sensor, of="m")
+    return made
+
+
+STOPS = {
+    "joint": ("translational-stop", {"upper": 0.03}),
+    "distance": ("stop", {"upper": 1.03}),
+    "displacement": ("stop", {"axis": "x", "upper": 1.03}),
+    "other side": ("stop", {"axis": "-x", "lower": -0.03}),
+}
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_bouncing_on_a_linear_stop(name):
+    """Touches at 20 ms for π √(m/k), goes in by V √(m/k), comes back as fast; slope 2."""
+    kind, fields = STOPS[name]
+    root = np.sqrt(M_ / K_)
+    begin, end = 0.02, 0.02 + np.pi * root
+    errors = []
+    for h in (2e-4, 1e-4):
+        found = run(bouncing(kind, **fields), duration=0.05, step=h, outputs=250)
+        x = found["position.x"]
+        t = found.t
+        inside = 0.03 + V * root * np.sin((t - begin) / root)
+        truth = np.where(t < begin, V * t, np.where(t < end, inside, 0.03 - V * (t - end)))
+        errors.append(np.abs(x - truth).max() / 0.03)
+        stored = 0.5 * K_ * np.clip(x - 0.03, 0.0, None) ** 2
+        np.testing.assert_allclose(found.stored("spring"), stored, atol=1e-9)
+    assert errors[-1] < 2e-3
+    assert errors[-1] < 0.5 * errors[0]
+
+
+def test_contact_time_on_a_hertzian_stop():
+    """2.94 p/V with p = (m V² (e + 1) / 2k)^(1/(e+1)) (Johnson, Contact Mechanics, 1985, 11.24)."""
+    e, k = 1.5, 2e6
+    p = (0.5 * M_ * V**2 * (e + 1.0) / k) ** (1.0 / (e + 1.0))
+    factor = 2.0 * np.sqrt(np.pi) * gamma(1.0 / (e + 1.0)) / (e + 1.0)
+    factor /= gamma(1.0 / (e + 1.0) + 0.5)
+    assert factor == pytest.approx(reference("force_elements", "hertz contact time")["value"], 2e-3)
+    made = bouncing("stop", axis="x", upper=1.03, exponent=e)
+    made.forces["stop"] = made.forces["stop"].model_copy(update={"stiffness": k})
+    found = run(made, duration=0.06, accuracy=1e-6, outputs=600)
+    assert found["position.x"].max() - 0.03 == pytest.approx(p, rel=1e-3)
+    # the way back: x = 0.03 − V (t − end)
+    end = found.t[-1] - (0.03 - found["position.x"][-1]) / V
+    assert end - 0.02 == pytest.approx(factor * p / V, rel=1e-4)
+
+
+def test_damping_of_a_stop_takes_energy_and_it_never_pulls():
+    found = run(
+        bouncing("translational-stop", upper=0.03, damping=1500, depth=1e-3),
+        duration=0.06, step=5e-5, outputs=600,
+    )  # fmt: skip
+    v = found["velocity.x"]
+    assert v[-1] == pytest.approx(v[-50], abs=1e-9)  # clear again
+    lost = 0.5 * M_ * (V**2 - v[-1] ** 2)
+    assert 0.1 * M_ * V**2 < lost < 0.5 * M_ * V**2
+    assert -found.stored("damper_work")[-1] == pytest.approx(lost, rel=1e-3)
+    force = found.reactions[:, 12 * found.layout.reactions.index("forces.stop") + 2]
+    assert force.max() <= 1e-6 * np.abs(force).max()
+
+
+@pytest.mark.parametrize("kind", ["line", "joint"])
+def test_duffings_oscillator(kind):
+    """Period 4 K(m) / √(ω² (1 + ε)), ε = k3 a²/k, m = ε / (2 (1 + ε)).
+
+    Kovacic & Brennan, The Duffing Equation, 2011, sec. 2.2.
+    """
+    k, k3, a = 50.0, 2000.0, 0.4
+    law = f"{k}*x + {k3}*x**3"
+    made = Model("Duffing", parameters={"k": k})
+    made.add_body("m", mass=M_, inertia=[1, 1, 1], position=[2.0 + a, 0, 0])
+    made.add_marker("ground.rest", position=[2, 0, 0])
+    made.add_marker("m.eye", position=[0, 0, 0])
+    made.add_joint("guide", "in-line", between=["ground.rest", "m"], axis="x")
+    if kind == "line":
+        made.add_force("spring", "spring-damper", between=["ground", "m"], free_length=2.0,
+                       spring_force=law)  # fmt: skip
+    else:
+        made.add_force("spring", "translational-spring-damper", joint="guide", spring_force=law)
+    made.add_sensor("x", "position", of="m", relative_to="ground.rest")
+    eps = k3 * a * a / k
+    period = 4.0 * ellipk(eps / (2.0 * (1.0 + eps))) / np.sqrt(k / M_ * (1.0 + eps))
+    errors = []
+    for n in (400, 800):
+        found = run(made, duration=3.0 * period, step=period / n, outputs=300)
+        assert found.stored("spring")[0] == pytest.approx(0.5 * k * a**2 + 0.25 * k3 * a**4)
+        errors.append(abs(found["x.x"][-1] / a - 1.0))
+        quarter = found["x.x"][found.at([0.25 * period, 2.5 * period])]
+        np.testing.assert_allclose(quarter / a, [0.0, -1.0], atol=3e-3)
+    assert errors[-1] < 1e-4
+
+
+def test_a_line_actuator_pushes_apart():
+    """Two free masses: m x'' = ±u(t); works agree."""
+    made = Model("actuator")
+    for name, m, x in (("a", 1.0, 0.0), ("b", 3.0, 1.0)):
+        made.add_body(name, mass=m, inertia=[1, 1, 1], position=[x, 0, 0])
+        made.add_sensor(name, "velocity", of=name)
+    made.add_force("ram", "spring-damper", between=["a", "b"], value="6*t")
+    found = run(made, duration=1.0, step=1e-2, outputs=10)
+    np.testing.assert_allclose(found["a.x"], -3.0 * found.t**2, atol=1e-4)
+    np.testing.assert_allclose(found["b.x"], found.t**2, atol=1e-4)
+    assert found.stored("applied_work")[-1] == pytest.approx(0.5 * 9.0 + 1.5, rel=1e-3)
