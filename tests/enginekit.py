@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels import (
     constraint,
@@ -29,7 +30,6 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.functions import lower
 from flexmb.engine.tables import COORDINATE, FRAME, LAW, MUTUAL, SPRING, Elements
 from flexmb.engine.work import new_state, new_work
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from flexmb.engine.compile import Compiled
@@ -26,7 +28,7 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
     state, work : State, Work
         The first state, and the scratch with its markers.
     """
-    elements = compiled.system.elements
+    elements: Any = compiled.system.elements
     if elements is None or elements.laws is None:
         return []
     notes = []
@@ -46,7 +48,7 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
 def _measure(compiled: Compiled, row: np.void, state: State, work: Work) -> float:
     """Distance, displacement or joint coordinate of a law."""
     if row["measure"] == COORDINATE_OF:
-        coordinates = compiled.system.parts.coordinates
+        coordinates: Any = compiled.system.parts.coordinates
         return float(state.q[coordinates[row["coordinate"]]["iq"]])
     markers = work.now.marker
     h = markers["x"][row["J"]] - markers["x"][row["I"]]

@@ -62,7 +62,9 @@ class BushingSpec(Spec):
             for word in (part, f"rotational_{part}")
             if getattr(self, whole) is not None and getattr(self, word) is not None
         ]
-        words = [name for name in type(self).model_fields if name not in ("type", "between", "free")]
+        words = [
+            name for name in type(self).model_fields if name not in ("type", "between", "free")
+        ]
         if all(getattr(self, word) is None for word in words):
             what = "does nothing: give stiffness, rotational_stiffness, damping, matrix or preload"
             problems.append(Problem("", what))

@@ -69,9 +69,7 @@ def _load(scope: Scope, where: str, spec: LoadSpec) -> Iterator[Problem]:
         yield from found or scope.material(f"{where}.axes", axes)
 
 
-def _laws(
-    scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec
-) -> Iterator[Problem]:
+def _laws(scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec) -> Iterator[Problem]:
     if spec.value is not None:
         yield from finite(f"{where}.value", spec.value)
     if spec.does_nothing:

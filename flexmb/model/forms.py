@@ -190,16 +190,8 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}],
             "description": "[N/m, N m/rad]",
         },
-        **{
-            _reader(field): lambda unit=unit: {
-                "anyOf": [NUMBER, VECTOR, _MATRIX], "description": f"[{unit}]"
-            }
-            for unit, field in BY_DIRECTION.items()
-        },
-        **{
-            _reader(field): lambda unit=unit: {**_SIX, "description": f"[{unit}]"}
-            for unit, field in SIX_BY_SIX.items()
-        },
+        **{_reader(field): _by_direction(unit) for unit, field in BY_DIRECTION.items()},
+        **{_reader(field): _six_by_six(unit) for unit, field in SIX_BY_SIX.items()},
         _reader(MeshSource): lambda: {
             "anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]
         },
@@ -219,6 +211,14 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             ]
         },
     }
+
+
+def _by_direction(unit: str) -> Callable[[], Form]:
+    return lambda: {"anyOf": [NUMBER, VECTOR, _MATRIX], "description": f"[{unit}]"}
+
+
+def _six_by_six(unit: str) -> Callable[[], Form]:
+    return lambda: {**_SIX, "description": f"[{unit}]"}
 
 
 def _signed(letters: str) -> list[str]:

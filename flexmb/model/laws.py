@@ -1,9 +1,10 @@
 """Laws of springs and dampers: a force as a function of a deflection or a speed.
 
-In: an expression in the law's own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
-``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or ``{file =
-"spring.csv", ...}``; all in the scene's units. Out: a :class:`Law`, which keeps what was given and
-holds the expression, or the points, in SI. Beyond its ends a tabulated law goes on straight.
+In: an expression in its own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
+``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or
+``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`Law`, which keeps what was
+given and holds the expression, or the points, in SI. Beyond its ends a tabulated law goes on
+straight.
 """
 
 from __future__ import annotations
@@ -149,7 +150,9 @@ class LawOf:
                 )
                 found.append((x, y))
             except SceneError as error:
-                problems += [Problem(f"[{i}]", p.what, p.allowed, p.nearest) for p in error.problems]
+                problems += [
+                    Problem(f"[{i}]", p.what, p.allowed, p.nearest) for p in error.problems
+                ]
         if problems:
             raise SceneError.from_problems(problems)
         _refuse_disorder([x / units.scale(self.unit) for x, _ in found])

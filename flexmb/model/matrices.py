@@ -53,7 +53,9 @@ def _refuse_asymmetry(matrix: Any) -> None:
     if np.abs(scaled - scaled.T).max() > _ROUND_OFF * max(1.0, np.abs(scaled).max()):
         raise fail(Problem("", _SYMMETRIC))
     if np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min() < -_ROUND_OFF * len(matrix):
-        raise fail(Problem("", "must not be negative in any direction (it has a negative eigenvalue)"))
+        raise fail(
+            Problem("", "must not be negative in any direction (it has a negative eigenvalue)")
+        )
 
 
 def _three(unit: str) -> Reader:

@@ -105,9 +105,8 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
             yield from _load(model, f"forces.{name}", force, flexbodies, plane)
-        elif isinstance(force, StopSpec) and force.axis is not None:
-            if not keeps_plane(force.axis, plane):
-                yield Problem(f"forces.{name}.axis", f"must lie in the plane {plane}")
+        elif isinstance(force, StopSpec) and not keeps_plane(force.axis or (0.0,) * 3, plane):
+            yield Problem(f"forces.{name}.axis", f"must lie in the plane {plane}")
 
 
 def _body(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:

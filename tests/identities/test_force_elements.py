@@ -40,7 +40,8 @@ def mechanism(bodies, seed=3, **world):
     model.add_force("mount", "bushing", between=ends("mount", -1, 1), stiffness=50, free="together",
                     rotational_stiffness=[5, 6, 7], rotational_damping=matrix(rng, 3))  # fmt: skip
     model.add_force("beam", "beam", between=ends("beam", 1, 2), E=100, G=40, A=0.3, Iy=0.02,
-                    Iz=0.05, J=0.03, ky=0.8, orientation=made.turn @ [0.3, 1, 0.2], damping=0.1)  # fmt: skip
+                    Iz=0.05, J=0.03, ky=0.8, damping=0.1,
+                    orientation=made.turn @ [0.3, 1, 0.2])  # fmt: skip
     law = {"spring_force": "20*x + 30*x**3", "damper_force": "3*v + v*abs(v)"}
     model.add_force("law", "spring-damper", between=ends("law", 0, 1), **law, value="5*cos(2*t)")
     points = [[-1, -20], [0.1, 0], [0.7, 4], [9, 60]]  # no state here is near one
@@ -108,9 +109,7 @@ def test_every_element_acts(bench):
 def test_position_tangent(bench):
     n, q = bench.layout.nv, bench.q.copy()
     tangent = (bench.matrix(cp=1.0, cv=1.0) - bench.matrix(cv=1.0))[:n, :n]
-    columns = [
-        slope(lambda s, d=d: bench.at(q=moved(bench, q, s * d)).residual) for d in np.eye(n)
-    ]
+    columns = [slope(lambda s, d=d: bench.at(q=moved(bench, q, s * d)).residual) for d in np.eye(n)]
     close(tangent, np.array(columns).T)
 
 

@@ -1,7 +1,7 @@
 """Bushings, beams, stops and springs by laws against closed forms.
 
-The frequencies of a mass on a bushing, the cantilever, Euler's column and the vibrating cantilever of
-beam elements, bouncing on a linear and on a Hertzian stop, Duffing's oscillator, a line actuator.
+The frequencies of a mass on a bushing, the cantilever, Euler's column and the vibrating cantilever
+of beam elements, bouncing on a linear and on a Hertzian stop, Duffing's oscillator, an actuator.
 """
 
 from __future__ import annotations
@@ -148,9 +148,9 @@ def test_eulers_column_buckles():
 
 
 def test_the_vibrating_cantilever():
-    """ω = 3.5160, 22.0345 (Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1).
+    """ω = 3.5160, 22.0345; lumped masses leave an error of order h².
 
-    Lumped masses leave an error of order h² below.
+    Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1.
     """
     wanted, errors = np.array([1.87510407, 4.69409113]) ** 2, []
     for n in (5, 10, 20):

@@ -1,8 +1,8 @@
 """Tabulated laws as pieces of cubics: what `kernels.law.curve` reads.
 
 The slopes at the points decide: of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980, 238; with
-the harmonic means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984, 300), of Akima (J. ACM
-17, 1970, 589), or of the natural cubic spline. Beyond its ends a law goes on straight.
+the harmonic means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984, 300), of Akima
+(J. ACM 17, 1970, 589), or of the natural cubic spline. Beyond its ends a law goes on straight.
 """
 
 from __future__ import annotations

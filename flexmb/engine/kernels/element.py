@@ -1,7 +1,7 @@
 """Force elements beside plain springs and loads: what they do to markers and coordinates.
 
-`elements` holds bushings and beams (`frame`), laws of one measure (`law`, `measure`) and mutual loads
-(`mutual`); a table that is None costs nothing.
+`elements` holds bushings and beams (`frame`), laws of one measure (`law`, `measure`) and mutual
+loads (`mutual`); a table that is None costs nothing.
 """
 
 from __future__ import annotations

@@ -49,9 +49,7 @@ def _law_tangents(sys, laws, elements, wk, v, cv, cp):
                 continue
             i, j, link = row["I"], row["J"], row["couple"]
             clear(wk.dense.H, 12, 12)
-            damped = measure.add_tangent(
-                row, elements, wk.now, wk.con.fun, cv, cp, w, wk.dense.H
-            )
+            damped = measure.add_tangent(row, elements, wk.now, wk.con.fun, cv, cp, w, wk.dense.H)
             _add_pair(sys.parts, sys.kkt, wk, i, j, link, 1.0)
             _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
             if damped and cp != 0.0:

@@ -1,10 +1,10 @@
 """Bushing and beam: six forces and moments between two markers, linear in their relative motion.
 
 With the deflection x = (u − u0, φ) of `pair` the potential is V = p0·x + ½ xᵀ K x, the dissipation
-ẋᵀ C ẋ. The pull of J to I is f = ∂V/∂u + (C ẋ)_u and m = Gᵀ (∂V/∂φ + (C ẋ)_φ), φ̇ = G ω, so that its
-power is exactly −dV/dt − ẋᵀ C ẋ, also at large angles (below half a turn). At small angles it is the
-bushing and the beam of MSC Adams (BUSHING, BEAM), K of the latter that of Timoshenko's cantilever
-(Przemieniecki, Theory of Matrix Structural Analysis, 1968, sec. 5.6).
+ẋᵀ C ẋ. The pull of J to I is f = ∂V/∂u + (C ẋ)_u and m = Gᵀ (∂V/∂φ + (C ẋ)_φ), φ̇ = G ω, so that
+its power is exactly −dV/dt − ẋᵀ C ẋ, also at large angles (below half a turn). At small angles it
+is the bushing and the beam of MSC Adams (BUSHING, BEAM), K of the latter that of Timoshenko's
+cantilever (Przemieniecki, Theory of Matrix Structural Analysis, 1968, sec. 5.6).
 A row of the pool holds u0 (3), p0 (6), K (6, 6), C (6, 6).
 """
 
@@ -15,7 +15,6 @@ from flexmb.engine.kernels import pair
 from flexmb.engine.kernels.vector import put
 
 P0, STIFFNESS, DAMPING = 3, 9, 45  # where they begin in a row of the pool
-SIZE = 81
 
 
 @kernel

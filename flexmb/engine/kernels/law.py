@@ -12,8 +12,6 @@ piece's left end (the first from x_0).
 
 from __future__ import annotations
 
-import math
-
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.tables import CURVE, NOTHING
@@ -127,7 +125,7 @@ def energy(law, elements, stack, s):
 
 @kernel
 def _integral(programs, at, stack, x):
-    """Integral of a program from 0 to x by Gauss's rule, exact for polynomials to the 15th power."""
+    """Integral of a program from 0 to x by Gauss's rule, exact to the 15th power of x."""
     total = 0.0
     h = x / _PANELS
     for n in range(_PANELS):
