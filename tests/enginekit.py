@@ -52,7 +52,7 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
-        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, wk.con.fun, st.v)
+        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
         sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])

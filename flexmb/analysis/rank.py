@@ -29,9 +29,10 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
                 n = 6 + int(body["m"])
                 values = work.dense.jac[row[place] : row[place] + n]
                 Cq[k, body["iv"] : body["iv"] + n] = values
-        if row["coordinate"] >= 0:
-            assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
-            Cq[k, system.parts.coordinates[row["coordinate"]]["iv"]] = -1.0
+    for follow in system.follows:
+        assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
+        column = system.parts.coordinates[follow["coordinate"]]["iv"]
+        Cq[follow["row"], column] = -follow["factor"]
     return Cq
 
 

@@ -84,6 +84,7 @@ def _accept(sys, settings, st, wk, h):
         copy(st.power, before.power)
     kinematics.position(sys.parts, now, tr.q)
     if settings.works == 1:
+        element.position(sys.elements, sys.parts.coordinates, now, tr.q)
         kinematics.velocity(sys.parts, now, tr.v)
         energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
         for k in range(3):
@@ -183,7 +184,7 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 2] = energy.gravitational(sys.parts, now, tr.q)
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
     out.energy[row, 3] += coordinate.spring_energy(sys.parts.coordinates, tr.q)
-    out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, wk.con.fun, tr.v)
+    out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
     for k in range(3):
         out.energy[row, 4 + k] = tr.work_done[k]
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):

@@ -57,7 +57,7 @@ MARKER = np.dtype(
 
 # One scalar coordinate s beside the bodies: m s'' + c s' + k (s - s0) = u(t) + reactions of the
 # rows that follow it. Without mass it is a parameter that rows decide; with mass and damping its
-# velocity is a first-order state. `slot` is its row in Constraints.fun: value and rate.
+# velocity is a first-order state.
 COORDINATE = np.dtype(
     [
         ("iq", _I),
@@ -67,7 +67,6 @@ COORDINATE = np.dtype(
         ("k", _F),
         ("s0", _F),  # where the spring is free
         ("fun", _I),  # u(t), or -1
-        ("slot", _I),
         ("panel", _I),
     ],
     align=True,
@@ -84,9 +83,22 @@ ROW = np.dtype(
         ("fun", _I),
         ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
         ("jac_J", _I),
-        ("coordinate", _I),  # the scalar coordinate that it follows in place of `fun`, or -1
-        ("link", _I),  # LINK of its group with that coordinate
+        ("in_group", _I),  # its place in its group
+        ("follows", _I),  # number of scalar coordinates that it follows in place of `fun`
         ("offset", _F),  # constant that its measure keeps
+    ],
+    align=True,
+)
+
+# One scalar coordinate that a row follows, times a factor: the row's slot in Constraints.fun holds
+# the sum and its rate. The entries of a row stand together, the one that begins it with first = 1.
+FOLLOW = np.dtype(
+    [
+        ("row", _I),
+        ("coordinate", _I),
+        ("link", _I),  # LINK of the row's group with the coordinate
+        ("first", _I),
+        ("factor", _F),
     ],
     align=True,
 )
@@ -246,6 +258,7 @@ class System(NamedTuple):
 
     parts: Parts
     rows: np.ndarray  # ROW
+    follows: np.ndarray  # FOLLOW
     groups: np.ndarray  # GROUP
     kkt: Kkt
     weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
@@ -266,3 +279,5 @@ POSITION, VELOCITY, ACCELERATION, ANGLE_SENSOR = 0, 1, 2, 3
 # Measures of laws, and where a law comes from.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 NOTHING, CURVE, PROGRAM = 0, 1, 2
+# Tables of forces whose wrench can be read.
+SPRINGS, FRAMES, LAWS, MUTUAL_LOADS, LOADS = 0, 1, 2, 3, 4

@@ -82,6 +82,7 @@ class ElementNow(NamedTuple):
     S: np.ndarray  # (6, 12)
     W: np.ndarray  # (12, 12) damping between the markers
     N: np.ndarray  # (6, 6 + m) change of a marker's velocity with q at constant v
+    s: np.ndarray  # scalar coordinates
     stack: np.ndarray  # (depth, 3) of the function evaluator
 
 
@@ -214,7 +215,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     nq, nv, nc = sizes(system)
     m = system.parts.bodies["m"]
     nfun = len(system.functions.start) - 1
-    nfun += 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    nfun += int(np.sum(system.follows["first"]))
     depth = int(system.functions.depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
@@ -237,9 +238,10 @@ def _new_element(system: System) -> ElementNow | None:
     if system.elements is None:
         return None
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    scalars = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
     return ElementNow(
         _nan(6), _nan(6), _nan(3, 3), _nan(6), _nan(6), _nan(6, 6), _nan(6, 6), _nan(6, 12),
-        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n),
+        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n), _nan(scalars),
         _nan(int(system.elements.programs.depth), 3),
     )  # fmt: skip
 

@@ -60,14 +60,12 @@ def _scalar(name: str, spec: JointSpringSpec | JointStopSpec, functions: Functio
     )
 
 
-def coordinate_table(
-    found: list[Scalar], nq: int, nv: int, n_functions: int
-) -> NDArray[np.void] | None:
+def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:
     """COORDINATE rows behind the nq, nv coordinates of the bodies; panels are filled in later."""
     if not found:
         return None
     rows = [
-        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, n_functions + k, -1)
+        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1)
         for k, s in enumerate(found)
     ]
     return np.array(rows, COORDINATE)

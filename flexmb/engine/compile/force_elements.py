@@ -21,10 +21,15 @@ from flexmb.engine.tables import (
     CURVE,
     DISTANCE_OF,
     FRAME,
+    FRAMES,
     LAW,
+    LAWS,
+    LOADS,
     MUTUAL,
+    MUTUAL_LOADS,
     NOTHING,
     PROGRAM,
+    SPRINGS,
     Elements,
 )
 from flexmb.flexbody import FlexBody
@@ -35,7 +40,7 @@ from flexmb.model.laws import Law
 from flexmb.model.model import Model
 from flexmb.model.stops import AnyStop, JointStopSpec, StopSpec
 
-__all__ = ["couples", "element_tables", "names_of", "place", "table_of"]
+__all__ = ["couples", "element_tables", "names_of", "place", "row_of", "table_of"]
 
 Pair = tuple[int, int]
 # Fields with the LINK of a pair, and the markers that it couples, by table.
@@ -164,31 +169,38 @@ def element_tables(
             builder.frame(name, spec)
         elif isinstance(spec, AnyStop):
             builder.stop(name, spec)
-        elif isinstance(spec, SpringDamperSpec) and table_of(spec):
+        elif isinstance(spec, SpringDamperSpec) and table_of(spec) == LAWS:
             builder.line(spec)
-        elif isinstance(spec, JointSpringSpec) and table_of(spec):
+        elif isinstance(spec, JointSpringSpec) and table_of(spec) == LAWS:
             builder.joint_spring(name, spec)
-        elif isinstance(spec, LoadSpec) and table_of(spec):
+        elif isinstance(spec, LoadSpec) and table_of(spec) == MUTUAL_LOADS:
             builder.load(spec)
     return builder.tables()
 
 
-def table_of(spec: AnyForce) -> str:
-    """Which table a force has its row in: ``"frames"``, ``"laws"``, ``"mutual"``; "" for none."""
+def table_of(spec: AnyForce) -> int:
+    """Which table a force has its row in: SPRINGS, FRAMES, LAWS, MUTUAL_LOADS, LOADS; −1: none."""
     if isinstance(spec, BushingSpec | BeamForceSpec):
-        return "frames"
+        return FRAMES
     if isinstance(spec, LoadSpec):
-        return "" if spec.reaction is None and spec.axes_marker is None else "mutual"
+        alone = spec.reaction is None and spec.axes_marker is None
+        return LOADS if alone else MUTUAL_LOADS
     if isinstance(spec, SpringDamperSpec):
-        return "" if spec.linear else "laws"
+        return SPRINGS if spec.linear else LAWS
     if isinstance(spec, JointSpringSpec):
-        return "" if spec.spring_force is None and spec.damper_force is None else "laws"
-    return "laws"
+        return -1 if spec.spring_force is None and spec.damper_force is None else LAWS
+    return LAWS
 
 
-def names_of(model: Model, table: str) -> tuple[str, ...]:
-    """Scene paths of the rows of a table, in their order."""
+def names_of(model: Model, table: int) -> tuple[str, ...]:
+    """Scene paths of the rows of a table of forces, in their order."""
     return tuple(f"forces.{name}" for name, s in model.forces.items() if table_of(s) == table)
+
+
+def row_of(model: Model, name: str) -> tuple[int, int]:
+    """Table and row of a force, with which `kernels.element.wrench` reads it; (−1, −1): of none."""
+    table = table_of(model.forces[name])
+    return (table, names_of(model, table).index(f"forces.{name}")) if table >= 0 else (-1, -1)
 
 
 def _law_table(rows: list[dict[str, float]]) -> NDArray[np.void]:

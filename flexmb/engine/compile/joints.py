@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +28,11 @@ from flexmb.engine.tables import (
     DISTANCE,
     DOT1,
     DOT2,
+    FOLLOW,
     MOMENT,
     POINT,
     RADIAL,
+    ROW,
     TWIST,
 )
 from flexmb.errors import Problem, SceneError
@@ -41,7 +44,6 @@ from flexmb.model.model import Model
 ANGULAR = (DOT1, ANGLE, TWIST)
 """Kinds of rows that measure no length."""
 
-Entry = tuple[int, int, int, float, int, int]
 _ROW_WORDS = {
     POINT: "place {a}",
     DOT1: "axes {a} and {b}",
@@ -54,23 +56,48 @@ _ROW_WORDS = {
 }
 
 
+class Entry(NamedTuple):
+    """One row on two markers, as `tables.ROW` says."""
+
+    kind: int
+    a: int
+    b: int
+    offset: float = 0.0
+    fun: int = -1
+    follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
+
+
+class PlacedEntry(NamedTuple):
+    """A row with its markers."""
+
+    entry: Entry
+    I: int  # noqa: E741
+    J: int
+
+
 @dataclass
 class Groups:
     """Constraint rows, group by group."""
 
-    rows: list[tuple[int, int, int, int, int, float, int, int]] = field(default_factory=list)
+    rows: list[PlacedEntry] = field(default_factory=list)
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
 
     def add(self, name: str, markers: Markers, I: int, J: int, rows: list[Entry]) -> None:  # noqa: E741
-        """Append a group of rows (kind, a, b, constant, function, coordinate) between I and J."""
+        """Append a group of rows between I and J."""
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
-        for kind, a, b, offset, fun, coordinate in rows:
-            self.rows.append((kind, I, J, a, b, offset, fun, coordinate))
-            what = _ROW_WORDS[kind].format(a="xyz"[a], b="xyz"[b]) if fun < 0 else "driven"
-            self.names.append(f"{name}: {what if coordinate < 0 else 'coordinate'}")
+        for row in rows:
+            self.rows.append(PlacedEntry(row, I, J))
+            what = _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
+            what = "driven" if row.fun >= 0 else "coordinate" if row.follows else what
+            self.names.append(f"{name}: {what}")
+
+    def in_group(self, k: int) -> list[PlacedEntry]:
+        """The rows of a group."""
+        row, n, _, _ = self.groups[k]
+        return self.rows[row : row + n]
 
 
 def joint_groups(
@@ -86,15 +113,16 @@ def joint_groups(
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
         ends[name] = markers.add(I), markers.add(J)
-        rows = [(*row[:3], _constant(model, name, row, I, J), -1, -1) for row in kept]
+        rows = [Entry(*row[:3], _constant(model, name, row, I, J)) for row in kept]
         groups.add(f"joints.{name}", markers, *ends[name], rows)
     for name, driver in model.drivers.items():
         row = _driven(model, driver.joint, driver.coordinate)
         fun = functions.add(driver.function.expression)
-        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [(*row, 0.0, fun, -1)])
+        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
     for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
         row = _driven(model, force.joint, force.coordinate)
-        groups.add(f"forces.{name}", markers, *ends[force.joint], [(*row, 0.0, -1, k)])
+        entry = Entry(*row, follows=((k, 1.0),))
+        groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
     return groups
 
 
@@ -133,8 +161,8 @@ def _constant(
 def couples(groups: Groups) -> list[tuple[int, int]]:
     """Pairs of bodies whose tangents a group couples: all but mere coincidence."""
     pairs = []
-    for row, n, i, j in groups.groups:
-        curved = any(r[0] != POINT for r in groups.rows[row : row + n])
+    for k, (_, _, i, j) in enumerate(groups.groups):
+        curved = any(row.entry.kind != POINT for row in groups.in_group(k))
         if curved and i >= 0 and j >= 0:
             pairs.append((i, j))
     return pairs
@@ -147,25 +175,34 @@ def check_ends(groups: Groups) -> list[str]:
 
 def row_weights(groups: Groups, length: float) -> np.ndarray:
     """(nc,) size of one unit of every row: metres over the model size, radians."""
-    return np.array([1.0 if row[0] in ANGULAR else 1.0 / length for row in groups.rows])
+    return np.array([1.0 if row.entry.kind in ANGULAR else 1.0 / length for row in groups.rows])
 
 
 def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray:
     """ROW rows with the places of their Jacobian rows; `sizes` is 6 + m of each body.
 
-    What follows a coordinate takes its value from behind the functions of time.
+    What a row follows stands behind the functions of time, a slot for each such row.
     """
-    from flexmb.engine.tables import ROW
-
     table = np.zeros(len(groups.rows), ROW)
-    at = 0
+    at, slot = 0, n_functions
     for row, n, i, j in groups.groups:
-        for k in range(row, row + n):
-            kind, I, J, a, b, offset, fun, coordinate = groups.rows[k]  # noqa: E741
+        for r in range(n):
+            (kind, a, b, offset, fun, follows), I, J = groups.rows[row + r]  # noqa: E741
             jac = []
             for body in (i, j):
                 jac.append(at if body >= 0 else -1)
                 at += int(sizes[body]) if body >= 0 else 0
-            slot = fun if coordinate < 0 else n_functions + coordinate
-            table[k] = (kind, I, J, a, b, slot, *jac, coordinate, -1, offset)
+            if follows:
+                fun, slot = slot, slot + 1
+            table[row + r] = (kind, I, J, a, b, fun, *jac, r, len(follows), offset)
     return table
+
+
+def follow_table(groups: Groups) -> np.ndarray:
+    """FOLLOW rows in the order of the rows; links are filled in later."""
+    entries = [
+        (k, coordinate, -1, n == 0, factor)
+        for k, row in enumerate(groups.rows)
+        for n, (coordinate, factor) in enumerate(row.entry.follows)
+    ]
+    return np.array(entries, FOLLOW)

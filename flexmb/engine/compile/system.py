@@ -79,25 +79,26 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     length = _length(model, known)
     sizes, n_functions = 6 + table["m"], len(functions.programs)
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
-    scalar_table = coordinates.coordinate_table(scalars, nq, nv, n_functions)
-    rows = joints.row_table(groups, sizes, n_functions)
+    scalar_table = coordinates.coordinate_table(scalars, nq, nv)
+    rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
     columns = _columns(model, table)
     pairs = force_elements.couples(acting, markers)
     symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers, pairs))
     group_table = _place(table, groups, springs, markers, symbolic)
-    _place_coordinates(rows, group_table, scalar_table, len(table), symbolic)
+    _place_coordinates(follows, group_table, scalar_table, symbolic)
     force_elements.place(acting, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
         parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
         rows=rows,
+        follows=follows,
         groups=group_table,
         kkt=symbolic.kkt,
         weights=np.append(
             _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
         ),
         row_weights=joints.row_weights(groups, length),
-        lines=np.zeros(1) if any(row[0] in LINES for row in groups.rows) else None,
+        lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
         functions=lower(functions.programs),
         springs=springs,
         loads=loads,
@@ -161,14 +162,14 @@ def _blocks(
     if springs is not None:
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
     follows = [
-        tuple(len(bodies) + r[-1] for r in groups.rows[row : row + n] if r[-1] >= 0)
-        for row, n, _, _ in groups.groups
+        {c for row in groups.in_group(k) for c, _ in row.entry.follows}
+        for k in range(len(groups.groups))
     ]
     return Blocks(
         columns=bodies + [[0]] * n_scalars,
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
-        group_coordinates=follows,
+        group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
     )
 
@@ -188,16 +189,16 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
     return rows
 
 
-def _place_coordinates(rows, groups, scalars, n_bodies: int, symbolic: Symbolic) -> None:
+def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
     """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
     if scalars is None:
         return
+    n_bodies = len(symbolic.panel_of) - len(groups) - len(scalars)
     scalars["panel"] = symbolic.panel_of[n_bodies : n_bodies + len(scalars)]
-    for (g, block), link in symbolic.coordinate_links.items():
-        first = int(groups[g]["row"])
-        for row in rows[first : first + int(groups[g]["n"])]:
-            if row["coordinate"] == block - n_bodies:
-                row["link"] = link
+    group_of = np.repeat(np.arange(len(groups)), groups["n"])
+    for follow in follows:
+        pair = int(group_of[follow["row"]]), n_bodies + int(follow["coordinate"])
+        follow["link"] = symbolic.coordinate_links[pair]
 
 
 def _length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:

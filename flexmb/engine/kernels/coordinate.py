@@ -1,8 +1,9 @@
 """Scalar coordinates beside the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
 
-A row can follow a coordinate in place of a function of time, C = (measure) − s: its reaction then
-acts on s. Without mass s is a parameter that rows decide; with mass and damping only, ṡ is a
-first-order state. Values and rates stand beside those of the functions in Constraints.fun.
+A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
+then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
+mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. Values
+and rates of the sums stand beside those of the functions in Constraints.fun.
 """
 
 from __future__ import annotations
@@ -11,21 +12,28 @@ from flexmb.engine.jit import kernel
 
 
 @kernel
-def put_values(coordinates, q, fun):
-    """s of all coordinates as the value of their slots."""
+def put_values(coordinates, sys, q, fun):
+    """Σ f s of all rows that follow coordinates, as the value of their slots."""
     if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            slot = coordinates[k]["slot"]
-            fun[slot, 0] = q[coordinates[k]["iq"]]
-            fun[slot, 2] = 0.0  # s̈ is an unknown
+        for k in range(sys.follows.shape[0]):
+            follow = sys.follows[k]
+            slot = sys.rows[follow["row"]]["fun"]
+            if follow["first"] == 1:
+                fun[slot, 0] = 0.0
+                fun[slot, 2] = 0.0  # s̈ is an unknown
+            fun[slot, 0] += follow["factor"] * q[coordinates[follow["coordinate"]]["iq"]]
 
 
 @kernel
-def put_rates(coordinates, v, fun):
-    """ṡ of all coordinates as the rate of their slots."""
+def put_rates(coordinates, sys, v, fun):
+    """Σ f ṡ of all rows that follow coordinates, as the rate of their slots."""
     if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            fun[coordinates[k]["slot"], 1] = v[coordinates[k]["iv"]]
+        for k in range(sys.follows.shape[0]):
+            follow = sys.follows[k]
+            slot = sys.rows[follow["row"]]["fun"]
+            if follow["first"] == 1:
+                fun[slot, 1] = 0.0
+            fun[slot, 1] += follow["factor"] * v[coordinates[follow["coordinate"]]["iv"]]
 
 
 @kernel
@@ -39,10 +47,10 @@ def put_forces(sys, coordinates, wk, q, v, vd, lam):
             res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
             if s["fun"] >= 0:
                 res[i] -= wk.con.fun[s["fun"], 0]
-        for k in range(sys.rows.shape[0]):
-            c = sys.rows[k]["coordinate"]
-            if c >= 0:
-                res[coordinates[c]["iv"]] -= lam[k]
+        for k in range(sys.follows.shape[0]):
+            follow = sys.follows[k]
+            i = coordinates[follow["coordinate"]]["iv"]
+            res[i] -= follow["factor"] * lam[follow["row"]]
 
 
 @kernel
@@ -65,18 +73,15 @@ def add_tangents(coordinates, kkt, cv, cp, low, up):
 
 @kernel
 def put_rows(sys, coordinates, factor):
-    """−1 of the rows that follow a coordinate in the Jacobian."""
+    """−f of the rows that follow coordinates in the Jacobian."""
     if coordinates is not None:
-        for k in range(sys.groups.shape[0]):
-            group = sys.groups[k]
-            for r in range(group["n"]):
-                row = sys.rows[group["row"] + r]
-                if row["coordinate"] >= 0:
-                    link = sys.kkt.links[row["link"]]
-                    at = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
-                    factor.low[at] = -1.0
-                    if factor.symmetric[0] == 0:
-                        factor.up[at] = -1.0
+        for k in range(sys.follows.shape[0]):
+            follow = sys.follows[k]
+            link, r = sys.kkt.links[follow["link"]], sys.rows[follow["row"]]["in_group"]
+            at = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+            factor.low[at] = -follow["factor"]
+            if factor.symmetric[0] == 0:
+                factor.up[at] = -follow["factor"]
 
 
 @kernel

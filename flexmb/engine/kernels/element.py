@@ -7,9 +7,19 @@ loads (`mutual`); a table that is None costs nothing.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import frame, law, measure, mutual, pair
+from flexmb.engine.kernels import force, frame, law, measure, mutual, pair
 from flexmb.engine.kernels.rotation import transform_back
 from flexmb.engine.kernels.vector import put
+from flexmb.engine.tables import FRAMES, LAWS, LOADS, SPRINGS
+
+
+
+@kernel
+def position(elements, coordinates, now, q):
+    """Keep the scalar coordinates of q, for the laws that act on them; part of a position stage."""
+    if elements is not None and coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            now.element.s[k] = q[coordinates[k]["iq"]]
 
 
 @kernel
@@ -59,31 +69,32 @@ def _add_mutual(loads, now, fun):
 
 
 @kernel
-def put_coordinate_forces(elements, coordinates, now, fun, q, v, res):
+def put_coordinate_forces(elements, coordinates, now, fun, v, res):
     """Add the resistance of laws on scalar coordinates to the residual."""
     if elements is not None:
-        _put_coordinate_forces(elements.laws, elements, coordinates, now, fun, q, v, res)
+        _put_coordinate_forces(elements.laws, elements, coordinates, now, fun, v, res)
 
 
 @kernel
-def _put_coordinate_forces(laws, elements, coordinates, now, fun, q, v, res):
+def _put_coordinate_forces(laws, elements, coordinates, now, fun, v, res):
     if laws is not None and coordinates is not None:
         for k in range(laws.shape[0]):
             row = laws[k]
             if not measure.between_markers(row):
                 s = coordinates[row["coordinate"]]
-                x, rate, u = q[s["iq"]], v[s["iv"]], measure.actuator(row, fun)
+                x, rate = now.element.s[row["coordinate"]], v[s["iv"]]
+                u = measure.actuator(row, fun)
                 f, _, _ = law.resistance(row, elements, now.element.stack, x, rate, u)
                 res[s["iv"]] += f
 
 
 @kernel
-def energy(elements, coordinates, now, fun, v):
+def energy(elements, coordinates, now, v):
     """Energy stored in all elements, J; after position and velocity stages."""
     e = 0.0
     if elements is not None:
         e += _frame_energy(elements.frames, elements.pool, now)
-        e += _law_energy(elements.laws, elements, coordinates, now, fun, v)
+        e += _law_energy(elements.laws, elements, coordinates, now, v)
     return e
 
 
@@ -98,22 +109,22 @@ def _frame_energy(frames, pool, now):
 
 
 @kernel
-def _law_energy(laws, elements, coordinates, now, fun, v):
+def _law_energy(laws, elements, coordinates, now, v):
     e = 0.0
     if laws is not None:
         for k in range(laws.shape[0]):
-            x, _ = measure.present(laws[k], coordinates, now, fun, v)
+            x, _ = measure.present(laws[k], coordinates, now, v)
             e += law.energy(laws[k], elements, now.element.stack, x)
     return e
 
 
 @kernel
-def damper_power(elements, coordinates, now, fun, v):
+def damper_power(elements, coordinates, now, v):
     """Power of all dissipation on the system, W."""
     p = 0.0
     if elements is not None:
         p += _frame_dissipation(elements.frames, elements.pool, now)
-        p += _law_dissipation(elements.laws, elements, coordinates, now, fun, v)
+        p += _law_dissipation(elements.laws, elements, coordinates, now, v)
     return p
 
 
@@ -128,11 +139,11 @@ def _frame_dissipation(frames, pool, now):
 
 
 @kernel
-def _law_dissipation(laws, elements, coordinates, now, fun, v):
+def _law_dissipation(laws, elements, coordinates, now, v):
     p = 0.0
     if laws is not None:
         for k in range(laws.shape[0]):
-            x, rate = measure.present(laws[k], coordinates, now, fun, v)
+            x, rate = measure.present(laws[k], coordinates, now, v)
             p += law.damper_power(laws[k], elements, now.element.stack, x, rate)
     return p
 
@@ -152,7 +163,7 @@ def _actuator_power(laws, coordinates, now, fun, v):
     p = 0.0
     if laws is not None:
         for k in range(laws.shape[0]):
-            _, rate = measure.present(laws[k], coordinates, now, fun, v)
+            _, rate = measure.present(laws[k], coordinates, now, v)
             p += measure.actuator(laws[k], fun) * rate
     return p
 
@@ -167,8 +178,48 @@ def _mutual_power(loads, now, fun):
 
 
 @kernel
-def frame_wrench(frames, pool, now, k, out):
-    """out (6): force and moment of bushing or beam k on marker J, in the axes of marker I."""
+def wrench(sys, now, fun, v, table, k, out):
+    """out (6): force and moment of row k of a table on its marker J, in the axes of marker I.
+
+    `table` is SPRINGS, FRAMES, LAWS, MUTUAL or LOADS (see `compile.force_elements.row_of`). The
+    opposite acts on I at the same point. A load on one body is told in the axes of its own marker.
+    A law on a coordinate acts through the rows that follow it, whose reaction it is: zero here.
+    """
+    for c in range(6):
+        out[c] = 0.0
+    if table == SPRINGS:
+        _spring_wrench(sys.springs, now, k, out)
+    elif table == LOADS:
+        x, y, z = force.load_vector(sys.loads[k], now.marker, fun)
+        x, y, z = transform_back(now.marker[sys.loads[k]["marker"]]["R"], x, y, z)
+        put(out, 3 * sys.loads[k]["torque"], x, y, z)
+    else:
+        _element_wrench(sys.elements, sys.parts.coordinates, now, fun, v, table, k, out)
+
+
+@kernel
+def _element_wrench(elements, coordinates, now, fun, v, table, k, out):
+    if elements is not None:
+        if table == FRAMES:
+            _frame_wrench(elements.frames, elements.pool, now, k, out)
+        elif table == LAWS:
+            _law_wrench(elements.laws, elements, coordinates, now, fun, v, k, out)
+        else:
+            _mutual_wrench(elements.mutual, now, fun, k, out)
+
+
+@kernel
+def _spring_wrench(springs, now, k, out):
+    if springs is not None:
+        mi, mj = now.marker[springs[k]["I"]], now.marker[springs[k]["J"]]
+        d, nx, ny, nz = force.direction(mi, mj)
+        f = force.spring_force(springs[k], mi, mj, d, nx, ny, nz)
+        x, y, z = transform_back(mi["R"], -f * nx, -f * ny, -f * nz)
+        put(out, 0, x, y, z)
+
+
+@kernel
+def _frame_wrench(frames, pool, now, k, out):
     if frames is not None:
         mi, mj = now.marker[frames[k]["I"]], now.marker[frames[k]["J"]]
         frame.pull(frames[k], pool, mi, mj, now.element)
@@ -177,17 +228,21 @@ def frame_wrench(frames, pool, now, k, out):
 
 
 @kernel
-def law_wrench(laws, elements, coordinates, now, fun, v, k, out):
-    """out (6): force and moment of law k on marker J, in the axes of marker I.
-
-    A law on a coordinate acts through the rows that follow it: see their reactions.
-    """
-    put(out, 0, 0.0, 0.0, 0.0)
-    put(out, 3, 0.0, 0.0, 0.0)
+def _law_wrench(laws, elements, coordinates, now, fun, v, k, out):
     if laws is not None and measure.between_markers(laws[k]):
         row, g, R = laws[k], now.element.E[0], now.marker[laws[k]["I"]]["R"]
-        x, rate = measure.present(row, coordinates, now, fun, v)
+        x, rate = measure.present(row, coordinates, now, v)
         u = measure.actuator(row, fun)
         f, _, _ = law.resistance(row, elements, now.element.stack, x, rate, u)
         x, y, z = transform_back(R, -f * g[6], -f * g[7], -f * g[8])
         put(out, 0, x, y, z)
+
+
+@kernel
+def _mutual_wrench(loads, now, fun, k, out):
+    if loads is not None:
+        load = loads[k]
+        seen = load["other"] if load["other"] >= 0 else load["marker"]
+        x, y, z = mutual.vector(load, now.marker, fun)
+        x, y, z = transform_back(now.marker[seen]["R"], x, y, z)
+        put(out, 3 * load["torque"], x, y, z)

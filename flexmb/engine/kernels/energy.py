@@ -68,7 +68,7 @@ def _driver_power(rows, fun, lam):
     p = 0.0
     for k in range(rows.shape[0]):
         f = rows[k]["fun"]
-        if f >= 0 and rows[k]["coordinate"] < 0:
+        if f >= 0 and rows[k]["follows"] == 0:
             p -= lam[k] * fun[f, 1]
     return p
 
@@ -79,7 +79,7 @@ def powers(sys, now, fun, v, lam, out):
     out[0] = _driver_power(sys.rows, fun, lam)
     out[1] = force.damper_power(sys.springs, now.marker) + _modal_damping_power(sys.parts, v)
     out[1] += coordinate.damper_power(sys.parts.coordinates, v)
-    out[1] += element.damper_power(sys.elements, sys.parts.coordinates, now, fun, v)
+    out[1] += element.damper_power(sys.elements, sys.parts.coordinates, now, v)
     out[2] = force.load_power(sys.loads, now.marker, fun)
     out[2] += coordinate.force_power(sys.parts.coordinates, fun, v)
     out[2] += element.applied_power(sys.elements, sys.parts.coordinates, now, fun, v)

@@ -72,7 +72,7 @@ def _coordinate_tangents(laws, elements, coordinates, kkt, wk, v, cv, cp):
         for k in range(laws.shape[0]):
             if not measure.between_markers(laws[k]):
                 s = coordinates[laws[k]["coordinate"]]
-                at, x = kkt.panels[s["panel"]]["at"], wk.con.fun[s["slot"], 0]
+                at, x = kkt.panels[s["panel"]]["at"], wk.now.element.s[laws[k]["coordinate"]]
                 u, stack = measure.actuator(laws[k], wk.con.fun), wk.now.element.stack
                 _, a, b = law.resistance(laws[k], elements, stack, x, v[s["iv"]], u)
                 wk.factor.low[at] += cv * b + cp * a

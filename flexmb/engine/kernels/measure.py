@@ -43,14 +43,14 @@ def between_markers(row):
 
 
 @kernel
-def present(row, coordinates, now, fun, v):
+def present(row, coordinates, now, v):
     """s and ṡ of a law, after a position and a velocity stage."""
     if between_markers(row):
         mi, mj, g = now.marker[row["I"]], now.marker[row["J"]], now.element.E[0]
         return between(row, mi, mj, g)
     if coordinates is not None:
-        s = coordinates[row["coordinate"]]
-        return fun[s["slot"], 0], v[s["iv"]]
+        k = row["coordinate"]
+        return now.element.s[k], v[coordinates[k]["iv"]]
     return 0.0, 0.0
 
 

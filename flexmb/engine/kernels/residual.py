@@ -11,8 +11,9 @@ from flexmb.engine.kernels.time_function import evaluate_all
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
     evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
-    coordinate.put_values(sys.parts.coordinates, q, wk.con.fun)
+    coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
+    element.position(sys.elements, sys.parts.coordinates, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
 
 
@@ -20,7 +21,7 @@ def position_stage(sys, wk, t, q):
 def velocity_stage(sys, wk, v):
     """Velocities of the markers and of the scalar coordinates after a position stage."""
     kinematics.velocity(sys.parts, wk.now, v)
-    coordinate.put_rates(sys.parts.coordinates, v, wk.con.fun)
+    coordinate.put_rates(sys.parts.coordinates, sys, v, wk.con.fun)
 
 
 @kernel
@@ -50,6 +51,6 @@ def forces(sys, wk, q, v, vd, lam):
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
     element.put_coordinate_forces(
-        sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, q, v, wk.trial.res
+        sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, v, wk.trial.res
     )
     return max(bad, undefined)

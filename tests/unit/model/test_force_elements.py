@@ -10,6 +10,7 @@ from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.force_elements import names_of
+from flexmb.engine.tables import FRAMES, MUTUAL_LOADS
 from flexmb.errors import SceneError
 from flexmb.model import Model, load_scene
 from flexmb.model.forces import FORCE_TYPES
@@ -104,8 +105,8 @@ def test_a_written_scene_says_the_same(tmp_path):
     assert again.forces.keys() == first.forces.keys()
     prints = [compile_system(model).layout.fingerprint for model in (first, again)]
     assert prints[0] == prints[1]
-    assert names_of(first, "frames") == ("forces.bush", "forces.block", "forces.beam")
-    assert names_of(first, "mutual") == ("forces.push",)
+    assert names_of(first, FRAMES) == ("forces.bush", "forces.block", "forces.beam")
+    assert names_of(first, MUTUAL_LOADS) == ("forces.push",)
 
 
 def test_the_schema_takes_it():

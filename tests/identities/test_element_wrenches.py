@@ -1,0 +1,75 @@
+"""The wrench of every force as it is read, against what the force does to its bodies.
+
+Without compilation: the read kernel has no caller of its own here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import interpreted
+
+CODE = """
+from enginekit import Bench
+from flexmb.engine.compile.force_elements import row_of
+from flexmb.engine.kernels import element
+from flexmb.engine.tables import SPRINGS, FRAMES, LAWS, MUTUAL_LOADS
+from flexmb.model import Model
+
+rng = np.random.default_rng(4)
+turn = {"axis": [1, 2, 3], "angle": 0.7}
+forces = {
+    "spring": ("spring-damper", dict(stiffness=30, damping=2, free_length=0.5)),
+    "law": ("spring-damper", dict(spring_force="3*x**3", damper_force="v", value="2*t")),
+    "bush": ("bushing", dict(stiffness=[1, 2, 3], rotational_stiffness=4, damping=1)),
+    "beam": ("beam", dict(E=10, G=4, A=1, Iy=1, Iz=1, J=2, damping=0.2)),
+    "stop": ("stop", dict(upper=0.1, stiffness=3, exponent=2)),
+    "push": ("force", dict(value=["t", 1, 2], axes="body")),
+    "twist": ("torque", dict(value=["t", 1, 2], axes="global")),
+    "alone": ("force", dict(value=[1, 2, "t"], axes="body")),
+}
+for name, (kind, fields) in forces.items():
+    made = Model(name)
+    for body, place in (("a", [0, 0, 0]), ("b", [1, 0.4, -0.3])):
+        made.add_body(body, mass=1, inertia=[1, 1, 1], position=place, orientation=turn)
+        made.add_marker(f"{body}.eye", position=[0.1, 0.2, 0.3], orientation=turn)
+    pair = ["a.eye", "b.eye"]
+    if kind in ("force", "torque"):
+        fields = fields | {"at": pair[1]} | ({} if name == "alone" else {"reaction": pair[0]})
+    else:
+        fields = fields | {"between": pair}
+    made.add_force("f", kind, **fields)
+    bench = Bench(made, as_compiled=True)
+    bench.randomise(9)
+    bench.at(vd=0.0)
+    table, row = row_of(made, "f")
+    out = np.full(6, np.nan)
+    element.wrench(bench.sys, bench.work.now, bench.work.con.fun, bench.v, table, row, out)
+    W, sys = bench.work.now.marker["W"], bench.sys
+    tables = {SPRINGS: sys.springs}
+    if sys.elements is not None:
+        tables |= {FRAMES: sys.elements.frames, LAWS: sys.elements.laws}
+        tables[MUTUAL_LOADS] = sys.elements.mutual
+    if name == "alone":
+        j = i = int(sys.loads[0]["marker"])
+    elif table == MUTUAL_LOADS:
+        i, j = int(tables[table][0]["other"]), int(tables[table][0]["marker"])
+    else:
+        i, j = int(tables[table][0]["I"]), int(tables[table][0]["J"])
+    R = bench.work.now.marker["R"][i]
+    found[name] = [out, np.concatenate([R.T @ W[j, :3], R.T @ W[j, 3:]])]
+"""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return interpreted(CODE, tmp_path_factory.mktemp("wrenches"))
+
+
+@pytest.mark.parametrize(
+    "name", ["spring", "law", "bush", "beam", "stop", "push", "twist", "alone"]
+)
+def test_what_is_read_is_what_acts(found, name):
+    read, acts = found[name]
+    assert np.abs(acts).max() > 0.1
+    np.testing.assert_allclose(read, acts, rtol=0, atol=1e-12 * np.abs(acts).max())
