@@ -12,6 +12,7 @@ from enginekit import interpreted
 CODE = """
 from enginekit import Bench
 from flexmb.engine.compile.force_elements import row_of
+from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.kernels import element
 from flexmb.engine.tables import SPRINGS, FRAMES, LAWS, MUTUAL_LOADS
 from flexmb.model import Model
@@ -58,6 +59,11 @@ for name, (kind, fields) in forces.items():
         i, j = int(tables[table][0]["I"]), int(tables[table][0]["J"])
     R = bench.work.now.marker["R"][i]
     found[name] = [out, np.concatenate([R.T @ W[j, :3], R.T @ W[j, 3:]])]
+    if name == "law":
+        places = [solve_level(bench.sys, bench.state, bench.work, RESIDUAL)]
+        bench.sys.elements.laws["J"] = bench.sys.elements.laws["I"]
+        places += [solve_level(bench.sys, bench.state, bench.work, RESIDUAL)]
+        found["no length"] = places
 """
 
 
@@ -73,3 +79,8 @@ def test_what_is_read_is_what_acts(found, name):
     read, acts = found[name]
     assert np.abs(acts).max() > 0.1
     np.testing.assert_allclose(read, acts, rtol=0, atol=1e-12 * np.abs(acts).max())
+
+
+def test_a_law_of_no_length_is_told(found):
+    """−1 − its row, and 0 where all is well."""
+    np.testing.assert_array_equal(found["no length"], [0, -1])

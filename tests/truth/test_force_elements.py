@@ -12,9 +12,11 @@ from enginekit import Bench
 from femeshes import line
 from scipy.optimize import brentq
 from scipy.special import ellipk, gamma
-from truthkit import order, reference, run
+from truthkit import compiled, order, reference, run
 
-from flexmb.fe import assemble, general, resolve
+from flexmb.analysis.assembly import assemble
+from flexmb.fe import assemble as assemble_mesh
+from flexmb.fe import general, resolve
 from flexmb.model import Model
 
 LAST_DIGITS = 1e-9
@@ -100,7 +102,7 @@ def test_it_is_the_finite_element():
     start, end, up = [0.1, -0.2, 0.3], [0.7, 0.5, 0.9], [0.1, 0.3, 1.0]
     section = {"A": A, "Iy": IY, "Iz": IZ, "J": J, "ky": 0.8, "kz": 0.7, "orientation": up}
     matter = {"E": E, "nu": 0.3, "density": 1.0}
-    fe = assemble(line(1, start, end), resolve(matter), {"all": general(**section)})
+    fe = assemble_mesh(line(1, start, end), resolve(matter), {"all": general(**section)})
     made = Model("skew")
     made.add_body("tip", mass=1, inertia=[1, 1, 1], position=end)
     made.add_marker("ground.root", position=start)
@@ -278,3 +280,40 @@ def test_a_line_actuator_pushes_apart():
     np.testing.assert_allclose(found["a.x"], -3.0 * found.t**2, atol=1e-4)
     np.testing.assert_allclose(found["b.x"], found.t**2, atol=1e-4)
     assert found.stored("applied_work")[-1] == pytest.approx(0.5 * 9.0 + 1.5, rel=1e-3)
+
+
+def test_in_a_plane_as_in_space():
+    """A planar scene with every element moves as the spatial one, which nothing leads out of it."""
+    found = []
+    for plane in ("xy", None):
+        made = Model("plane", plane=plane, gravity=[0, -9.81, 0])
+        made.add_body("m", mass=2, inertia=[0.1, 0.2, 0.3], position=[0.5, 0.1, 0],
+                      velocity=[1, -2, 0], angular_velocity=[0, 0, 3])  # fmt: skip
+        made.add_marker("m.eye", position=[0.2, 0.1, 0])
+        turned = {"axis": "z", "angle": 0.5}
+        made.add_marker("ground.turned", position=[0.4, 0, 0], orientation=turned)
+        ends = ["ground.turned", "m.eye"]
+        made.add_force("bush", "bushing", between=ends, stiffness=[90, 200, 50],
+                       rotational_stiffness=9, damping=[1, 2, 3])  # fmt: skip
+        made.add_force("beam", "beam", between=ends, E=100, G=50, A=0.1, Iy=0.02, Iz=0.02, J=0.01)
+        made.add_force("stop", "stop", between=ends, axis=[1, 1, 0], lower=0.3, stiffness=900,
+                       exponent=1.5, damping=5, depth=0.1)  # fmt: skip
+        made.add_force("law", "spring-damper", between=ends, spring_force="50*x**3", value="9*t")
+        made.add_force("push", "force", at="m.eye", value=["5*t", 1, 0], axes="ground.turned")
+        made.add_sensor("m", "position", of="m.eye")
+        found.append(run(made, duration=0.5, step=2e-3, outputs=20, newton_tolerance=1e-12))
+    flat, deep = found
+    assert np.ptp(deep["m.y"]) > 0.1
+    for name in ("q", "v", "sensors", "energy"):
+        one, other = getattr(flat, name), getattr(deep, name)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
+def test_a_start_inside_a_stop_is_told():
+    made = bouncing("translational-stop", upper=-0.002)
+    first = assemble(compiled(made), made)
+    assert first.notes == (
+        "forces.stop is 0.002 m inside the stop at the start: it pushes from there on",
+    )
+    made = bouncing("stop", axis="x", upper=1.0)
+    assert assemble(compiled(made), made).notes == ()

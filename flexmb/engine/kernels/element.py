@@ -13,7 +13,6 @@ from flexmb.engine.kernels.vector import put
 from flexmb.engine.tables import FRAMES, LAWS, LOADS, SPRINGS
 
 
-
 @kernel
 def position(elements, coordinates, now, q):
     """Keep the scalar coordinates of q, for the laws that act on them; part of a position stage."""
