@@ -18,7 +18,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.status import sentence
 from flexmb.engine.work import Work, new_state, new_work
-from flexmb.model.forces import LoadSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
@@ -96,3 +96,5 @@ def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
         if isinstance(force, LoadSpec):
             for k, function in enumerate(force.value):
                 yield f"forces.{name}.value[{k}]", function, 0
+        elif isinstance(force, SpringDamperSpec | JointSpringSpec) and force.value is not None:
+            yield f"forces.{name}.value", force.value, 0

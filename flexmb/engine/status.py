@@ -18,7 +18,8 @@ _WHAT = {
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
-    NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
+    NOT_FINITE: "smaller steps were tried; check functions of time, and laws of springs, at this "
+    "moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
 }

@@ -58,6 +58,7 @@ def _load(scope: Scope, where: str, spec: LoadSpec) -> Iterator[Problem]:
         if split_reference(spec.reaction)[0] == body:
             what = f'is on "{body}" like the {spec.type} itself: the two would cancel'
             yield Problem(f"{where}.reaction", what)
+        yield from scope.marker(f"{where}.reaction", spec.reaction)
         yield from scope.material(f"{where}.reaction", spec.reaction)
     axes = spec.axes_marker
     if axes is not None:

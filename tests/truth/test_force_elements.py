@@ -208,6 +208,33 @@ def test_bouncing_on_a_linear_stop(name):
     assert errors[-1] < 0.5 * errors[0]
 
 
+def test_the_explicit_method_bounces_too():
+    """Its system has a coordinate without mass on which the stop acts."""
+    kind, fields = STOPS["joint"]
+    found = run(
+        bouncing(kind, **fields), duration=0.08, accuracy=1e-5, outputs=20, method="explicit-rk"
+    )
+    assert found["velocity.x"][-1] == pytest.approx(-V, rel=1e-4)
+
+
+def test_a_stop_on_an_angle_counts_turns():
+    """A rotor at 20 rad/s meets it after more than a turn, not before."""
+    made = Model("rotor")
+    made.add_body("rotor", mass=1, inertia=[1, 1, 0.5], angular_velocity=[0, 0, 20])
+    made.add_joint("hinge", "revolute", between=["ground", "rotor"], axis="z")
+    made.add_force("stop", "rotational-stop", joint="hinge", lower="-90 deg", upper="400 deg",
+                   stiffness=2e4)  # fmt: skip
+    made.add_sensor("angle", "angle", joint="hinge")
+    found = run(made, duration=0.5, step=5e-4, outputs=100, newton_tolerance=1e-10)
+    touch, root = np.deg2rad(400) / 20.0, np.sqrt(0.5 / 2e4)
+    end = touch + np.pi * root
+    t = found.t
+    inside = np.deg2rad(400) + 20.0 * root * np.sin((t - touch) / root)
+    truth = np.where(t < end, inside, np.deg2rad(400) - 20.0 * (t - end))
+    truth = np.where(t < touch, 20.0 * t, truth)
+    np.testing.assert_allclose(found["angle"], truth, rtol=0, atol=5e-3)
+
+
 def test_contact_time_on_a_hertzian_stop():
     """2.94 p/V with p = (m V² (e + 1) / 2k)^(1/(e+1)) (Johnson, Contact Mechanics, 1985, 11.24)."""
     e, k = 1.5, 2e6
