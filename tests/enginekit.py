@@ -30,7 +30,7 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, FRAME, LAW, MUTUAL, SPRING, Elements
+from flexmb.engine.tables import COORDINATE, FRAME, LAW, MUTUAL, SLIDER, SPRING, Elements
 from flexmb.engine.work import new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
@@ -76,6 +76,8 @@ def padded(system):
     parts = system.parts
     if parts.coordinates is None:
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
+    if parts.sliders is None:
+        parts = parts._replace(sliders=np.zeros(0, SLIDER))
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
@@ -145,6 +147,13 @@ class Bench:
             p = rng.standard_normal(4)
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
+        for s in self.scalars:
+            self.q[s["iq"]] = rng.standard_normal()
+        for slider in self.sliders:
+            # amid a piece, where the curve is a polynomial for differences as well
+            k = slider["at"] + rng.integers(slider["n"])
+            middle = 0.5 * (self.sys.parts.pool[k] + self.sys.parts.pool[k + 1])
+            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng
@@ -202,6 +211,18 @@ class Bench:
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
 
     @property
+    def scalars(self):
+        """The scalar coordinates beside the bodies."""
+        found = self.sys.parts.coordinates
+        return () if found is None else found
+
+    @property
+    def sliders(self):
+        """The curve markers."""
+        found = self.sys.parts.sliders
+        return () if found is None else found
+
+    @property
     def Cq(self):
         """(nc, nv) Jacobian from the rows the kernels wrote."""
         dense = np.zeros((self.layout.nc, self.layout.nv))
@@ -211,6 +232,14 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
+        for follow in self.sys.follows:
+            column = self.scalars[follow["coordinate"]]["iv"]
+            dense[follow["row"], column] = -follow["factor"]
+        if len(self.sliders):
+            S = self.matrix()
+            for slider in self.sliders:
+                column = self.scalars[slider["coordinate"]]["iv"]
+                dense[:, column] = S[self.layout.nv :, column]
         return dense
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):
@@ -272,6 +301,8 @@ class Bench:
             q[i : i + 3] += d[o : o + 3]
             q[i + 3 : i + 7] = quaternion_product(q[i + 3 : i + 7], exponential(d[o + 3 : o + 6]))
             q[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
+        for s in self.scalars:
+            q[s["iq"]] += d[s["iv"]]
         return q
 
 

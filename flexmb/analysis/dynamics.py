@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
+from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
@@ -165,7 +166,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
-    status, message = _integrate(prepared, sink, progress)
+    lifts = Lifts(run.compiled)
+    status, message = _integrate(prepared, sink, progress, lifts)
+    notes += lifts.notes()
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -218,7 +221,7 @@ def loop_settings(
     )
 
 
-def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str, str]:
+def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     run = prepared.run
     state = run.state
@@ -227,16 +230,18 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str,
         if prepared.rows_before == 0:
             sink.save_state(state._asdict())
             status = run.march(0)
-            sink.append(run.block())
+            first = run.block()
+            lifts.see(first)
+            sink.append(first)
         while status == method.FINE and not run.finished:
             status = run.march(run.chunk)
-            apart = _store(run, sink)
+            apart = _store(run, sink, lifts)
             if apart:
                 return "failed", apart
             progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
     except KeyboardInterrupt:
         if run.unread:
-            _store(run, sink)
+            _store(run, sink, lifts)
         return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
     except FlexmbError as error:
         return "failed", str(error)
@@ -246,11 +251,13 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str,
     return "finished", ""
 
 
-def _store(run: Run, sink: Sink) -> str:
+def _store(run: Run, sink: Sink, lifts: Lifts) -> str:
     """Rows and state of the last chunk; the sentence of a mechanism that has come apart, or ""."""
     rows = run.block()
     whole = n_kept(run.compiled, rows)
-    sink.append(first_rows(rows, whole))
+    kept = first_rows(rows, whole)
+    lifts.see(kept)
+    sink.append(kept)
     if whole < len(rows.t):
         gaps = gaps_at(run.compiled, rows, whole)
         return open_joint(run.compiled, gaps, float(rows.t[whole]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.analysis.contacts import branch_problems
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.joint_rows import signs_of_axes
 from flexmb.engine.compile.joints import ANGULAR
@@ -52,5 +53,6 @@ def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -
         if any(Ri[:, a] @ Rj[:, a] < _SAME for a in signs_of_axes(joint.type)):
             what = "assembles with its sides turned against each other; turn a marker or body"
             problems.append(Problem(f"joints.{name}", what))
+    problems += branch_problems(compiled, model, state, work)
     if problems:
         raise AssemblyError.from_problems(problems)

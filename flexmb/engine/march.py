@@ -24,12 +24,14 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    slider,
 )
 from flexmb.engine.kernels.interpolation import hermite, interpolate
 from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
+    CURVE_END,
     FACTORISATIONS,
     FINE,
     GRID,
@@ -115,6 +117,8 @@ def _advance(sys, method, settings, st, wk, room):
         status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
         if status == NO_METHOD:
             status = explicit.step(sys, method.explicit, settings, st, wk, h)
+        if status == FINE and slider.beyond(sys.parts.sliders, sys.parts, wk.trial.q) >= 0:
+            status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
             wk.trial.t[0] = control.exact_time(settings, st, h)

@@ -61,6 +61,7 @@ class Settings(NamedTuple):
 
 # Status codes of the kernels; `status` turns them into sentences.
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
+CURVE_END = 7  # a joint leaves its curve at an end
 
 # Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a

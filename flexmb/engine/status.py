@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, ZERO_LENGTH
+from flexmb.engine.method import CURVE_END, NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, ZERO_LENGTH
 from flexmb.engine.work import Work
 
 _WHAT = {
@@ -37,8 +37,29 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
     time : float
         Time at which the step began [s].
     """
+    if status == CURVE_END:
+        return _curve_end(compiled, work, time)
     where = "" if status == ZERO_LENGTH else f"; most at {worst_place(compiled, work)}"
     return f"at t = {time:.6g} s {_WHAT[status]}{where}: {_CURE[status]}"
+
+
+def _curve_end(compiled: Compiled, work: Work, time: float) -> str:
+    """Which joint leaves its curve, and where."""
+    parts = compiled.system.parts
+    names = compiled.layout.coordinates
+    sliders, coordinates = parts.sliders, parts.coordinates
+    assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
+    for slider in sliders:
+        s = work.trial.q[coordinates[slider["coordinate"]]["iq"]]
+        length = parts.pool[slider["at"] + slider["n"]]
+        if not slider["closed"] and not 0.0 <= s <= length:
+            joint = names[slider["coordinate"]].rpartition(".")[0]
+            end = "beginning" if s < 0.0 else "end"
+            return (
+                f"at t = {time:.6g} s {joint} leaves its curve at the {end} of it: lengthen the "
+                "curve there, say closed = true for one that turns on, or keep the motion within it"
+            )
+    return f"at t = {time:.6g} s a joint leaves its curve at an end"
 
 
 def worst_place(compiled: Compiled, work: Work) -> str:

@@ -114,6 +114,7 @@ GROUP = np.dtype(
         ("link_I", _I),  # where its Jacobian goes in the KKT matrix (LINK), -1: ground
         ("link_J", _I),
         ("couple", _I),  # LINK between the two bodies for the tangent, -1: none
+        ("reversed", _I),  # 1: marker I of its rows is marker J of the joint
     ],
     align=True,
 )
@@ -217,6 +218,29 @@ UPDATE = np.dtype(
 LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
 
 
+# One curve marker: a row of the marker table that slides along a curve carried by the marker it
+# begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
+# them the six coefficients of x, of y and of z.
+SLIDER = np.dtype(
+    [
+        ("marker", _I),
+        ("coordinate", _I),  # its place s along the curve, m
+        ("at", _I),
+        ("n", _I),
+        ("closed", _I),
+        ("turns", _I),  # 1: its x and y are tangent and normal of a curve in the plane x, y
+        ("group", _I),
+        ("side", _I),  # whether it is marker I (0) or J (1) of the group
+        ("link", _I),  # LINK of the group with s
+        ("link_I", _I),  # LINK of the body of I with s, -1: ground
+        ("link_J", _I),
+        ("other", _I),  # the second curve marker of the group
+        ("link_other", _I),  # LINK of the two coordinates, in the row of the first of the two
+    ],
+    align=True,
+)
+
+
 class Parts(NamedTuple):
     """Bodies and what is fixed to them."""
 
@@ -225,6 +249,7 @@ class Parts(NamedTuple):
     markers: np.ndarray  # MARKER
     gravity: np.ndarray  # (3,) m/s^2
     coordinates: object  # COORDINATE or None
+    sliders: object  # SLIDER or None
 
 
 class Elements(NamedTuple):

@@ -46,6 +46,10 @@ MARKER_NOW = np.dtype(
 )
 
 
+# A curve marker now: its twist per ds and the change of that per ds, global.
+SLIDER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
+
+
 class State(NamedTuple):
     """Complete state: positions, velocities, multipliers, integrator memory, counters."""
 
@@ -92,6 +96,7 @@ class Now(NamedTuple):
     body: np.ndarray  # BODY_NOW
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    slider: object  # SLIDER_NOW or None
     element: object  # ElementNow, or None without such elements
 
 
@@ -217,10 +222,12 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
     depth = int(system.functions.depth)
+    sliders = system.parts.sliders
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
+        None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
         _new_element(system),
     )
     trial = Trial(

@@ -16,28 +16,32 @@ __all__ = ["DriverSpec"]
 
 
 class DriverSpec(Spec):
-    """Prescribes the ``angle`` or the ``stroke`` of a joint; exactly one of them."""
+    """Prescribes the ``angle``, ``second_angle`` or ``stroke`` of a joint; exactly one of them."""
 
     joint: Text
     angle: Annotated[Function, FunctionOf("rad")] | None = None
+    second_angle: Annotated[Function, FunctionOf("rad")] | None = None
     stroke: Annotated[Function, FunctionOf("m")] | None = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Self:
-        told = [name for name in COORDINATES if getattr(self, name) is not None]
+        told = self._told()
         if len(told) != 1:
-            shown = "both" if told else "neither"
-            raise fail(Problem("", f'give exactly one of "angle" and "stroke", given {shown}'))
+            shown = " and ".join(told) or "none"
+            names = '"angle", "second_angle" and "stroke"'
+            raise fail(Problem("", f"give exactly one of {names}, given {shown}"))
         return self
+
+    def _told(self) -> list[str]:
+        return [name for name in COORDINATES if getattr(self, name) is not None]
 
     @property
     def coordinate(self) -> str:
-        """``"angle"`` or ``"stroke"``."""
-        return "angle" if self.angle is not None else "stroke"
+        """One of ``COORDINATES``."""
+        return self._told()[0]
 
     @property
     def function(self) -> Function:
         """The prescribed coordinate over time."""
-        function = self.angle if self.angle is not None else self.stroke
-        assert function is not None  # exactly one is given
+        function: Function = getattr(self, self.coordinate)
         return function

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem
+from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.joints import JointSpec
@@ -21,14 +23,16 @@ from flexmb.model.sensors import SENSOR_TYPES
 
 __all__ = ["SECTIONS", "read_named"]
 
-SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors")
+SECTIONS = ("bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors")
 """Sections whose entries have names."""
 
 _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
+    "couplers": ("coupler type", COUPLER_TYPES),
     "forces": ("force type", FORCE_TYPES),
     "sensors": ("sensor type", SENSOR_TYPES),
 }
 _SINGLE: dict[str, type[Spec]] = {
+    "curves": CurveSpec,
     "joints": JointSpec,
     "drivers": DriverSpec,
     "markers": MarkerSpec,

@@ -16,6 +16,8 @@ from pydantic.fields import FieldInfo
 
 from flexmb.materials import LIBRARY
 from flexmb.model.bodies import COLORS, BodySpec
+from flexmb.model.couplers import AngleTerm, LinearCouplerSpec, StrokeTerm
+from flexmb.model.curves import CurveSpec
 from flexmb.model.flexible import FlexibleSource, UnitsName
 from flexmb.model.functions import FUNCTION_FORMS, Function
 from flexmb.model.inertia import Inertia
@@ -170,6 +172,10 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
     """What the readers take whose annotation does not tell it."""
     return {
         _field_reader(JointSpec, "type"): lambda: {"enum": list(JOINT_TYPES)},
+        _field_reader(LinearCouplerSpec, "terms"): lambda: {
+            "anyOf": [reference(AngleTerm), reference(StrokeTerm)]
+        },
+        _field_reader(CurveSpec, "polar"): lambda: {**NUMBER, "description": "[m], over t"},
         _field_reader(BodySpec, "color"): lambda: _choice(COLORS),
         _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
         _reader(UnitsName): lambda: _choice(UNIT_SYSTEMS),

@@ -18,6 +18,9 @@ from flexmb.model import lookup, references, writing
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.couplers import CouplerSpec
+from flexmb.model.coupling import repeated_couplers
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
@@ -91,7 +94,9 @@ class Model:
         _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
+        self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
+        self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
         self.forces: dict[str, AnyForce] = {}
         self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
@@ -105,7 +110,7 @@ class Model:
     def __repr__(self) -> str:
         counts = ", ".join(
             f"{len(getattr(self, section))} {section}"
-            for section in ("bodies", "joints", "drivers", "forces", "sensors")
+            for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
 
@@ -148,11 +153,19 @@ class Model:
             self.ground = owner
         return spec
 
+    def add_curve(self, name: str, **fields: Any) -> Spec:
+        """Add the shape of a curve that joints slide along: ``points``, ``polar``, ..."""
+        return self._add("curves", name, fields)
+
     def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
         """Add a joint: ``between=[I, J]``, ``axis``."""
         spec = self._add("joints", name, {"type": type, **fields})
         assert isinstance(spec, JointSpec)
         return spec
+
+    def add_coupler(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a gear, a rack and pinion, or a linear coupler of joint coordinates."""
+        return self._add("couplers", name, {"type": type, **fields})
 
     def add_driver(self, name: str, **fields: Any) -> DriverSpec:
         """Add a driver: ``joint`` and one of ``angle`` and ``stroke``."""
@@ -260,10 +273,12 @@ class Model:
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
         """Raise a :class:`SceneError` with all problems, if there are any.
 
-        Warns of markers far away from the flexible body they are on, once the body is given.
+        Warns of markers far away from the flexible body they are on, once the body is given, and
+        of couplers that repeat others.
         """
         _raise(self.problems(flexbodies))
-        for sentence in far_markers(self, flexbodies or {}):
+        known = flexbodies or {}
+        for sentence in (*far_markers(self, known), *repeated_couplers(self, known)):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def to_scene_dict(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planes import PLANES
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import BodySpec
 from flexmb.model.forces import LoadSpec
 from flexmb.model.functions import Function
@@ -133,6 +133,9 @@ def _joint(
     if JOINT_TYPES[joint.type].planar_equations is None:
         names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations is not None)
         yield Problem(f"{where}.type", f"a {joint.type} joint has no meaning in a plane", names)
+        return
+    if JOINT_TYPES[joint.type].curves:
+        yield from curve_uses.in_plane(model, name, flexbodies, plane)
         return
     if not JOINT_TYPES[joint.type].has_axis:
         return

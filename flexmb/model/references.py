@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.coupling import coupler_problems
 from flexmb.model.force_problems import finite, force_problems
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.plane import planar_problems
@@ -30,8 +31,8 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, force_problems, _sensors)
-    parts = (*named, _channels, _judged, _frequencies, _times)
+    named = (body_problems, _joints, coupler_problems, _drivers, force_problems, _sensors)
+    parts = (*named, curve_uses.shapes, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -42,6 +43,7 @@ def _joints(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("joints")
     for name, spec in scope.model.joints.items():
         yield from scope.pair(f"joints.{name}", spec.between, "a joint")
+        yield from curve_uses.of_joint(scope, name, spec)
 
 
 def _drivers(scope: Scope) -> Iterator[Problem]:

@@ -14,6 +14,8 @@ from flexmb.flexbody.planes import PLANES
 from flexmb.model.bodies import FlexbodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.flexible import UnitsName
@@ -57,7 +59,9 @@ def _top() -> dict[str, Form]:
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),
         "bodies": _named(_one_of(_BODIES)),
+        "curves": _named(reference(CurveSpec)),
         "joints": _named(reference(JointSpec)),
+        "couplers": _named(_one_of(COUPLER_TYPES.values())),
         "drivers": _named(reference(DriverSpec)),
         "forces": _named(_one_of(FORCE_TYPES.values())),
         "sensors": _named(_one_of(SENSOR_TYPES.values())),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import SceneError
 from flexmb.model.bodies import BodySpec, FlexbodySpec
+from flexmb.model.curves import CurveSpec, read_points
 from flexmb.model.reading import Spec, Terms
 
 if TYPE_CHECKING:
@@ -38,7 +39,9 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
             for name, spec in model.bodies.items()
         },
     }
-    for section in ("joints", "drivers", "forces", "sensors"):
+    if model.curves:
+        scene["curves"] = {name: _curve(model, spec) for name, spec in model.curves.items()}
+    for section in ("joints", "couplers", "drivers", "forces", "sensors"):
         scene[section] = {
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }
@@ -61,6 +64,16 @@ def _gravity(model: Model) -> Any:
 
 def _plain(spec: Spec, terms: Terms) -> dict[str, Any]:
     return spec.model_dump(mode="json", exclude_none=True, context=terms)
+
+
+def _curve(model: Model, spec: CurveSpec) -> dict[str, Any]:
+    """A curve; one from a file with the points of the file, so that the scene holds all of it."""
+    if spec.file is None:
+        table = _plain(spec, model.terms)
+        return {key: value for key, value in table.items() if key in spec.model_fields_set}
+    points = read_points(model.path(spec.file), model.units)
+    rows = [[model.units.written(value, "m") for value in point] for point in points]
+    return {"points": rows, "closed": spec.closed}
 
 
 def _body(

@@ -1,11 +1,13 @@
-"""Reactions of joints and drivers: which two markers, which columns, on which body.
+"""Reactions of joints, couplers and drivers: which two markers, which columns, on which body.
 
 In: the columns of a result, its scene, the name of a joint or driver and a side. Out: force and
 moment over time. The table holds per joint or driver twelve columns: force and moment on marker J
 in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis, on J
 the second one of a joint with two; of what slides in a planar scene x is the axis, z the normal).
 The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
-the markers. A driver's are beside those of its joint, not in them.
+the markers. Those of drivers and couplers are beside those of their joints, not in them; a coupler
+has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a
+universal joint has the sides exchanged: its marker I is the joint's marker J.
 """
 
 from __future__ import annotations
@@ -59,8 +61,15 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint = name if section == "joints" else str(drivers.get(name, {}).get("joint", ""))
+        joint, second = name, False
+        if section == "couplers":
+            joint, _, coordinate = name.partition(".")[2].partition(".")
+            second = coordinate == "second_angle"
+        elif section == "drivers":
+            driver = drivers.get(name, {})
+            joint, second = str(driver.get("joint", "")), "second_angle" in driver
         between = joints.get(joint, {}).get("between", ("", ""))
+        between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
     return tuple(found)

@@ -64,6 +64,13 @@ def _joints() -> Listing:
     )
 
 
+def _curves() -> Listing:
+    from flexmb.model.curves import CurveSpec
+
+    about = {"a curve, in the axes of the marker that carries it": CurveSpec}
+    return Listing("curves that joints slide along: [curves.name]", fields_tables(about))
+
+
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
     from flexmb.engine.compile.joint_rows import JOINT_ROWS
@@ -80,6 +87,17 @@ def _free_motions(joint: str, count: int) -> str:
     told = [f"slide {', '.join(sorted(slides))}"] if slides else []
     told += [f"turn {', '.join(sorted(turns))}"] if turns else []
     return "; ".join(told) or "nothing"
+
+
+def _couplers() -> Listing:
+    from flexmb.model.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+
+    about = "Each relates the coordinates of two or three joints by one equation:"
+    terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
+    return Listing(
+        "couplers: [couplers.name]",
+        ((about, Table((), [])), *fields_tables({**COUPLER_TYPES, **terms})),
+    )
 
 
 def _forces() -> Listing:
@@ -188,6 +206,8 @@ def _templates() -> Listing:
 
 TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     "joints": ("what they hold and leave free, which drivers they take", _joints),
+    "couplers": ("gears, racks and linear relations of joint coordinates", _couplers),
+    "curves": ("shapes that pins and cam followers slide along", _curves),
     "forces": ("forces, torques, springs and dampers", _forces),
     "drivers": ("joint coordinates as functions of time", _drivers),
     "functions": ("functions of time and what expressions know", _functions),

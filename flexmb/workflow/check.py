@@ -40,11 +40,12 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "rigid bodies": counts.rigid_bodies,
         "flexible bodies": counts.flexible_bodies,
         **{f"{row.type} joints": row.joints for row in counts.joints},
+        **({"couplers": counts.couplers} if counts.couplers else {}),
         "drivers": counts.drivers,
         "forces": counts.forces,
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
-        "equations of the joints": counts.equations,
+        "equations of the joints" + (" and couplers" if counts.couplers else ""): counts.equations,
         "freedoms left by joints and drivers": counts.mobility,
     }
     notes = _notes(model, counts)

@@ -84,13 +84,6 @@ def bench(request):
     return bench_of(request.param)
 
 
-def moved(bench, q, d):
-    out = bench.moved(q, d)
-    for row in bench.sys.parts.coordinates:
-        out[row["iq"]] += d[row["iv"]]
-    return out
-
-
 def close(found, wanted, tolerance=DIFFERENCES):
     np.testing.assert_allclose(found, wanted, atol=tolerance * max(1.0, np.abs(wanted).max()))
 
@@ -109,7 +102,7 @@ def test_every_element_acts(bench):
 def test_position_tangent(bench):
     n, q = bench.layout.nv, bench.q.copy()
     tangent = (bench.matrix(cp=1.0, cv=1.0) - bench.matrix(cv=1.0))[:n, :n]
-    columns = [slope(lambda s, d=d: bench.at(q=moved(bench, q, s * d)).residual) for d in np.eye(n)]
+    columns = [slope(lambda s, d=d: bench.at(q=bench.moved(q, s * d)).residual) for d in np.eye(n)]
     close(tangent, np.array(columns).T)
 
 
@@ -124,12 +117,12 @@ def test_stored_energy_dissipation_and_applied_power_add_up(bench):
     """−Qᵀ v of the elements alone is what they store less what goes in and out."""
     tables, q, v, t = bench.sys.elements, bench.q.copy(), bench.v.copy(), bench.state.t[0]
     with_them = bench.at().residual
-    rate = slope(lambda s: bench.at(q=moved(bench, q, s * v), t=t).energies[3])
+    rate = slope(lambda s: bench.at(q=bench.moved(q, s * v), t=t).energies[3])
     powers = bench.at(q=q).powers
     bare = tables._replace(**{n: getattr(tables, n)[:0] for n in ("frames", "laws", "mutual")})
     bench.sys = bench.sys._replace(elements=bare)
     without = bench.at(q=q)
-    stored = slope(lambda s: bench.at(q=moved(bench, q, s * v), t=t).energies[3])
+    stored = slope(lambda s: bench.at(q=bench.moved(q, s * v), t=t).energies[3])
     bench.at(q=q)
     given = powers - bench.powers
     assert given[1] < 0.0
@@ -178,7 +171,7 @@ def test_a_turned_world_changes_nothing(bodies):
         for k in range(len(bench.sys.parts.bodies)):
             o = bench.columns(k).start
             bench.v[o : o + 3], move[o : o + 3] = R @ v[o : o + 3], R @ move[o : o + 3]
-        bench.q[:] = moved(bench, bench.q, move)
+        bench.q[:] = bench.moved(bench.q, move)
         bench.state.t[0] = 0.4
         force = bench.at().residual
         for k in range(len(bench.sys.parts.bodies)):

@@ -1,7 +1,8 @@
 """Table of scalar coordinates beside the bodies; None where the model has none.
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
-counts turns, and its damper and spring are linear in it.
+counts turns, and its damper and spring are linear in it. Couplers have those that tell how their
+joints move together.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.forces import JointSpringSpec
@@ -41,9 +43,11 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
 
 def scalars(model: Model, functions: Functions) -> list[Scalar]:
     """The scalar coordinates of a model; laws and stops on them are elements of their own."""
-    return [
+    springs = [
         _scalar(f"forces.{name}", spec, functions) for name, spec in joint_springs(model).items()
     ]
+    coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
+    return springs + coupled
 
 
 def _scalar(name: str, spec: JointSpringSpec | JointStopSpec, functions: Functions) -> Scalar:

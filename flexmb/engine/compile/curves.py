@@ -1,116 +1,180 @@
-"""Tabulated laws as pieces of cubics: what `kernels.law.curve` reads.
+"""Curves on their markers, and the table of curve markers.
 
-The slopes at the points decide: of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980, 238; with
-the harmonic means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984, 300), of Akima
-(J. ACM 17, 1970, 589), or of the natural cubic spline. Beyond its ends a law goes on straight.
+A curve marker brings one scalar coordinate, so a joint has one equation less than rows for each.
+The force across the curve is the multiplier of one row; `Contact` tells its sign in contact.
+Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["curve"]
+from flexmb.engine.compile.coordinates import Scalar
+from flexmb.engine.compile.curve_pieces import Pieces, pieces_of
+from flexmb.engine.compile.markers import Markers
+from flexmb.engine.tables import SLIDER
+from flexmb.model import lookup
+from flexmb.model.curve_shape import curve_shape
+from flexmb.model.markers import PlacedMarker
+from flexmb.model.model import Model
+from flexmb.model.names import GROUND
+from flexmb.model.orientation import rotation_matrix
+
+if TYPE_CHECKING:
+    from flexmb.engine.symbolic import Symbolic
+
+__all__ = ["Contact", "Laid", "Sliders", "X", "Y", "Z", "lay", "placed_frame"]
 
 Array = NDArray[np.float64]
+X, Y, Z = 0, 1, 2
+_SAMPLES = 1440  # places along a curve that are tried
 
 
-def curve(points: tuple[tuple[float, float], ...], interpolation: str) -> Array:
-    """The numbers of a law in the pool, its integral counted from 0.
+class Contact(NamedTuple):
+    """A joint that can only push: its row across the curve, and the sign of λ when it does."""
 
-    Parameters
-    ----------
-    points : tuple of (x, y)
-        With x increasing, in SI.
-    interpolation : {"monotone", "akima", "cubic", "linear"}
-        How it goes from point to point.
-
-    Returns
-    -------
-    (1 + n + 5 (n + 1),) float64
-        n, x, then c0, c1, c2, c3 and the integral at its left end of every piece.
-    """
-    x, y = np.array(points, dtype=float).T
-    h, d = np.diff(x), np.diff(y) / np.diff(x)
-    pieces = np.zeros((len(x) + 1, 5))
-    if interpolation == "linear":
-        pieces[1:-1, 0], pieces[1:-1, 1] = y[:-1], d
-        ends = d[0], d[-1]
-    else:
-        m = _SLOPES[interpolation](h, d)
-        pieces[1:-1, 0], pieces[1:-1, 1] = y[:-1], m[:-1]
-        pieces[1:-1, 2] = (3.0 * d - 2.0 * m[:-1] - m[1:]) / h
-        pieces[1:-1, 3] = (m[:-1] + m[1:] - 2.0 * d) / h**2
-        ends = m[0], m[-1]
-    pieces[0, :2], pieces[-1, :2] = (y[0], ends[0]), (y[-1], ends[1])
-    areas = pieces[1:-1, :4] * h[:, None] ** np.arange(1, 5) / np.arange(1, 5)
-    pieces[2:, 4] = np.cumsum(areas.sum(axis=1))
-    pieces[:, 4] -= _integral_to_zero(x, pieces)
-    return np.concatenate([[len(x)], x, pieces.ravel()])
+    joint: str
+    row: int
+    compressed: float
 
 
-def _integral_to_zero(x: Array, pieces: Array) -> float:
-    """Integral from the first point to 0."""
-    k = int(np.searchsorted(x, 0.0, side="right"))
-    t = -x[max(k - 1, 0)]
-    return float(pieces[k, 4] + pieces[k, :4] @ (t ** np.arange(1, 5) / np.arange(1, 5)))
+@dataclass(frozen=True)
+class Laid:
+    """A curve as one marker carries it in the placed pose: x (3,), R (3, 3), global."""
+
+    name: str
+    pieces: Pieces
+    closed: bool
+    turns: bool
+    x: Array
+    R: Array
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]."""
+        return float(self.pieces.ends[-1])
+
+    @property
+    def samples(self) -> Array:
+        """Places (n,) along the curve, the end of a closed one left out."""
+        return np.linspace(0.0, self.length, _SAMPLES, endpoint=not self.closed)
+
+    @property
+    def outward(self) -> float:
+        """1 if the normal, left of the tangent, leads out of a closed curve, −1 if into it."""
+        c = self.pieces.at(self.samples)
+        area = np.sum(c[:, 0, X] * c[:, 1, Y] - c[:, 0, Y] * c[:, 1, X])
+        return -1.0 if area > 0.0 else 1.0
+
+    def at(self, s: Array) -> tuple[Array, Array, Array]:
+        """Global points, tangents and normals (n, 3) at places (n,)."""
+        c = self.pieces.at(s)
+        t = c[:, 1]
+        n = np.stack([-t[:, Y], t[:, X], 0.0 * t[:, X]], axis=1)
+        return self.x + c[:, 0] @ self.R.T, t @ self.R.T, n @ self.R.T
 
 
-def _monotone(h: Array, d: Array) -> Array:
-    m = np.empty(len(h) + 1)
-    before, after = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
-    same = d[:-1] * d[1:] > 0.0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (before + after) / (before / d[:-1] + after / d[1:])
-    m[1:-1] = np.where(same, mean, 0.0)
-    if len(d) == 1:
-        m[:] = d[0]
-        return m
-    m[0] = _end_slope(h[0], h[1], d[0], d[1])
-    m[-1] = _end_slope(h[-1], h[-2], d[-1], d[-2])
-    return m
+class _Slider(NamedTuple):
+    """One curve marker on the way into its table."""
+
+    joint: str
+    marker: int
+    at: int
+    pieces: int
+    closed: bool
+    turns: bool
+    group: int
+    side: int
+    other: int
+    start: float
 
 
-def _end_slope(h0: float, h1: float, d0: float, d1: float) -> float:
-    """Slope of the parabola through three points, as far as it leaves no extreme."""
-    m = ((2.0 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
-    if m * d0 <= 0.0:
-        return 0.0
-    return 3.0 * d0 if d0 * d1 < 0.0 and abs(m) > 3.0 * abs(d0) else m
+@dataclass
+class Sliders:
+    """The curve markers of a model, and the contacts among their joints."""
+
+    found: list[_Slider] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+
+    def add(
+        self,
+        joint: str,
+        laid: Laid,
+        marker: PlacedMarker,
+        markers: Markers,
+        *,
+        group: int,
+        side: int,
+        start: float,
+        other: int = -1,
+    ) -> int:
+        """A curve marker of its own on the marker that carries the curve; its index."""
+        n = len(laid.pieces.coefficients)
+        at = markers.pool.add(laid.pieces.ends)
+        markers.pool.add(laid.pieces.coefficients)
+        index = markers.own(marker)
+        self.found.append(
+            _Slider(joint, index, at, n, laid.closed, laid.turns, group, side, other, start)
+        )
+        return index
+
+    def scalars(self) -> list[Scalar]:
+        """Their places along the curves."""
+        words = ("position", "second_position")
+        return [
+            Scalar(f"joints.{s.joint}.{words[s.other >= 0 and s.other < k]}", angular=False)
+            for k, s in enumerate(self.found)
+        ]
+
+    def starts(self) -> list[float]:
+        """Where along the curves they begin [m]."""
+        return [s.start for s in self.found]
+
+    def of_group(self, group: int) -> tuple[int, ...]:
+        """Numbers of the curve markers of a group."""
+        return tuple(k for k, s in enumerate(self.found) if s.group == group)
+
+    def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
+        """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
+        pairs = []
+        for k, s in enumerate(self.found):
+            pairs += [(body, first + k) for body in groups[s.group][2:] if body >= 0]
+            if s.other > k:
+                pairs.append((first + k, first + s.other))
+        return pairs
+
+    def table(self, groups: list[tuple[int, int, int, int]], blocks: int, symbolic: Symbolic,
+              scalars: int) -> NDArray[np.void] | None:  # fmt: skip
+        """SLIDER rows; `blocks` bodies and `scalars` coordinates stand before their own."""
+        rows = []
+        for k, s in enumerate(self.found):
+            mine = blocks + scalars + k
+            links = [
+                symbolic.couple_links.get((body, mine), -1) if body >= 0 else -1
+                for body in groups[s.group][2:]
+            ]
+            other = symbolic.couple_links.get((mine, blocks + scalars + s.other), -1)
+            link = symbolic.coordinate_links[s.group, mine]
+            rows.append(
+                (s.marker, scalars + k, s.at, s.pieces, s.closed, s.turns, s.group, s.side, link,
+                 *links, s.other, other if s.other > k else -1)
+            )  # fmt: skip
+        return np.array(rows, SLIDER) if rows else None
 
 
-def _akima(h: Array, d: Array) -> Array:
-    if len(d) == 1:
-        return np.full(2, d[0])
-    first, last = 2.0 * d[0] - d[1], 2.0 * d[-1] - d[-2]
-    e = np.concatenate([[2.0 * first - d[0], first], d, [last, 2.0 * last - d[-1]]])
-    change = np.abs(np.diff(e))
-    left, right = change[2:], change[:-2]
-    total = left + right
-    level = total <= 1e-9 * total.max(initial=0.0)
-    total[level] = 1.0
-    m: Array = (left * e[1:-2] + right * e[2:-1]) / total
-    m[level] = 0.5 * (e[1:-2] + e[2:-1])[level]
-    return m
+def lay(model: Model, curve: str, marker: PlacedMarker) -> Laid:
+    """A curve on the marker that carries it, in the placed pose."""
+    shape = curve_shape(model, curve)
+    return Laid(curve, pieces_of(shape), shape.closed, shape.in_plane, *placed_frame(model, marker))
 
 
-def _cubic(h: Array, d: Array) -> Array:
-    """Slopes of the natural spline, by elimination of the tridiagonal equations."""
-    n = len(h) + 1
-    diagonal = np.zeros(n)
-    diagonal[:-1] += 2.0 / h
-    diagonal[1:] += 2.0 / h
-    right = np.zeros(n)
-    right[:-1] += 3.0 * d / h
-    right[1:] += 3.0 * d / h
-    for k in range(1, n):
-        factor = 1.0 / (h[k - 1] * diagonal[k - 1])
-        diagonal[k] -= factor / h[k - 1]
-        right[k] -= factor * right[k - 1]
-    m = right / diagonal
-    for k in range(n - 2, -1, -1):
-        m[k] = (right[k] - m[k + 1] / h[k]) / diagonal[k]
-    return m
-
-
-_SLOPES = {"monotone": _monotone, "akima": _akima, "cubic": _cubic}
+def placed_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
+    """Global position (3,) and axes (3, 3) of a marker in the placed pose."""
+    A = np.eye(3)
+    if marker.body != GROUND:
+        A = rotation_matrix(model.bodies[marker.body].orientation)
+    return lookup.global_position(model, marker), A @ marker.R

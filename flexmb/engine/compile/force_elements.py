@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.curves import curve
 from flexmb.engine.compile.elements import line_ends
 from flexmb.engine.compile.frames import beam_numbers, bushing_numbers
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
+from flexmb.engine.compile.tabulated import curve
 from flexmb.engine.functions import lower
 from flexmb.engine.tables import (
     COMPONENT_OF,

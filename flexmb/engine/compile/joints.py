@@ -1,4 +1,4 @@
-"""Joints and drivers as groups of constraint rows.
+"""Joints, drivers and couplers as groups of constraint rows.
 
 Each joint type is a list of primitives between its two triads (`joint_rows`); a driver is one more
 row on the same triads.
@@ -7,14 +7,17 @@ row on the same triads.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.compile import coordinates
+from flexmb.engine.compile import coordinates, couplers
+from flexmb.engine.compile.curve_joints import curve_joint
+from flexmb.engine.compile.curves import Sliders
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
+    SECOND_TURN,
     Row,
     composite_rows,
     driver_row,
@@ -56,6 +59,10 @@ _ROW_WORDS = {
 }
 
 
+Ends = tuple[PlacedMarker, PlacedMarker]
+"""Markers I and J."""
+
+
 class Entry(NamedTuple):
     """One row on two markers, as `tables.ROW` says."""
 
@@ -83,6 +90,8 @@ class Groups:
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
+    reversed: set[int] = field(default_factory=set)  # groups whose I is the joint's J
+    sliders: Sliders = field(default_factory=Sliders)
 
     def add(self, name: str, markers: Markers, I: int, J: int, rows: list[Entry]) -> None:  # noqa: E741
         """Append a group of rows between I and J."""
@@ -101,36 +110,82 @@ class Groups:
 
 
 def joint_groups(
-    model: Model, flexbodies: Mapping[str, FlexBody], markers: Markers, functions: Functions
+    model: Model,
+    flexbodies: Mapping[str, FlexBody],
+    markers: Markers,
+    functions: Functions,
+    scalars: list[coordinates.Scalar],
 ) -> Groups:
-    """All joints, all drivers, then what follows a joint with a coordinate of its own."""
+    """All joints, all drivers, then what follows joints with coordinates of its own."""
     groups = Groups()
-    ends: dict[str, tuple[int, int]] = {}
+    ends: dict[str, Ends] = {}
+    place = {scalar.name: k for k, scalar in enumerate(scalars)}
     for name, joint in model.joints.items():
         I, J = lookup.joint_frames(model, name, flexbodies)  # noqa: E741
+        if joint.curves:
+            _add_on_curve(model, name, (I, J), markers, groups)
+            continue
         if model.plane is not None:
             I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
-        ends[name] = markers.add(I), markers.add(J)
+        ends[name] = I, J
         rows = [Entry(*row[:3], _constant(model, name, row, I, J)) for row in kept]
-        groups.add(f"joints.{name}", markers, *ends[name], rows)
+        for thread in couplers.screw_rows(model, name):
+            rows.append(_coupled(model, thread, ends, place)[0])
+        groups.add(f"joints.{name}", markers, markers.add(I), markers.add(J), rows)
+
+    def add(owner: str, entry: Entry, between: Ends) -> None:
+        groups.add(owner, markers, *(markers.add(marker) for marker in between), [entry])
+
     for name, driver in model.drivers.items():
-        row = _driven(model, driver.joint, driver.coordinate)
-        fun = functions.add(driver.function.expression)
-        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
-    for k, (name, force) in enumerate(coordinates.joint_springs(model).items()):
-        row = _driven(model, force.joint, force.coordinate)
-        entry = Entry(*row, follows=((k, 1.0),))
-        groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
+        row, between = _driven(model, driver.joint, driver.coordinate, ends)
+        add(f"drivers.{name}", Entry(*row, fun=functions.add(driver.function.expression)), between)
+    for name, force in coordinates.joint_springs(model).items():
+        row, between = _driven(model, force.joint, force.coordinate, ends)
+        add(f"forces.{name}", Entry(*row, follows=((place[f"forces.{name}"], 1.0),)), between)
+    for coupled in couplers.coupled_rows(model, flexbodies):
+        add(coupled.owner, *_coupled(model, coupled, ends, place))
     return groups
 
 
-def _driven(model: Model, joint: str, coordinate: str) -> tuple[int, int, int]:
-    """Kind and axes of the row that measures a coordinate of a joint."""
+def _add_on_curve(
+    model: Model,
+    name: str,
+    frames: tuple[PlacedMarker, PlacedMarker],
+    markers: Markers,
+    groups: Groups,
+) -> None:
+    group = len(groups.groups)
+    made = curve_joint(model, name, frames, markers, groups.sliders, (group, len(groups.rows)))
+    if made.reversed:
+        groups.reversed.add(group)
+    groups.add(f"joints.{name}", markers, made.I, made.J, [Entry(*row) for row in made.rows])
+
+
+def _driven(
+    model: Model, joint: str, coordinate: str, ends: Mapping[str, Ends]
+) -> tuple[tuple[int, int, int], Ends]:
+    """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
+    I, J = ends[joint]  # noqa: E741
     if model.plane is not None and coordinate == "stroke":
-        return STROKE
-    return driver_row(model.joints[joint].type, coordinate)
+        return STROKE, (I, J)
+    row = driver_row(model.joints[joint].type, coordinate)
+    if coordinate == "second_angle":
+        return row, (replace(J, R=J.R @ SECOND_TURN), I)
+    return row, (I, J)
+
+
+def _coupled(
+    model: Model, coupled: couplers.CoupledRow, ends: Mapping[str, Ends], place: Mapping[str, int]
+) -> tuple[Entry, Ends]:
+    """A row that follows scalar coordinates, and its markers."""
+    row, between = _driven(model, coupled.joint, coupled.coordinate, ends)
+    offset = coupled.offset
+    if coupled.relative:
+        offset += measured(model, (*row, True), *between)
+    follows = tuple((place[name], factor) for name, factor in coupled.follows)
+    return Entry(*row, offset, follows=follows), between
 
 
 def _constant(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import coordinates, elements, force_elements, joints
+from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -28,13 +29,17 @@ from flexmb.model.plane import normal_in_body
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `contacts` are the joints that can only push, cams with their followers.
+    """
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    contacts: tuple[Contact, ...] = ()
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -68,8 +73,10 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     pool, functions = Pool(), Functions()
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    groups = joints.joint_groups(model, known, markers, functions)
     scalars = coordinates.scalars(model, functions)
+    groups = joints.joint_groups(model, known, markers, functions, scalars)
+    before, sliders = len(scalars), groups.sliders
+    scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     loads = elements.load_table(model, known, markers, functions)
@@ -83,13 +90,20 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
     columns = _columns(model, table)
     pairs = force_elements.couples(acting, markers)
-    symbolic = analyse(_blocks(columns, groups, len(scalars), springs, markers, pairs))
+    symbolic = analyse(_blocks(columns, groups, before, springs, markers, pairs))
     group_table = _place(table, groups, springs, markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     force_elements.place(acting, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
-        parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
+        parts=Parts(
+            table,
+            pool.array(),
+            markers.table(),
+            gravity,
+            scalar_table,
+            sliders.table(groups.groups, len(table), symbolic, before),
+        ),
         rows=rows,
         follows=follows,
         groups=group_table,
@@ -120,8 +134,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )
-    placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known)
+    begin = np.append(np.zeros(before), sliders.starts())
+    placed = np.append(body_tables.placed_positions(model, table), begin)
+    return Compiled(system, layout, placed, length, known, tuple(sliders.contacts))
 
 
 def fingerprint(system: System) -> str:
@@ -165,12 +180,17 @@ def _blocks(
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
     ]
+    sliders, first = groups.sliders, len(bodies) + n_scalars
+    pairs += sliders.couples(groups.groups, first)
     return Blocks(
-        columns=bodies + [[0]] * n_scalars,
+        columns=bodies + [[0]] * (n_scalars + len(sliders.found)),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
+        group_sliders=[
+            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
+        ],
     )
 
 
@@ -182,7 +202,8 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
+        turned = k in groups.reversed
+        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
     for spring in springs if springs is not None else ():
         pair = markers.body(spring["I"]), markers.body(spring["J"])
         spring["couple"] = symbolic.couple_links.get(pair, -1)

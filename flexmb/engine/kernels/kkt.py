@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl
+from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl, slider
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 from flexmb.engine.kernels.force_tangent import add_coordinate_tangents, element_tangents
+from flexmb.engine.kernels.slider_tangent import slider_tangents
 
 _REGULARISATION = 1e-9
 
@@ -37,6 +38,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
+        slider_tangents(sys, sys.parts.sliders, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
         element_tangents(sys, sys.elements, wk, v, cv, cp)
@@ -46,6 +48,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     _keep_diagonal(sys.kkt.panels, wk.factor)
     _jacobian_blocks(sys, wk.dense.jac, wk.factor)
     coordinate.put_rows(sys, sys.parts.coordinates, wk.factor)
+    slider.put_rows(sys, sys.parts.sliders, wk)
     for i in range(low.shape[0]):
         wk.factor.low0[i] = low[i]
     if not symmetric:

@@ -10,7 +10,7 @@ from flexmb.engine.kernels.vector import put
 
 @kernel
 def read(sys, markers, lam, g, out):
-    """out (12 groups): force and moment on marker J in its axes, then on marker I in its axes.
+    """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I.
 
     The wrench on a marker is −Σ λ_k ∂C_k/∂(its motion); g (2, 12) is scratch.
     """
@@ -26,7 +26,8 @@ def read(sys, markers, lam, g, out):
             for c in range(12):
                 w[c] -= lam[r] * g[0, c]
         for part in range(4):
-            R = markers[j]["R"] if part < 2 else markers[i]["R"]
-            at = 6 + 3 * part if part < 2 else 3 * part - 6
+            of_J = (part < 2) != (group["reversed"] == 1)
+            R = markers[j]["R"] if of_J else markers[i]["R"]
+            at = 3 * (part % 2) + (6 if of_J else 0)
             x, y, z = transform_back(R, w[at], w[at + 1], w[at + 2])
             put(out, 12 * k + 3 * part, x, y, z)

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, coordinate, element, force, inertia, kinematics
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    element,
+    force,
+    inertia,
+    kinematics,
+    slider,
+)
 from flexmb.engine.kernels.time_function import evaluate_all
 
 
@@ -53,4 +61,5 @@ def forces(sys, wk, q, v, vd, lam):
     element.put_coordinate_forces(
         sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, v, wk.trial.res
     )
+    slider.subtract_forces(sys.parts.sliders, sys.parts, wk.now, wk.trial.res)
     return max(bad, undefined)
