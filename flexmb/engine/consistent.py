@@ -4,7 +4,7 @@ accelerations with multipliers, residual. One entry for all, so that it compiles
 from __future__ import annotations
 
 from flexmb.engine.jit import entry, kernel
-from flexmb.engine.kernels import constraint, energy, sensor
+from flexmb.engine.kernels import constraint, energy, sensor, signal
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
@@ -27,6 +27,7 @@ def solve_level(sys, st, wk, level):
     RESIDUAL: wk.trial.res and wk.con.C; returns the same. BEGIN: works and joint angles from here.
     """
     tr = wk.trial
+    signal.forget(sys.signals, wk)
     if level == ACCELERATIONS:
         return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0, 0))
     if level == RESIDUAL:
@@ -34,10 +35,11 @@ def solve_level(sys, st, wk, level):
     position_stage(sys, wk, st.t[0], st.q)
     velocity_stage(sys, wk, st.v)
     if level == BEGIN:
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
-        for i in range(st.angles.shape[0]):
-            st.angles[i] = 0.0
+        sensor.forget(st.angles)
         sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+        sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
         return 0.0
     wk.factor.symmetric[0] = 1
     factorise(sys, wk, tr.zero, tr.zero, st.lam, 0.0, 0.0)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine import control
+from flexmb.engine import control, kinks
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
@@ -24,10 +24,11 @@ from flexmb.engine.kernels import (
     kinematics,
     reaction,
     sensor,
+    signal,
     slider,
 )
 from flexmb.engine.kernels.interpolation import hermite, interpolate
-from flexmb.engine.kernels.projection import accelerations
+from flexmb.engine.kernels.projection import LOOP, accelerations
 from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
@@ -36,6 +37,7 @@ from flexmb.engine.method import (
     FINE,
     GRID,
     LAST_STEP,
+    NO_LOOP,
     NO_METHOD,
     NOT_FINITE,
     OUTPUTS,
@@ -88,11 +90,14 @@ def _accept(sys, settings, st, wk, h):
     if settings.works == 1:
         element.position(sys.elements, sys.parts.coordinates, now, tr.q)
         kinematics.velocity(sys.parts, now, tr.v)
+        signal.stage(sys.signals, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam)
         energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
         for k in range(3):
             st.work_done[k] += 0.5 * h * (st.power[k] + tr.power[k])
             st.power[k] = tr.power[k]
     sensor.follow_angles(sys.sensors, now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
     st.t[0] = tr.t[0]
     store(tr.q, st.q)
     store(tr.v, st.v)
@@ -112,8 +117,12 @@ def _accept(sys, settings, st, wk, h):
 @inlined
 def _advance(sys, method, settings, st, wk, room):
     """One accepted step of the size that works; or the status of the last one tried."""
+    if settings.step == 0.0:
+        status = kinks.cross(sys, sys.kinks, st, wk, _filter(method.alpha, settings, st))
+        if status != FINE:
+            return status
     while True:
-        h = control.proposed(settings, st, room)
+        h = control.proposed(settings, sys.kinks, st, room)
         status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
         if status == NO_METHOD:
             status = explicit.step(sys, method.explicit, settings, st, wk, h)
@@ -121,7 +130,7 @@ def _advance(sys, method, settings, st, wk, room):
             status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
-            wk.trial.t[0] = control.exact_time(settings, st, h)
+            wk.trial.t[0] = control.exact_time(settings, sys.kinks, st, h)
             _accept(sys, settings, st, wk, h)
             control.accepted(settings, st, wk.trial.error, h)
             return FINE
@@ -170,11 +179,12 @@ def _report(sys, method, settings, st, wk, out):
     cp = _filter(method.alpha, settings, st)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    if accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project) < 0:
-        return ZERO_LENGTH
+    code = accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project)
+    if code < 0:
+        return NO_LOOP if code == LOOP else ZERO_LENGTH
     constraint.evaluate(sys.lines, sys.rows, now.marker, wk.con)
     sensor.follow_angles(sys.sensors, now.marker, tr.angles)
-    sensor.read(sys.sensors, sys.parts, now, tr.vd, tr.angles, wk.dense.J[0], out.sensors[row])
+    sensor.follow_turns(sys.further, sys.sensors, now.marker, tr.angles)
     reaction.read(sys, now.marker, tr.lam, wk.dense.g, out.reactions[row])
     out.t[row] = tr.t[0]
     copy(tr.q, out.q[row])
@@ -191,6 +201,10 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
     for k in range(3):
         out.energy[row, 4 + k] = tr.work_done[k]
+    sensor.read(
+        sys.further, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, out.energy[row], tr.angles,
+        out.sensors[row],
+    )  # fmt: skip
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -217,6 +231,7 @@ def march(sys, method, settings, st, wk, out, n_steps):
     done = 0
     status = FINE
     st.memory[AGE] = -1.0
+    signal.remember(sys.signals, wk, st.angles)
     control.begin(sys, settings, st)
     while status == FINE:
         if _due(settings, st):

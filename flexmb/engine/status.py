@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.method import CURVE_END, NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, ZERO_LENGTH
+from flexmb.engine.method import (
+    CURVE_END,
+    NO_CONVERGENCE,
+    NO_LOOP,
+    NOT_FINITE,
+    TOO_SMALL,
+    ZERO_LENGTH,
+)
 from flexmb.engine.work import Work
 
 _WHAT = {
@@ -14,6 +21,7 @@ _WHAT = {
     TOO_SMALL: "no step is small enough for the accuracy asked for",
     ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
     "undefined",
+    NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
 }
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
@@ -22,6 +30,7 @@ _CURE = {
     "moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
+    NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
 }
 
 

@@ -174,6 +174,18 @@ class Trial(NamedTuple):
     error: np.ndarray  # (2,) estimated local error of positions and velocities, weighted
     jerk: np.ndarray  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: np.ndarray  # (depth, 3) of the function evaluator
+    variables: np.ndarray  # (channels, 3) jets of the channels, for functions that name them
+
+
+class Live(NamedTuple):
+    """Scratch of functions over channels."""
+
+    t: np.ndarray  # (1,) the time at which they were evaluated last
+    near: np.ndarray  # (channels,) the continuous angles at the last accepted state
+    slopes: np.ndarray  # (partials,) partial derivatives
+    g: np.ndarray  # (4, 12) gradients of one term: position, velocity; two of scratch
+    left: np.ndarray  # (6 + m,) what acts
+    right: np.ndarray  # (6 + m,) what it depends on
 
 
 class Work(NamedTuple):
@@ -184,6 +196,7 @@ class Work(NamedTuple):
     dense: Dense
     factor: Factor
     trial: Trial
+    live: object  # Live or None
 
 
 def sizes(system: System) -> tuple[int, int, int]:
@@ -221,7 +234,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     m = system.parts.bodies["m"]
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
-    depth = int(system.functions.depth)
+    depth = max(int(system.functions.depth), int(system.sensors.programs.depth))
     sliders = system.parts.sliders
     now = Now(
         _nan_records(len(m), BODY_NOW),
@@ -236,9 +249,18 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3)),
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
+        variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
-    return Work(now, con, _new_dense(system), _new_factor(system), trial)
+    live = None if system.signals is None else _new_live(system)
+    return Work(now, con, _new_dense(system), _new_factor(system), trial, live)
+
+
+def _new_live(system: System) -> Live:
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    partials = len(system.signals.partials)
+    channels = len(system.sensors.channels)
+    return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
 
 
 def _new_element(system: System) -> ElementNow | None:

@@ -35,6 +35,7 @@ class Counts:
     flexible_bodies: int
     joints: tuple[JointCount, ...]
     drivers: int
+    """Equations of all drivers, one for each coordinate that they prescribe."""
     forces: int
     sensors: int
     planar: bool
@@ -78,7 +79,7 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
         rigid_bodies=len(model.bodies) - len(flexible),
         flexible_bodies=len(flexible),
         joints=joints,
-        drivers=len(model.drivers),
+        drivers=sum(len(spec.motions(model.plane)) for spec in model.drivers.values()),
         forces=len(model.forces),
         sensors=len(model.sensors),
         planar=model.plane is not None,

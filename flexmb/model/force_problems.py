@@ -12,19 +12,26 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
+from flexmb.model.driver_problems import finite
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
-from flexmb.model.forces import AnyForce, JointSpringSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.functions import Function
+from flexmb.model.forces import (
+    AnyForce,
+    JointSpringSpec,
+    LineForceSpec,
+    LoadSpec,
+    SpringDamperSpec,
+)
 from flexmb.model.laws import Law
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.scope import Scope
 from flexmb.model.stops import JointStopSpec, StopSpec
 
-__all__ = ["finite", "force_problems"]
+__all__ = ["force_problems"]
 
 _PARALLEL = 1e-6  # sine of the angle below which a direction says nothing about the axis across
 _NOUNS = {
     "spring-damper": "a spring-damper",
+    "line-force": "a line-force",
     "bushing": "a bushing",
     "beam": "a beam",
     "stop": "a stop",
@@ -45,6 +52,8 @@ def force_problems(scope: Scope) -> Iterator[Problem]:
             yield from _length(scope, where, spec)
         if isinstance(spec, SpringDamperSpec | JointSpringSpec):
             yield from _laws(scope, where, spec)
+        elif isinstance(spec, LineForceSpec):
+            yield from finite(f"{where}.value", spec.value)
 
 
 def _load(scope: Scope, where: str, spec: LoadSpec) -> Iterator[Problem]:
@@ -103,7 +112,9 @@ def _length(scope: Scope, where: str, spec: AnyForce) -> Iterator[Problem]:
     if isinstance(spec, BushingSpec) or (isinstance(spec, StopSpec) and spec.axis is not None):
         return
     model = scope.model
-    assert isinstance(spec, SpringDamperSpec | BeamForceSpec | StopSpec)  # the caller knows
+    assert isinstance(
+        spec, SpringDamperSpec | LineForceSpec | BeamForceSpec | StopSpec
+    )  # the caller knows
     try:
         ends = [lookup.placed(model, reference, scope.flexbodies) for reference in spec.between]
     except FlexmbError:
@@ -114,7 +125,8 @@ def _length(scope: Scope, where: str, spec: AnyForce) -> Iterator[Problem]:
     points = [lookup.global_position(model, marker) for marker in ends]
     line = points[1] - points[0]
     if np.linalg.norm(line) == 0:
-        kind = {"beam": "beam", "stop": "distance"}.get(spec.type, "spring")
+        kinds = {"beam": "beam", "stop": "distance", "line-force": "force along a line"}
+        kind = kinds.get(spec.type, "spring")
         what = f"its markers coincide in the placed pose: a {kind} of length zero"
         told = {"beam": "has no axis", "distance": "has no direction"}.get(kind, "pulls nowhere")
         yield Problem(f"{where}.between", f"{what} {told}")
@@ -123,14 +135,3 @@ def _length(scope: Scope, where: str, spec: AnyForce) -> Iterator[Problem]:
         if np.linalg.norm(across) < _PARALLEL:
             what = "leads along the beam: give the direction of the section's y axis"
             yield Problem(f"{where}.orientation", what)
-
-
-def finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    """A function that has a value, and derivatives if need be, at the start."""
-    jet = function.value(0.0)
-    parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
-        if not math.isfinite(value):
-            text = function.expression.text
-            yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
-            return

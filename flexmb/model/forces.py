@@ -3,7 +3,8 @@
 The components of a force are in global axes, in the marker's own axes, which turn with the body, or
 in those of any marker. A spring-damper acts along the line between its markers and pulls with
 k (d - d0) + c d', d the distance; a law of the elongation or of its rate can stand in place of k or
-c. Bushings, beams and stops are in modules of their own.
+c. Values of forces, torques and actuators may be expressions over channels: of sensors, states and
+controllers. Bushings, beams and stops are in modules of their own.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ __all__ = [
     "AnyForce",
     "ForceSpec",
     "JointSpringSpec",
+    "LineForceSpec",
     "LoadSpec",
     "RotationalSpringSpec",
     "SpringDamperSpec",
@@ -32,8 +34,8 @@ __all__ = [
     "TranslationalSpringSpec",
 ]
 
-_Force = Annotated[Function, FunctionOf("N")]
-_Torque = Annotated[Function, FunctionOf("N m")]
+_Force = Annotated[Function, FunctionOf("N", channels=True)]
+_Torque = Annotated[Function, FunctionOf("N m", channels=True)]
 
 
 class LoadSpec(Spec):
@@ -187,10 +189,19 @@ class SpringDamperSpec(_Lawful):
         return (self.spring_force, self.damper_force, self.value) == (None, None, None)
 
 
+class LineForceSpec(Spec):
+    """A force along the line between two markers, pushing them apart where it is positive."""
+
+    type: Literal["line-force"]
+    between: Pair
+    value: _Force
+
+
 FORCE_TYPES: dict[str, type[Spec]] = {
     "force": ForceSpec,
     "torque": TorqueSpec,
     "spring-damper": SpringDamperSpec,
+    "line-force": LineForceSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
     "bushing": BushingSpec,
@@ -200,7 +211,7 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "translational-stop": TranslationalStopSpec,
 }
 AnyForce = (
-    LoadSpec | SpringDamperSpec | JointSpringSpec | BushingSpec | BeamForceSpec | StopSpec
-    | JointStopSpec
+    LoadSpec | SpringDamperSpec | LineForceSpec | JointSpringSpec | BushingSpec | BeamForceSpec
+    | StopSpec | JointStopSpec
 )  # fmt: skip
 """Every force of a model."""

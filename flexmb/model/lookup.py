@@ -197,6 +197,11 @@ def _turned(model: Model, marker: PlacedMarker, R: Array) -> PlacedMarker:
     """The marker with its axes R (3, 3), global in the placed pose."""
     if marker.body != GROUND:
         R = rotation_matrix(model.bodies[marker.body].orientation).T @ R
+    return with_axes(marker, R)
+
+
+def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
+    """The marker with its axes R (3, 3) in the body's."""
     return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)
 
 

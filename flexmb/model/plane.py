@@ -17,6 +17,7 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planes import PLANES
 from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import BodySpec
+from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import LoadSpec
 from flexmb.model.functions import Function
 from flexmb.model.joints import JOINT_TYPES, JointSpec
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "across",
     "axis_of_joint",
+    "in_plane_triad",
     "keeps_plane",
     "normal_in_body",
     "plane_axes",
@@ -56,6 +58,12 @@ def plane_axes(plane: str) -> tuple[int, int, int]:
     """Global axes of a plane: two in it and its normal, right-handed (x, y, z = 0, 1, 2)."""
     n = int(np.argmax(PLANES[plane]))
     return (n + 1) % 3, (n + 2) % 3, n
+
+
+def in_plane_triad(plane: str) -> Array:
+    """Axes (3, 3) in columns: the two of the plane and its normal."""
+    triad: Array = np.eye(3)[:, list(plane_axes(plane))]
+    return triad
 
 
 def normal_in_body(spec: BodySpec, plane: str) -> Array:
@@ -102,6 +110,9 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
     for name, joint in model.joints.items():
         yield from _joint(model, name, joint, flexbodies, plane)
     yield from _coordinates(model, flexbodies, plane)
+    for name, driver in model.drivers.items():
+        if driver.marker is not None:
+            yield from _driver(model, f"drivers.{name}", driver, flexbodies, plane)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
             yield from _load(model, f"forces.{name}", force, flexbodies, plane)
@@ -154,7 +165,11 @@ def _joint(
 
 def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterator[Problem]:
     """A cylindrical joint keeps one of its two coordinates."""
-    used = [(f"drivers.{n}", d.joint, d.coordinate) for n, d in model.drivers.items()]
+    used = [
+        (f"drivers.{n}", d.joint, d.coordinate)
+        for n, d in model.drivers.items()
+        if d.joint is not None
+    ]
     for n, force in model.forces.items():
         coordinate = getattr(force, "coordinate", None)
         if coordinate is not None:
@@ -166,6 +181,24 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         about = across(axis_of_joint(model, name, flexbodies), plane)
         if coordinate != ("angle" if about else "stroke"):
             yield Problem(where, f'in the plane {plane} the joint "{name}" has no {coordinate}')
+
+
+def _driver(
+    model: Model, where: str, driver: DriverSpec, flexbodies: lookup.Bodies, plane: str
+) -> Iterator[Problem]:
+    """Coordinates of a marker: along the plane, and about its normal."""
+    if driver.axis is not None and not across(driver.axis, plane):
+        yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+    if driver.position is not None and len(driver.position) != 2:
+        what = f"a point has 2 coordinates in the plane {plane}, given {len(driver.position)}"
+        yield Problem(f"{where}.position", what)
+        return
+    I = lookup.placed(model, driver.ends[0], flexbodies)  # noqa: E741
+    A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
+    for coordinate, _ in driver.motions(plane):
+        if coordinate in "xyz" and not keeps_plane((A @ I.R)[:, "xyz".index(coordinate)], plane):
+            axis = f"{coordinate} of {driver.relative_to}" if driver.relative_to else coordinate
+            yield Problem(f"{where}.{coordinate}", f"{axis} leads out of the plane {plane}")
 
 
 def _load(

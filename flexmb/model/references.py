@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
 from flexmb.model import curve_uses, lookup
+from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.coupling import coupler_problems
-from flexmb.model.force_problems import finite, force_problems
+from flexmb.model.driver_problems import driver_problems
+from flexmb.model.force_problems import force_problems
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
-from flexmb.model.sensors import AngleSensorSpec
+from flexmb.model.signal_checks import sensor_problems, signal_problems
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -31,8 +33,9 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, coupler_problems, _drivers, force_problems, _sensors)
-    parts = (*named, curve_uses.shapes, _channels, _judged, _frequencies, _times)
+    named = (body_problems, _joints, coupler_problems, driver_problems, force_problems)
+    further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
+    parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -46,33 +49,19 @@ def _joints(scope: Scope) -> Iterator[Problem]:
         yield from curve_uses.of_joint(scope, name, spec)
 
 
-def _drivers(scope: Scope) -> Iterator[Problem]:
-    driven: dict[tuple[str, str], str] = {}
-    for name, spec in scope.model.drivers.items():
-        where = f"drivers.{name}"
-        yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        yield from finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
-        key = (spec.joint, spec.coordinate)
-        if key in driven:
-            what = f'the {key[1]} of joint "{key[0]}" is driven by "{driven[key]}" already'
-            yield Problem(where, what)
-        driven.setdefault(key, name)
-
-
-def _sensors(scope: Scope) -> Iterator[Problem]:
-    yield from scope.markers("sensors")
-    for name, spec in scope.model.sensors.items():
-        if isinstance(spec, AngleSensorSpec) and spec.joint is not None:
-            yield from scope.coordinate(f"sensors.{name}", spec.joint, "angle")
-
-
 def _channels(scope: Scope) -> Iterator[Problem]:
-    channels = scope.model.channels()
+    channels, broken = scope.model.channels(), _broken_channels(scope)
     asked = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
     asked += [(f"check[{i}].sensor", c.sensor) for i, c in enumerate(scope.model.checks)]
     for where, name in asked:
-        if name not in channels and name.partition(".")[0] not in scope.broken.get("sensors", {}):
+        if name not in channels and name.partition(".")[0] not in broken:
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def _broken_channels(scope: Scope) -> set[str]:
+    """Names of what would give channels but could not be read."""
+    sections = ("sensors", "states", "controllers")
+    return {name for section in sections for name in scope.broken.get(section, {})}
 
 
 def _frequencies(scope: Scope) -> Iterator[Problem]:
@@ -98,7 +87,7 @@ def _frequencies(scope: Scope) -> Iterator[Problem]:
 
 def _judged(scope: Scope) -> Iterator[Problem]:
     """Sensors or channels that a study judges by."""
-    study, broken = scope.model.study, scope.broken.get("sensors", {})
+    study, broken = scope.model.study, _broken_channels(scope)
     names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
     for i, name in enumerate(study.sensors if study is not None else ()):
         if name not in names and name.partition(".")[0] not in broken:
@@ -108,9 +97,10 @@ def _judged(scope: Scope) -> Iterator[Problem]:
 
 def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
-    if model.dynamics is None:
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    if not spans:
         return
-    duration, units = model.dynamics.duration, model.units
+    duration, units = max(spans), model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:

@@ -99,7 +99,7 @@ ONE_LINE = [
     pytest.param(
         ('angle = "speed*t"', 'angle = { type = "harmonik", amplitude = 1 }'),
         'drivers.motor.angle.type: unknown function "harmonik"; nearest: harmonic; '
-        "allowed: constant, polynomial, harmonic, step",
+        "allowed: constant, polynomial, harmonic, fourier, ",
         id="unknown form of a function",
     ),
     pytest.param(
@@ -166,7 +166,7 @@ ONE_LINE = [
     pytest.param(
         ('type = "position"', 'type = "positon"'),
         'sensors.tip.type: unknown sensor type "positon"; nearest: position; '
-        "allowed: position, velocity, acceleration, angle",
+        "allowed: position, velocity, acceleration, ",
         id="unknown sensor type",
     ),
     pytest.param(

@@ -1,8 +1,9 @@
 """Table of scalar coordinates beside the bodies; None where the model has none.
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
-counts turns, and its damper and spring are linear in it. Couplers have those that tell how their
-joints move together.
+counts turns, and its damper and spring are linear in it. A force along a line has one that follows
+the distance. Couplers have those that tell how their joints move together. Each state has one with
+mass one, whose velocity is the state.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
-from flexmb.model.forces import JointSpringSpec
+from flexmb.model.forces import JointSpringSpec, LineForceSpec
 from flexmb.model.model import Model
+from flexmb.model.signals import State
 from flexmb.model.stops import JointStopSpec
 
-__all__ = ["Scalar", "coordinate_table", "joint_springs", "scalars"]
+__all__ = ["Scalar", "coordinate_table", "joint_springs", "line_forces", "scalars"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Scalar:
     free: float = 0.0
     function: int = -1
     angular: bool = True  # counted in radians, else in metres
+    size: float = 0.0  # of a state: from where on it is large; 0: a motion
 
 
 def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
@@ -41,13 +44,36 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
     return {name: spec for name, spec in model.forces.items() if isinstance(spec, kinds)}
 
 
-def scalars(model: Model, functions: Functions) -> list[Scalar]:
-    """The scalar coordinates of a model; laws and stops on them are elements of their own."""
+def line_forces(model: Model) -> dict[str, LineForceSpec]:
+    """The forces along lines, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, LineForceSpec)}
+
+
+def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
+    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states.
+
+    Laws and stops on joints are elements of their own.
+    """
     springs = [
         _scalar(f"forces.{name}", spec, functions) for name, spec in joint_springs(model).items()
     ]
+    lines = [
+        Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
+        for name, spec in line_forces(model).items()
+    ]
     coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
-    return springs + coupled
+    own = [
+        Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
+        for s in states
+    ]
+    return [*springs, *lines, *coupled, *own]
+
+
+def unit_weight(scalar: Scalar, length: float) -> float:
+    """What one unit of a scalar coordinate counts for: radians, metres over the model size."""
+    if scalar.size > 0.0:
+        return 1.0 / scalar.size
+    return 1.0 if scalar.angular else 1.0 / length
 
 
 def _scalar(name: str, spec: JointSpringSpec | JointStopSpec, functions: Functions) -> Scalar:
@@ -69,7 +95,7 @@ def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] 
     if not found:
         return None
     rows = [
-        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1)
+        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
         for k, s in enumerate(found)
     ]
     return np.array(rows, COORDINATE)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.elements import line_ends
 from flexmb.engine.compile.frames import beam_numbers, bushing_numbers
+from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
-from flexmb.engine.compile.tabulated import curve
 from flexmb.engine.functions import lower
 from flexmb.engine.tables import (
     COMPONENT_OF,
@@ -34,8 +34,15 @@ from flexmb.engine.tables import (
 )
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
+from flexmb.model.expression import Expression
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
-from flexmb.model.forces import AnyForce, JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.forces import (
+    AnyForce,
+    JointSpringSpec,
+    LineForceSpec,
+    LoadSpec,
+    SpringDamperSpec,
+)
 from flexmb.model.laws import Law
 from flexmb.model.model import Model
 from flexmb.model.stops import AnyStop, JointStopSpec, StopSpec
@@ -65,7 +72,7 @@ class _Builder:
     functions: Functions
     scalars: Sequence[str]
     pool: Pool = field(default_factory=Pool)
-    programs: Functions = field(default_factory=Functions)
+    programs: list[Expression] = field(default_factory=list)
     frames: list[tuple[object, ...]] = field(default_factory=list)
     laws: list[dict[str, float]] = field(default_factory=list)
     mutual: list[tuple[object, ...]] = field(default_factory=list)
@@ -129,7 +136,8 @@ class _Builder:
 
     def _law(self, law: Law) -> Pair:
         if law.expression is not None:
-            return PROGRAM, self.programs.add(law.expression)
+            self.programs.append(law.expression)
+            return PROGRAM, len(self.programs) - 1
         return CURVE, self.pool.add(curve(law.points_in(self.model.folder), law.interpolation))
 
     def tables(self) -> Elements | None:
@@ -141,7 +149,7 @@ class _Builder:
             laws=_law_table(self.laws) if self.laws else None,
             mutual=np.array(self.mutual, MUTUAL) if self.mutual else None,
             pool=self.pool.array(),
-            programs=lower(self.programs.programs),
+            programs=lower(self.programs),
         )
 
 
@@ -187,6 +195,8 @@ def table_of(spec: AnyForce) -> int:
         return LOADS if alone else MUTUAL_LOADS
     if isinstance(spec, SpringDamperSpec):
         return SPRINGS if spec.linear else LAWS
+    if isinstance(spec, LineForceSpec):
+        return -1
     if isinstance(spec, JointSpringSpec):
         return -1 if spec.spring_force is None and spec.damper_force is None else LAWS
     return LAWS
@@ -230,8 +240,9 @@ def _pairs(elements: Elements | None) -> list[tuple[NDArray[np.void], str, str, 
 
 
 def couples(elements: Elements | None, markers: Markers) -> list[Pair]:
-    """Pairs of bodies that elements couple, −1 being ground."""
-    return [(markers.body(row[i]), markers.body(row[j])) for row, _, i, j in _pairs(elements)]
+    """Pairs of different bodies that elements couple, −1 being ground."""
+    pairs = [(markers.body(row[i]), markers.body(row[j])) for row, _, i, j in _pairs(elements)]
+    return [(i, j) for i, j in pairs if i != j]
 
 
 def place(elements: Elements | None, markers: Markers, links: Mapping[Pair, int]) -> None:

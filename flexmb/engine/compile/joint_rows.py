@@ -149,6 +149,8 @@ def measured(
         return math.atan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b])
     if kind == DOT2:
         return float(Ri[:, a] @ h)
+    if kind == ANGLE:
+        return float(np.arctan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b]))
     if kind == MOMENT:
         return float(h @ np.cross(Ri[:, Z], Rj[:, Z]))
     if kind == RADIAL:

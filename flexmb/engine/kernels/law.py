@@ -51,7 +51,7 @@ def _part(kind, at, elements, stack, x):
     if kind == CURVE:
         value, slope, _ = curve(elements.pool, at, x)
         return value, slope
-    value, slope, _ = evaluate(elements.programs, at, x, stack)
+    value, slope, _ = evaluate(elements.programs, at, x, stack, stack)
     return value, slope
 
 
@@ -130,8 +130,8 @@ def _integral(programs, at, stack, x):
     h = x / _PANELS
     for n in range(_PANELS):
         for place, weight in _GAUSS:
-            f, _, _ = evaluate(programs, at, h * (n + place), stack)
-            g, _, _ = evaluate(programs, at, h * (n + 1.0 - place), stack)
+            f, _, _ = evaluate(programs, at, h * (n + place), stack, stack)
+            g, _, _ = evaluate(programs, at, h * (n + 1.0 - place), stack, stack)
             total += weight * (f + g)
     return h * total
 

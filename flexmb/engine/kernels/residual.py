@@ -10,6 +10,7 @@ from flexmb.engine.kernels import (
     force,
     inertia,
     kinematics,
+    signal,
     slider,
 )
 from flexmb.engine.kernels.time_function import evaluate_all
@@ -18,7 +19,7 @@ from flexmb.engine.kernels.time_function import evaluate_all
 @kernel
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
-    evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, t, wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
     element.position(sys.elements, sys.parts.coordinates, wk.now, q)
@@ -43,13 +44,14 @@ def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
     _velocities_for_forces(sys.springs, sys.elements, sys.parts, wk.now, v)
+    signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     return forces(sys, wk, q, v, vd, lam)
 
 
 @kernel
 def forces(sys, wk, q, v, vd, lam):
-    """res = M v̇ − Q + Cqᵀ λ after the position (and, with springs, the velocity) stage."""
+    """res = M v̇ − Q + Cqᵀ λ after the stages of position (with springs: velocity) and signals."""
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
     undefined = element.add_wrenches(sys.elements, wk.now, wk.con.fun)

@@ -16,7 +16,7 @@ X = [-2.0, -1.2, -0.3, 0.4, 0.5, 1.7, 2.5]
 Y = [-3.0, -1.0, -0.9, 0.8, 0.7, 2.0, 8.0]
 CODE = f"""
 from scipy.spatial.transform import Rotation
-from flexmb.engine.compile.tabulated import curve
+from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.kernels import law, pair
 from flexmb.model.expression import parse
