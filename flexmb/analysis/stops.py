@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.force_elements import names_of
-from flexmb.engine.tables import COORDINATE_OF, DISTANCE_OF, LAWS
+from flexmb.engine.tables import COORDINATE_OF, DISTANCE_OF, LAW_WRENCH
 from flexmb.engine.work import State, Work
 from flexmb.model.model import Model
 from flexmb.model.stops import JointStopSpec
@@ -32,7 +32,7 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
     if elements is None or elements.laws is None:
         return []
     notes = []
-    for name, row in zip(names_of(model, LAWS), elements.laws, strict=True):
+    for name, row in zip(names_of(model, LAW_WRENCH), elements.laws, strict=True):
         if not row["stop"]:
             continue
         place = _measure(compiled, row, state, work)

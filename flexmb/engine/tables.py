@@ -364,10 +364,9 @@ LINES = (TWIST, RADIAL, MOMENT)
 # Measures of laws, and where a law comes from.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 NOTHING, CURVE, PROGRAM = 0, 1, 2
-# Tables of forces whose wrench can be read.
-SPRINGS, FRAMES, LAWS, MUTUAL_LOADS, LOADS = 0, 1, 2, 3, 4
 # What channels are.
 SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
+FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 7, 8, 9
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90

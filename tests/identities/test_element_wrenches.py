@@ -1,7 +1,4 @@
-"""The wrench of every force as it is read, against what the force does to its bodies.
-
-Without compilation: the read kernel has no caller of its own here.
-"""
+"""Sensors of reactions of force elements, against what the forces do to their bodies."""
 
 from __future__ import annotations
 
@@ -11,10 +8,7 @@ from enginekit import interpreted
 
 CODE = """
 from enginekit import Bench
-from flexmb.engine.compile.force_elements import row_of
 from flexmb.engine.consistent import RESIDUAL, solve_level
-from flexmb.engine.kernels import element
-from flexmb.engine.tables import SPRINGS, FRAMES, LAWS, MUTUAL_LOADS
 from flexmb.model import Model
 
 rng = np.random.default_rng(4)
@@ -40,25 +34,17 @@ for name, (kind, fields) in forces.items():
     else:
         fields = fields | {"between": pair}
     made.add_force("f", kind, **fields)
+    sides = "J" if name == "alone" else "IJ"
+    for side in sides:
+        for what in ("force", "moment"):
+            made.add_sensor(f"{what}{side}", "reaction", force="f", on=side, quantity=what,
+                            axes="global")
     bench = Bench(made, as_compiled=True)
     bench.randomise(9)
     bench.at(vd=0.0)
-    table, row = row_of(made, "f")
-    out = np.full(6, np.nan)
-    element.wrench(bench.sys, bench.work.now, bench.work.con.fun, bench.v, table, row, out)
-    W, sys = bench.work.now.marker["W"], bench.sys
-    tables = {SPRINGS: sys.springs}
-    if sys.elements is not None:
-        tables |= {FRAMES: sys.elements.frames, LAWS: sys.elements.laws}
-        tables[MUTUAL_LOADS] = sys.elements.mutual
-    if name == "alone":
-        j = i = int(sys.loads[0]["marker"])
-    elif table == MUTUAL_LOADS:
-        i, j = int(tables[table][0]["other"]), int(tables[table][0]["marker"])
-    else:
-        i, j = int(tables[table][0]["I"]), int(tables[table][0]["J"])
-    R = bench.work.now.marker["R"][i]
-    found[name] = [out, np.concatenate([R.T @ W[j, :3], R.T @ W[j, 3:]])]
+    W, body = bench.work.now.marker["W"], bench.sys.parts.markers["body"]
+    acts = [W[body == "ab".index("a" if side == "I" else "b")].sum(axis=0) for side in sides]
+    found[name] = [bench.channels, np.concatenate(acts)]
     if name == "law":
         places = [solve_level(bench.sys, bench.state, bench.work, RESIDUAL)]
         bench.sys.elements.laws["J"] = bench.sys.elements.laws["I"]

@@ -43,7 +43,11 @@ def mechanism(bodies, seed=3, **world):
                     Iz=0.05, J=0.03, ky=0.8, damping=0.1,
                     orientation=made.turn @ [0.3, 1, 0.2])  # fmt: skip
     law = {"spring_force": "20*x + 30*x**3", "damper_force": "3*v + v*abs(v)"}
-    model.add_force("law", "spring-damper", between=ends("law", 0, 1), **law, value="5*cos(2*t)")
+    model.add_sensor("gap", "distance", between=ends("seen", 0, 2))
+    seen = ends("speed", 1, 2)
+    model.add_sensor("speed", "velocity", of=seen[0], axes=seen[1])
+    model.add_force("law", "spring-damper", between=ends("law", 0, 1), **law,
+                    value="5*cos(2*t) - 7*gap*speed.y")  # fmt: skip
     points = [[-1, -20], [0.1, 0], [0.7, 4], [9, 60]]  # no state here is near one
     speeds = [[-9, -4], [0, 0], [9, 8]]
     model.add_force("table", "spring-damper", between=ends("table", 2, -1), free_length=1.0,
@@ -61,6 +65,8 @@ def mechanism(bodies, seed=3, **world):
         model.add_force(f"{kind}_third", kind, at=at, value=value, axes=third[0], reaction=other)
         model.add_force(f"{kind}_other", kind, at=at, value=value, axes=other, reaction=other)
         model.add_force(f"{kind}_same", kind, at=at, value=value, axes=third[1])
+        live = ["3*gap**2", "2 + t*speed.x", "-speed.z"]
+        model.add_force(f"{kind}_live", kind, at=at, value=live, axes=third[1], reaction=other)
     hinge = next(n for n, j in model.joints.items() if j.type in ("revolute", "cylindrical"))
     model.add_force("coil", "rotational-spring-damper", joint=hinge, free=0.3, value="sin(t)",
                     spring_force="4*x + 3*x**3", damper_force="0.2*v + 0.1*v**3")  # fmt: skip

@@ -21,15 +21,15 @@ from flexmb.engine.tables import (
     CURVE,
     DISTANCE_OF,
     FRAME,
-    FRAMES,
+    FRAME_WRENCH,
     LAW,
-    LAWS,
-    LOADS,
+    LAW_WRENCH,
+    LOAD_WRENCH,
     MUTUAL,
-    MUTUAL_LOADS,
+    MUTUAL_WRENCH,
     NOTHING,
     PROGRAM,
-    SPRINGS,
+    SPRING_WRENCH,
     Elements,
 )
 from flexmb.flexbody import FlexBody
@@ -177,29 +177,29 @@ def element_tables(
             builder.frame(name, spec)
         elif isinstance(spec, AnyStop):
             builder.stop(name, spec)
-        elif isinstance(spec, SpringDamperSpec) and table_of(spec) == LAWS:
+        elif isinstance(spec, SpringDamperSpec) and table_of(spec) == LAW_WRENCH:
             builder.line(spec)
-        elif isinstance(spec, JointSpringSpec) and table_of(spec) == LAWS:
+        elif isinstance(spec, JointSpringSpec) and table_of(spec) == LAW_WRENCH:
             builder.joint_spring(name, spec)
-        elif isinstance(spec, LoadSpec) and table_of(spec) == MUTUAL_LOADS:
+        elif isinstance(spec, LoadSpec) and table_of(spec) == MUTUAL_WRENCH:
             builder.load(spec)
     return builder.tables()
 
 
 def table_of(spec: AnyForce) -> int:
-    """Which table a force has its row in: SPRINGS, FRAMES, LAWS, MUTUAL_LOADS, LOADS; −1: none."""
+    """Which table a force has its row in: by the kind of its wrench; −1: none."""
     if isinstance(spec, BushingSpec | BeamForceSpec):
-        return FRAMES
+        return FRAME_WRENCH
     if isinstance(spec, LoadSpec):
         alone = spec.reaction is None and spec.axes_marker is None
-        return LOADS if alone else MUTUAL_LOADS
+        return LOAD_WRENCH if alone else MUTUAL_WRENCH
     if isinstance(spec, SpringDamperSpec):
-        return SPRINGS if spec.linear else LAWS
+        return SPRING_WRENCH if spec.linear else LAW_WRENCH
     if isinstance(spec, LineForceSpec):
         return -1
     if isinstance(spec, JointSpringSpec):
-        return -1 if spec.spring_force is None and spec.damper_force is None else LAWS
-    return LAWS
+        return -1 if spec.spring_force is None and spec.damper_force is None else LAW_WRENCH
+    return LAW_WRENCH
 
 
 def names_of(model: Model, table: int) -> tuple[str, ...]:
@@ -208,9 +208,9 @@ def names_of(model: Model, table: int) -> tuple[str, ...]:
 
 
 def row_of(model: Model, name: str) -> tuple[int, int]:
-    """Table and row of a force, with which `kernels.element.wrench` reads it; (−1, −1): of none."""
+    """Kind of wrench and row of a force, as channels that read it have them."""
     table = table_of(model.forces[name])
-    return (table, names_of(model, table).index(f"forces.{name}")) if table >= 0 else (-1, -1)
+    return table, names_of(model, table).index(f"forces.{name}")
 
 
 def _law_table(rows: list[dict[str, float]]) -> NDArray[np.void]:

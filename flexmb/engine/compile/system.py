@@ -115,7 +115,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
+    acting = signals.signal_tables(
+        functions, numbers, sensor_tables, loads, scalar_table, markers, held
+    )
     blocks = _blocks(columns, groups, before, springs, markers)
     blocks.couples.extend(force_elements.couples(held, markers))
     if acting is not None:

@@ -7,10 +7,8 @@ loads (`mutual`); a table that is None costs nothing.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import force, frame, law, measure, mutual, pair
-from flexmb.engine.kernels.rotation import transform_back
-from flexmb.engine.kernels.vector import put
-from flexmb.engine.tables import FRAMES, LAWS, LOADS, SPRINGS
+from flexmb.engine.kernels import frame, law, measure, mutual, pair
+from flexmb.engine.tables import FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH
 
 
 @kernel
@@ -177,71 +175,51 @@ def _mutual_power(loads, now, fun):
 
 
 @kernel
-def wrench(sys, now, fun, v, table, k, out):
-    """out (6): force and moment of row k of a table on its marker J, in the axes of marker I.
+def wrenches(elements, now, fun, what, k, w):
+    """Add the wrenches of one element to w (12), global axes; returns its markers I and J.
 
-    `table` is SPRINGS, FRAMES, LAWS, MUTUAL or LOADS (see `compile.force_elements.row_of`). The
-    opposite acts on I at the same point. A load on one body is told in the axes of its own marker.
-    A law on a coordinate acts through the rows that follow it, whose reaction it is: zero here.
+    `what` is FRAME_WRENCH, LAW_WRENCH (between markers; on a coordinate it acts through the rows
+    that follow it) or MUTUAL_WRENCH (without another marker on its own one alone).
     """
-    for c in range(6):
-        out[c] = 0.0
-    if table == SPRINGS:
-        _spring_wrench(sys.springs, now, k, out)
-    elif table == LOADS:
-        x, y, z = force.load_vector(sys.loads[k], now.marker, fun)
-        x, y, z = transform_back(now.marker[sys.loads[k]["marker"]]["R"], x, y, z)
-        put(out, 3 * sys.loads[k]["torque"], x, y, z)
-    else:
-        _element_wrench(sys.elements, sys.parts.coordinates, now, fun, v, table, k, out)
-
-
-@kernel
-def _element_wrench(elements, coordinates, now, fun, v, table, k, out):
     if elements is not None:
-        if table == FRAMES:
-            _frame_wrench(elements.frames, elements.pool, now, k, out)
-        elif table == LAWS:
-            _law_wrench(elements.laws, elements, coordinates, now, fun, v, k, out)
-        else:
-            _mutual_wrench(elements.mutual, now, fun, k, out)
+        if what == FRAME_WRENCH:
+            return _frame_wrenches(elements.frames, elements.pool, now, k, w)
+        if what == LAW_WRENCH:
+            return _law_wrenches(elements.laws, elements, now, fun, k, w)
+        if what == MUTUAL_WRENCH:
+            return _mutual_wrenches(elements.mutual, now, fun, k, w)
+    return 0, 0
 
 
 @kernel
-def _spring_wrench(springs, now, k, out):
-    if springs is not None:
-        mi, mj = now.marker[springs[k]["I"]], now.marker[springs[k]["J"]]
-        d, nx, ny, nz = force.direction(mi, mj)
-        f = force.spring_force(springs[k], mi, mj, d, nx, ny, nz)
-        x, y, z = transform_back(mi["R"], -f * nx, -f * ny, -f * nz)
-        put(out, 0, x, y, z)
-
-
-@kernel
-def _frame_wrench(frames, pool, now, k, out):
+def _frame_wrenches(frames, pool, now, k, w):
     if frames is not None:
-        mi, mj = now.marker[frames[k]["I"]], now.marker[frames[k]["J"]]
+        i, j = frames[k]["I"], frames[k]["J"]
+        mi, mj = now.marker[i], now.marker[j]
         frame.pull(frames[k], pool, mi, mj, now.element)
-        for c in range(6):
-            out[c] = -now.element.f[c]
+        pair.add_wrenches(mi, mj, now.element.f, w[0:6], w[6:12])
+        return i, j
+    return 0, 0
 
 
 @kernel
-def _law_wrench(laws, elements, coordinates, now, fun, v, k, out):
-    if laws is not None and measure.between_markers(laws[k]):
-        row, g, R = laws[k], now.element.E[0], now.marker[laws[k]["I"]]["R"]
-        x, rate = measure.present(row, coordinates, now, v)
+def _law_wrenches(laws, elements, now, fun, k, w):
+    if laws is not None:
+        row, g = laws[k], now.element.E[0]
+        x, v = measure.between(row, now.marker[row["I"]], now.marker[row["J"]], g)
         u = measure.actuator(row, fun)
-        f, _, _ = law.resistance(row, elements, now.element.stack, x, rate, u)
-        x, y, z = transform_back(R, -f * g[6], -f * g[7], -f * g[8])
-        put(out, 0, x, y, z)
+        f, _, _ = law.resistance(row, elements, now.element.stack, x, v, u)
+        for c in range(12):
+            w[c] -= f * g[c]
+        return row["I"], row["J"]
+    return 0, 0
 
 
 @kernel
-def _mutual_wrench(loads, now, fun, k, out):
+def _mutual_wrenches(loads, now, fun, k, w):
     if loads is not None:
-        load = loads[k]
-        seen = load["other"] if load["other"] >= 0 else load["marker"]
-        x, y, z = mutual.vector(load, now.marker, fun)
-        x, y, z = transform_back(now.marker[seen]["R"], x, y, z)
-        put(out, 3 * load["torque"], x, y, z)
+        j = loads[k]["marker"]
+        i = loads[k]["other"] if loads[k]["other"] >= 0 else j
+        mutual.add_wrenches(loads[k], now.marker, fun, 1.0, w[0:6], w[6:12])
+        return i, j
+    return 0, 0

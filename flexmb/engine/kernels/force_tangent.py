@@ -6,6 +6,8 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import frame, law, measure, mutual, pair, tangent
 from flexmb.engine.kernels.blocks import add_body_block, add_coupling, clear
 from flexmb.engine.kernels.element_tangent import _add_levers, _add_pair
+from flexmb.engine.kernels.kinematics import add_pulled_back
+from flexmb.engine.kernels.rotation import transform
 from flexmb.engine.kernels.vector import put
 
 
@@ -170,3 +172,59 @@ def _add_block(parts, kkt, wk, i, j, link, f):
         add_body_block(parts.bodies[a], kkt, d.B, low, up)
     else:
         add_coupling(d.B, parts.bodies[a], parts.bodies[b], kkt, link, False, low, up)
+
+
+@kernel
+def put_unit_force(elements, parts, wk, k, a):
+    """Generalised force per unit of what a function gives to an element, into live.left.
+
+    Numbers k count the two sides of every mutual load (component a), then those of every law;
+    returns the first coordinate of the body and how many it has.
+    """
+    w, marker = wk.dense.g[1], -1
+    for c in range(12):
+        w[c] = 0.0
+    if elements is not None:
+        n = _rows(elements.mutual)
+        if k < 2 * n:
+            marker = _put_unit_load(elements.mutual, wk.now.marker, k // 2, k % 2, a, w)
+        else:
+            marker = _put_unit_actuator(elements.laws, wk.now, k // 2 - n, k % 2, w)
+    if marker < 0:
+        return 0, 0
+    body, left = parts.bodies[parts.markers[marker]["body"]], wk.live.left
+    n = 6 + body["m"]
+    for c in range(n):
+        left[c] = 0.0
+    add_pulled_back(parts, wk.now, marker, w, 6 * (1 - k % 2), 1.0, left, 0)
+    return body["iv"], n
+
+
+@kernel
+def _rows(table):
+    if table is not None:
+        return table.shape[0]
+    return 0
+
+
+@kernel
+def _put_unit_load(loads, markers, k, side, a, w):
+    """Wrenches of a unit component a in w (12); the marker of the side (0: J, 1: I)."""
+    if loads is not None:
+        load = loads[k]
+        x, y, z = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
+        if load["axes"] >= 0:
+            x, y, z = transform(markers[load["axes"]]["R"], x, y, z)
+        mutual.add_vector(load, markers, x, y, z, w[0:6], w[6:12])
+        return load["marker"] if side == 0 else load["other"]
+    return -1
+
+
+@kernel
+def _put_unit_actuator(laws, now, k, side, w):
+    """Wrenches of a unit push apart in w (12); the marker of the side (0: J, 1: I)."""
+    if laws is not None:
+        row = laws[k]
+        measure.between(row, now.marker[row["I"]], now.marker[row["J"]], w)
+        return row["J"] if side == 0 else row["I"]
+    return -1

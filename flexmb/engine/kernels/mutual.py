@@ -26,7 +26,12 @@ def vector(load, markers, fun):
 def add_wrenches(load, markers, fun, sign, wi, wj):
     """Add sign times the wrenches to wj of its marker and wi of the other one."""
     x, y, z = vector(load, markers, fun)
-    x, y, z = sign * x, sign * y, sign * z
+    add_vector(load, markers, sign * x, sign * y, sign * z, wi, wj)
+
+
+@kernel
+def add_vector(load, markers, x, y, z, wi, wj):
+    """The same of a given force or torque (x, y, z) on its marker."""
     o = 3 * load["torque"]
     wj[o] += x
     wj[o + 1] += y

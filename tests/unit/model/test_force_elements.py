@@ -10,7 +10,7 @@ from goodscene import GOOD
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.force_elements import names_of
-from flexmb.engine.tables import FRAMES, MUTUAL_LOADS
+from flexmb.engine.tables import FRAME_WRENCH, MUTUAL_WRENCH
 from flexmb.model import Model, load_scene
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.schema import scene_schema
@@ -104,8 +104,8 @@ def test_a_written_scene_says_the_same(tmp_path):
     assert again.forces.keys() == first.forces.keys()
     prints = [compile_system(model).layout.fingerprint for model in (first, again)]
     assert prints[0] == prints[1]
-    assert names_of(first, FRAMES) == ("forces.bush", "forces.block", "forces.beam")
-    assert names_of(first, MUTUAL_LOADS) == ("forces.push",)
+    assert names_of(first, FRAME_WRENCH) == ("forces.bush", "forces.block", "forces.beam")
+    assert names_of(first, MUTUAL_WRENCH) == ("forces.push",)
 
 
 def test_the_schema_takes_it():
