@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationInfo
 
 from flexmb.errors import Problem
+from flexmb.model.contacts import ContactSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.quantities import Pair, Quantity, Text
 from flexmb.model.reading import Reader, Spec, fail, given, names_of, units_of
@@ -144,4 +146,6 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "line-force": LineForceSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
 }

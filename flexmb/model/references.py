@@ -16,9 +16,12 @@ from flexmb.model import curve_uses, lookup
 from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
+from flexmb.model.contact_checks import contact_problems, joint_friction_problems
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.coupling import coupler_problems
 from flexmb.model.driver_problems import driver_problems, finite
 from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
@@ -65,6 +68,10 @@ def _forces(scope: Scope) -> Iterator[Problem]:
             yield from finite(f"{where}.value", spec.value)
         elif isinstance(spec, JointSpringSpec):
             yield from _joint_spring(scope, where, spec)
+        elif isinstance(spec, ContactSpec):
+            yield from contact_problems(scope, where, spec)
+        elif isinstance(spec, JointFrictionSpec):
+            yield from joint_friction_problems(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
                 yield from finite(f"{where}.value[{i}]", function)

@@ -16,11 +16,21 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
+from flexmb.model.contact_checks import friction_coordinate
 from flexmb.model.forces import JointSpringSpec, LineForceSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.signals import State
 
-__all__ = ["Scalar", "coordinate_table", "joint_springs", "line_forces", "scalars"]
+__all__ = [
+    "Scalar",
+    "coordinate_table",
+    "followers",
+    "joint_coordinate",
+    "joint_springs",
+    "line_forces",
+    "scalars",
+]
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,19 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
     return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
+def followers(model: Model) -> dict[str, JointSpringSpec | JointFrictionSpec]:
+    """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+    frictions = {n: spec for n, spec in model.forces.items() if isinstance(spec, JointFrictionSpec)}
+    return {**joint_springs(model), **frictions}
+
+
+def joint_coordinate(model: Model, spec: JointSpringSpec | JointFrictionSpec) -> str:
+    """The coordinate of its joint that a force acts on."""
+    if isinstance(spec, JointFrictionSpec):
+        return friction_coordinate(model, spec)
+    return spec.coordinate
+
+
 def line_forces(model: Model) -> dict[str, LineForceSpec]:
     """The forces along lines, by name."""
     return {n: spec for n, spec in model.forces.items() if isinstance(spec, LineForceSpec)}
@@ -49,17 +72,7 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
     """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
-    springs = [
-        Scalar(
-            f"forces.{name}",
-            damping=spec.damping,
-            stiffness=spec.stiffness,
-            free=spec.free,
-            function=-1 if spec.value is None else functions.add(spec.value.expression),
-            angular=spec.coordinate != "stroke",
-        )
-        for name, spec in joint_springs(model).items()
-    ]
+    joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
     lines = [
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
         for name, spec in line_forces(model).items()
@@ -69,7 +82,23 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
         Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
         for s in states
     ]
-    return [*springs, *lines, *coupled, *own]
+    return [*joints, *lines, *coupled, *own]
+
+
+def _follower(
+    model: Model, name: str, spec: JointSpringSpec | JointFrictionSpec, functions: Functions
+) -> Scalar:
+    angular = joint_coordinate(model, spec) == "angle"
+    if isinstance(spec, JointFrictionSpec):
+        return Scalar(f"forces.{name}", angular=angular)
+    return Scalar(
+        f"forces.{name}",
+        damping=spec.damping,
+        stiffness=spec.stiffness,
+        free=spec.free,
+        function=-1 if spec.value is None else functions.add(spec.value.expression),
+        angular=angular,
+    )
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:
