@@ -20,7 +20,7 @@ from flexmb.errors import SceneError
 from flexmb.model import jets
 from flexmb.model.expression import Ops, parse
 from flexmb.model.kinks import kinks_of
-from flexmb.model.piecewise import Piecewise
+from flexmb.model.piecewise import Piecewise, shifted
 
 __all__ = ["antiderivative"]
 
@@ -228,7 +228,11 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
         rows.append(row)
         if len(rows) > _MOST_PIECES:
             raise SceneError(f"it changes too often to be integrated over {end:g} s")
-    found = Piecewise.between(knots, rows, "error")
+    last, nothing = shifted(rows[-1], knots[-1] - knots[-2]), np.full(_DEGREE + 1, np.nan)
+    # Round-off of the time may lie past the end: the last polynomial goes on a little.
+    found = Piecewise(
+        np.array([*knots, (1.0 + _SHORTEST) * end]), np.vstack([rows[0], *rows, last, nothing])
+    )
     for _ in range(order):
         found = found.antiderivative()
     return (("t", 0.0), ("piecewise", found))

@@ -87,7 +87,7 @@ def closing(model: Model, distance: Expression) -> str | None:
         value = distance.value(float(t))[0]
         if value <= 0.0:
             told = f"the distance is {units.say(value, 'm')} at {units.say(float(t), 's')}"
-            return f"{told}; it must stay above zero, where the line between the markers is known"
+            return f"{told}; at zero the line between the markers has no direction: keep it above"
     return None
 
 

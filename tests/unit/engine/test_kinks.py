@@ -151,3 +151,17 @@ def test_kinks_at_one_time_or_at_the_ends_are_no_events():
 def test_how_long_a_run_is_does_not_change_the_fingerprint_of_its_tables():
     long, short = pushed("step(t, 0, 0, 1, 1)"), pushed("step(t, 0, 0, 1, 1)", step=1e-3)
     assert long.layout.fingerprint == short.layout.fingerprint
+
+
+def test_a_speed_integrated_over_the_run_leaves_the_fingerprint_for_a_longer_one():
+    def spun(duration):
+        model = Model("wheel")
+        model.add_body("b", mass=1.0, inertia=[1, 1, 1])
+        model.add_joint("axle", "revolute", between=["ground", "b"], axis="z")
+        model.add_driver("motor", joint="axle", angle="9*sin(t**2)", prescribes="velocity")
+        model.set_dynamics(duration=duration)
+        return compile_system(model)
+
+    short, long = spun(2.0), spun(7.0)
+    assert len(short.system.functions.data) < len(long.system.functions.data)
+    assert short.layout.fingerprint == long.layout.fingerprint
