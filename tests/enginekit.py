@@ -14,17 +14,47 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import constraint, coordinate, energy, force, kinematics, sensor
+from flexmb.engine.kernels import (
+    constraint,
+    contact,
+    coordinate,
+    element,
+    energy,
+    force,
+    joint_friction,
+    kinematics,
+    reaction,
+    sensor,
+    signal,
+)
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import COORDINATE, SLIDER, SPRING
+from flexmb.engine.tables import (
+    CONTACT,
+    COORDINATE,
+    FRAME,
+    JOINT_FRICTION,
+    LAW,
+    MUTUAL,
+    PARTIAL,
+    PULL,
+    SLIDER,
+    SPRING,
+    Elements,
+    Signals,
+)
 from flexmb.engine.work import new_state, new_work
 
-STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
+NO_SIGNALS = Signals(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
+    np.zeros(1, np.int64),
+)  # fmt: skip
+STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
 @entry
@@ -43,12 +73,21 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
+        out[3] += contact.energy(sys.contacts, now.marker)
+        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
+        coordinates = sys.parts.coordinates
+        out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
-        sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
+        sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+        n = st.angles.shape[0]
+        sensor.read(
+            sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
+        )
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         return factorise(sys, wk, st.v, st.vd, st.lam, cv, cp)
     if what == SOLVE:
         solve_refined(sys.kkt, wk.factor, k)
@@ -58,6 +97,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
+    elif what == REACTIONS:
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
     return 0
 
 
@@ -72,8 +113,25 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        elements=_padded_elements(system.elements),
         kinks=None,
+        further=np.zeros(1),
+        signals=NO_SIGNALS if system.signals is None else system.signals,
+        contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
+        frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )
+
+
+def _padded_elements(elements):
+    if elements is None:
+        elements = Elements(None, None, None, np.zeros(1), lower([]))
+    tables = {"frames": FRAME, "laws": LAW, "mutual": MUTUAL}
+    empty = {
+        name: np.zeros(0, dtype)
+        for name, dtype in tables.items()
+        if getattr(elements, name) is None
+    }
+    return elements._replace(**empty)
 
 
 def interpreted(code, folder):
@@ -106,8 +164,10 @@ class Bench:
         self.sys = system
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
+        self.state.angles[:] = np.nan
         self.work = new_work(system)
-        self.out = np.full(max(self.layout.nq, 7 + channels, 12 + self.layout.nv), np.nan)
+        size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
+        self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -187,6 +247,15 @@ class Bench:
         """Where the velocity coordinates of a body are."""
         row = self.sys.parts.bodies[body]
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
+
+    @property
+    def reactions(self):
+        """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        before, n = self.out.copy(), len(self.sys.groups)
+        self.run(REACTIONS)
+        found = self.out[: 12 * n].reshape(n, 4, 3).copy()
+        self.out[:] = before
+        return found
 
     @property
     def scalars(self):

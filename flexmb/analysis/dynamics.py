@@ -7,6 +7,7 @@ shortened so that the outputs fall on steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,16 +16,19 @@ import numpy as np
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
+from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock
+from flexmb.results import NOT_UNIQUE, OutputBlock
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
@@ -38,6 +42,21 @@ class Sink(Protocol):
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A sink that shows its rows to those who look for singular poses."""
+
+    sink: Sink
+    poses: SingularPoses
+
+    def append(self, block: OutputBlock) -> None:
+        self.poses.add(block)
+        self.sink.append(block)
+
+    def save_state(self, state: dict[str, np.ndarray]) -> None:
+        self.sink.save_state(state)
 
 
 @dataclass(frozen=True)
@@ -96,6 +115,7 @@ class Prepared:
     clock: Clock
     notes: tuple[str, ...]
     rows_before: int = 0  # rows that are in the file already
+    doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
 
 
 def prepare(
@@ -123,7 +143,7 @@ def prepare(
     SceneError
         The model says nothing about dynamics.
     AssemblyError
-        No consistent first state.
+        No consistent first state, or drivers that contradict each other or the joints.
     """
     spec = model.dynamics
     if spec is None:
@@ -133,24 +153,39 @@ def prepare(
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
     clock.lap("compile")
     progress("assemble", 0.0)
-    first = assemble(compiled, model, start=spec.start, begin=begin)
+    try:
+        first = assemble(compiled, model, start=spec.start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = list(first.notes)
+    notes = [*first.notes, *_frictions(model)]
+    doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
-        redundant = compiled.layout.nc - rank
-        notes.append(
-            f"{redundant} of {compiled.layout.nc} constraint equations repeat others: the motion "
-            "is unique, the reactions there are not (the least ones are reported)"
-        )
+        doubtful, told = redundant_reactions(compiled, model, first.state.q)
+        notes += told
+    notes += loop_notes(model)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
-    return Prepared(run, grid, model, clock, tuple(notes))
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
+
+
+def _frictions(model: Model) -> Iterator[str]:
+    """What to know of friction that does not stick."""
+    for name, spec in model.forces.items():
+        friction = getattr(spec, "friction", spec)
+        if isinstance(friction, BaseFriction) and friction.creep_speed is not None:
+            speed = model.units.say(friction.creep_speed, "m/s")
+            yield (
+                f"forces.{name}: smooth friction does not stick but creeps, with {speed} under "
+                '71 % of the load that makes it slide; model = "bristle" sticks'
+            )
 
 
 def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) -> Outcome:
@@ -167,8 +202,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
     lifts = Lifts(run.compiled)
-    status, message = _integrate(prepared, sink, progress, lifts)
-    notes += lifts.notes()
+    poses = SingularPoses(run.compiled.layout, prepared.model)
+    status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
+    notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -176,7 +212,10 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
             "inertia in some direction that it can move in, or the pose is singular"
         )
-    return Outcome(status, message, _statistics(run, clock), tuple(notes))
+    statistics = _statistics(run, clock)
+    if prepared.doubtful:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
+    return Outcome(status, message, statistics, tuple(notes))
 
 
 def dynamics(
@@ -193,14 +232,20 @@ def loop_settings(
     system = compiled.system
     works = bool(
         system.springs is not None
+        or system.elements is not None
         or len(system.loads) > 0
+        or system.signals is not None
         or system.parts.coordinates is not None
+        or system.contacts is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
     stiff = bool(
         system.springs is not None
+        or system.elements is not None
         or system.parts.coordinates is not None
+        or system.signals is not None
+        or system.contacts is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
     return method.Settings(
@@ -290,6 +335,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
         "newton_iterations": int(count[method.RESIDUALS]),
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
+        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.method import AGE, CONTRACTION, COUNTS, MEMORY, SHARE, SYMMETRIC
-from flexmb.engine.tables import System
+from flexmb.engine.tables import NO_FRICTION, System
 
 _F = "f8"
 
@@ -69,6 +69,26 @@ class State(NamedTuple):
     q_first: np.ndarray  # (nq,) positions at the start, for the motion so far
     memory: np.ndarray  # integrator memory, places in `method`
     count: np.ndarray  # counters, places in `method`
+    kept: np.ndarray  # memory of the elements: time of the last accepted step, then their own
+
+
+class ElementNow(NamedTuple):
+    """Scratch of one force element: relative motion, force, and what tangents are made of."""
+
+    x: np.ndarray  # (6,) separation and rotation vector of J from I, axes of I
+    rate: np.ndarray  # (6,) velocity and angular velocity of J seen from I, axes of I
+    Q: np.ndarray  # (3, 3) axes of J in those of I
+    p: np.ndarray  # (6,) force conjugate to x
+    f: np.ndarray  # (6,) force and moment with which J is pulled to I, axes of I
+    K: np.ndarray  # (6, 6) its change with the relative motion
+    C: np.ndarray  # (6, 6) and with the relative velocity
+    E: np.ndarray  # (6, 12) relative motion per motion of the markers
+    D: np.ndarray  # (6, 12) change of the relative velocity with their position
+    S: np.ndarray  # (6, 12)
+    W: np.ndarray  # (12, 12) damping between the markers
+    N: np.ndarray  # (6, 6 + m) change of a marker's velocity with q at constant v
+    s: np.ndarray  # scalar coordinates
+    stack: np.ndarray  # (depth, 3) of the function evaluator
 
 
 class Now(NamedTuple):
@@ -78,6 +98,10 @@ class Now(NamedTuple):
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
     slider: object  # SLIDER_NOW or None
+    kept: np.ndarray  # memory of the elements that forces are evaluated with, as State.kept
+    span: np.ndarray  # (1,) time since then, s
+    grip: np.ndarray  # (joint frictions, 2): normal force and force of friction, N
+    element: object  # ElementNow, or None without such elements
 
 
 class Constraints(NamedTuple):
@@ -99,6 +123,7 @@ class Dense(NamedTuple):
     H: np.ndarray  # (12, 12) tangent at two markers
     g: np.ndarray  # (2, 12) gradient of one row, wrench pair of one group
     jac: np.ndarray  # Jacobian rows, flat
+    D: np.ndarray  # (3, 3) force of one contact per relative velocity
 
 
 class Factor(NamedTuple):
@@ -131,6 +156,14 @@ class Before(NamedTuple):
     v: np.ndarray
     work_done: np.ndarray
     power: np.ndarray
+    kept: np.ndarray
+
+
+class Events(NamedTuple):
+    """What the step control watches: each crosses zero where a force has a kink."""
+
+    before: np.ndarray  # at the start of the step
+    now: np.ndarray  # at its end
 
 
 class Trial(NamedTuple):
@@ -154,6 +187,18 @@ class Trial(NamedTuple):
     error: np.ndarray  # (2,) estimated local error of positions and velocities, weighted
     jerk: np.ndarray  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: np.ndarray  # (depth, 3) of the function evaluator
+    variables: np.ndarray  # (channels, 3) jets of the channels, for functions that name them
+
+
+class Live(NamedTuple):
+    """Scratch of functions over channels."""
+
+    t: np.ndarray  # (1,) the time at which they were evaluated last
+    near: np.ndarray  # (channels,) the continuous angles at the last accepted state
+    slopes: np.ndarray  # (partials,) partial derivatives
+    g: np.ndarray  # (4, 12) gradients of one term: position, velocity; two of scratch
+    left: np.ndarray  # (6 + m,) what acts
+    right: np.ndarray  # (6 + m,) what it depends on
 
 
 class Work(NamedTuple):
@@ -164,6 +209,8 @@ class Work(NamedTuple):
     dense: Dense
     factor: Factor
     trial: Trial
+    live: object  # Live or None
+    events: Events
 
 
 def sizes(system: System) -> tuple[int, int, int]:
@@ -183,8 +230,21 @@ def new_state(system: System, channels: int = 0) -> State:
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
-        np.zeros(COUNTS, dtype=np.int64),
+        np.zeros(COUNTS, dtype=np.int64), np.zeros(_memory(system)),
     )  # fmt: skip
+
+
+def _rows(table: object) -> int:
+    return 0 if table is None else len(table)  # type: ignore[arg-type]
+
+
+def _memory(system: System) -> int:
+    """Length of the elements' memory; 0 if none has any."""
+    n = 0
+    for row in system.contacts if system.contacts is not None else ():
+        n += 1 if row["model"] == NO_FRICTION else 5  # see tables.CONTACT
+    n += 2 * _rows(system.frictions)
+    return 1 + n if n else 0
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -201,29 +261,58 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     m = system.parts.bodies["m"]
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
-    depth = int(system.functions.depth)
+    depth = max(int(system.functions.depth), int(system.sensors.programs.depth))
     sliders = system.parts.sliders
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
         None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
+        _nan(_memory(system)),
+        _nan(1),
+        _nan(_rows(system.frictions), 2),
+        _new_element(system),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
         lam=_nan(nc), dq=_nan(nv), res=_nan(nv), zero=np.zeros(nv), power=_nan(3),
         work_done=_nan(3), angles=_nan(channels),
-        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3)),
+        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(_memory(system))),
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
+        variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
-    return Work(now, con, _new_dense(system), _new_factor(system), trial)
+    live = None if system.signals is None else _new_live(system)
+    n = 2 * _rows(system.contacts) + _rows(system.frictions)
+    events = Events(_nan(n), _nan(n))
+    return Work(now, con, _new_dense(system), _new_factor(system), trial, live, events)
+
+
+def _new_live(system: System) -> Live:
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    partials = len(system.signals.partials)
+    channels = len(system.sensors.channels)
+    return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
+
+
+def _new_element(system: System) -> ElementNow | None:
+    if system.elements is None:
+        return None
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    scalars = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    return ElementNow(
+        _nan(6), _nan(6), _nan(3, 3), _nan(6), _nan(6), _nan(6, 6), _nan(6, 6), _nan(6, 12),
+        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n), _nan(scalars),
+        _nan(int(system.elements.programs.depth), 3),
+    )  # fmt: skip
 
 
 def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
-    return Dense(_nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac))
+    return Dense(
+        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac), _nan(3, 3)
+    )
 
 
 def _new_factor(system: System) -> Factor:

@@ -96,8 +96,8 @@ class DriverSpec(Spec):
 
     Of a joint its ``angle``, ``second_angle`` or ``stroke``. Of a marker ``x``, ``y``, ``z`` or
     ``position``, global or in the axes of the marker ``relative_to``, and its ``angle`` about
-    ``axis`` as for joints. The function is the displacement, or what ``prescribes`` says, from ``start`` (that of the
-    placed pose by default) and ``start_velocity`` (zero by default) on.
+    ``axis`` as for joints. The function is the displacement, or what ``prescribes`` says, from
+    ``start`` (that of the placed pose by default) and ``start_velocity`` (zero by default) on.
     """
 
     prescribes: Literal["displacement", "velocity", "acceleration"] = "displacement"

@@ -80,9 +80,10 @@ class Function:
 
 @dataclass(frozen=True)
 class FunctionOf:
-    """Annotation of a :class:`Function`: the SI unit of its value."""
+    """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
 
     unit: str
+    channels: bool = False
 
     def unit_here(self, info: ValidationInfo) -> str:
         """The SI unit of the value, which may depend on other fields."""
@@ -93,7 +94,7 @@ class FunctionOf:
     ) -> core_schema.CoreSchema:
         def read(value: Any, info: ValidationInfo) -> Function:
             try:
-                return read_function(value, names_of(info), self.unit_here(info))
+                return read_function(value, names_of(info), self.unit_here(info), self.channels)
             except SceneError as error:
                 raise fail(*error.problems) from None
 
@@ -101,7 +102,9 @@ class FunctionOf:
         return core_schema.with_info_plain_validator_function(read, serialization=written)
 
 
-def read_function(value: Any, names: Names | None = None, unit: str = "") -> Function:
+def read_function(
+    value: Any, names: Names | None = None, unit: str = "", channels: bool = False
+) -> Function:
     """A function of time from any of the ways to say it.
 
     Parameters
@@ -112,6 +115,8 @@ def read_function(value: Any, names: Names | None = None, unit: str = "") -> Fun
         Values of the parameters.
     unit : str
         SI unit of the value, ``""`` for a plain number.
+    channels : bool
+        Whether an expression may name channels; they stand for values in the scene's units.
 
     Raises
     ------
@@ -124,7 +129,7 @@ def read_function(value: Any, names: Names | None = None, unit: str = "") -> Fun
         return value
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit, time=True)
-        ops = parse(text, names).ops
+        ops = parse(text, names, channels=channels).ops
         return Function(value, Expression(value, _in_si(ops, factor * units.scale(unit), units)))
     if isinstance(value, Mapping):
         value = plain(value)

@@ -9,12 +9,12 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-__all__ = ["BINARY", "CHAIN", "Jet", "evaluate"]
+__all__ = ["BINARY", "CHAIN", "UNARY", "Jet", "evaluate"]
 
 Jet = tuple[float, float, float]
 
@@ -161,6 +161,13 @@ def _atan2(y: Jet, x: Jet) -> Jet:
     return np.arctan2(y[0], x[0]), f1, (n1 - 2 * f1 * (x[0] * x[1] + y[0] * y[1])) / d
 
 
+def _hypot(a: Jet, b: Jet) -> Jet:
+    f = np.hypot(a[0], b[0])
+    n = 1 / f if f > 0 else 0.0
+    f1 = (a[0] * a[1] + b[0] * b[1]) * n
+    return f, f1, (a[1] ** 2 + a[0] * a[2] + b[1] ** 2 + b[0] * b[2] - f1 * f1) * n
+
+
 BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "+": lambda a, b: (a[0] + b[0], a[1] + b[1], a[2] + b[2]),
     "-": lambda a, b: (a[0] - b[0], a[1] - b[1], a[2] - b[2]),
@@ -168,14 +175,30 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "/": _divide,
     "pow": _pow,
     "atan2": _atan2,
+    "hypot": _hypot,
     "min": lambda a, b: a if a[0] <= b[0] else b,
     "max": lambda a, b: a if a[0] >= b[0] else b,
 }
 """Functions of two jets. Where min or max are undecided (equal values) the first one counts."""
 
 
-def evaluate(ops: Iterable[tuple[str, Any]], t: float) -> Jet:
+UNARY = {*CHAIN, "neg", "powc", "piecewise"}
+"""All operations on one jet."""
+
+
+def evaluate(
+    ops: Iterable[tuple[str, Any]], t: float, variables: Mapping[str, Jet] | None = None
+) -> Jet:
     """Run a postfix program at time ``t`` [s].
+
+    Parameters
+    ----------
+    ops : iterable of (str, float)
+        Operations with their arguments; ``@name`` loads a channel.
+    t : float
+        Time [s].
+    variables : mapping, optional
+        Jets of the channels that the program names.
 
     Returns
     -------
@@ -189,6 +212,10 @@ def evaluate(ops: Iterable[tuple[str, Any]], t: float) -> Jet:
                 stack.append((np.float64(argument), np.float64(0.0), np.float64(0.0)))
             elif op == "t":
                 stack.append((np.float64(t), np.float64(1.0), np.float64(0.0)))
+            elif op.startswith("@"):
+                assert variables is not None  # whoever has no channels asks no such program
+                f, f1, f2 = variables[op[1:]]
+                stack.append((np.float64(f), np.float64(f1), np.float64(f2)))
             elif op == "neg":
                 a = stack.pop()
                 stack.append((-a[0], -a[1], -a[2]))

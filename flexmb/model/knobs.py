@@ -15,7 +15,8 @@ from flexmb.model.dynamics import DynamicsSpec
 __all__ = ["knob_names", "resolve_knob"]
 
 _SECTIONS = (
-    "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "dynamics",
+    "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
+    "controllers", "assembly", "dynamics",
 )  # fmt: skip
 _TOP = ("gravity",)
 

@@ -11,10 +11,11 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup, references, writing
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
@@ -24,16 +25,18 @@ from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.forces import AnyForce
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, read_entry, under
-from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
+from flexmb.model.sensors import SensorSpec, channel_unit, channels_of
+from flexmb.model.states import ControllerSpec, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 from flexmb.units import UnitSystem, unit_system
@@ -42,6 +45,8 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 __all__ = ["Model", "Source"]
+
+S = TypeVar("S", bound=Spec)
 
 
 class Source(NamedTuple):
@@ -98,11 +103,15 @@ class Model:
         self.joints: dict[str, JointSpec] = {}
         self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, LoadSpec | SpringDamperSpec | JointSpringSpec] = {}
-        self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
+        self.forces: dict[str, AnyForce] = {}
+        self.sensors: dict[str, SensorSpec] = {}
+        self.states: dict[str, StateSpec] = {}
+        self.controllers: dict[str, ControllerSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
+        self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
@@ -174,12 +183,20 @@ class Model:
         return spec
 
     def add_force(self, name: str, type: str, **fields: Any) -> Spec:
-        """Add a force, a torque or a spring-damper: along a line, or on a joint."""
+        """Add a force, a torque, a spring-damper, bushing, beam or stop."""
         return self._add("forces", name, {"type": type, **fields})
 
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:
         """Add a sensor."""
         return self._add("sensors", name, {"type": type, **fields})
+
+    def add_state(self, name: str, **fields: Any) -> Spec:
+        """Add a state: ``rate``, an expression over channels and t, and its ``start``."""
+        return self._add("states", name, fields)
+
+    def add_controller(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
+        return self._add("controllers", name, {"type": type, **fields})
 
     def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
@@ -200,26 +217,33 @@ class Model:
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
-        spec, problems = read_entry(DynamicsSpec, fields, self.terms)
-        _raise(under("dynamics", problems))
-        assert spec is not None
-        self.dynamics = spec
-        return spec
+        self.dynamics = self._single("dynamics", DynamicsSpec, fields)
+        return self.dynamics
+
+    def set_kinematics(self, **fields: Any) -> KinematicsSpec:
+        """Say how to run as a kinematic analysis: ``duration``, ``outputs``."""
+        self.kinematics = self._single("kinematics", KinematicsSpec, fields)
+        return self.kinematics
+
+    def set_assembly(self, **fields: Any) -> AssemblySpec:
+        """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
+        self.assembly = self._single("assembly", AssemblySpec, fields)
+        return self.assembly
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
-        spec, problems = read_entry(StudySpec, fields, self.terms)
-        _raise(under("study", problems))
-        assert spec is not None
-        self.study = spec
-        return spec
+        self.study = self._single("study", StudySpec, fields)
+        return self.study
 
     def set_view(self, **fields: Any) -> ViewSpec:
         """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""
-        spec, problems = read_entry(ViewSpec, fields, self.terms)
-        _raise(under("view", problems))
+        self.view = self._single("view", ViewSpec, fields)
+        return self.view
+
+    def _single(self, section: str, kind: type[S], fields: Any) -> S:
+        spec, problems = read_entry(kind, fields, self.terms)
+        _raise(under(section, problems))
         assert spec is not None
-        self.view = spec
         return spec
 
     def _add(self, section: str, name: str, data: Any) -> Spec:
@@ -233,13 +257,15 @@ class Model:
         return spec
 
     def channels(self) -> tuple[str, ...]:
-        """Names of all sensor channels, in order."""
+        """Names of all channels of sensors, states and controllers, in order."""
         pairs = self.sensors.items()
-        return tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        sensed = tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        return (*sensed, *self.states, *self.controllers)
 
     def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a sensor channel; None where there is no such sensor."""
-        return channel_unit({name: spec.type for name, spec in self.sensors.items()}, channel)
+        """SI unit of a channel; None where there is no such sensor, state or controller."""
+        owners = {**self.sensors, **self.states, **self.controllers}
+        return channel_unit({name: vars(spec) for name, spec in owners.items()}, channel)
 
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from flexmb.flexbody.planes import PLANES
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import FlexbodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
@@ -22,15 +23,23 @@ from flexmb.model.flexible import UnitsName
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, form_of, reference
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import SENSOR_TYPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
 __all__ = ["scene_schema"]
 
+_GRAVITY: Form = {
+    "anyOf": [
+        {"enum": ["none", "earth -x", "earth -y", "earth -z"]},
+        {"type": "string", "pattern": "^earth +[+-]?[xyz]$"},
+    ]
+}
 _BODIES: tuple[type[Spec], ...] = (RigidBodySpec, MeshBodySpec, FlexbodySpec)
 
 
@@ -55,7 +64,7 @@ def _top() -> dict[str, Form]:
         "title": {"type": "string"},
         "units": form_of(UnitsName),
         "plane": {"enum": list(PLANES)},
-        "gravity": {"anyOf": [{"enum": ["none"]}, VECTOR], "description": "m/s^2, global axes"},
+        "gravity": {"anyOf": [_GRAVITY, VECTOR], "description": "m/s^2, global axes"},
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),
         "bodies": _named(_one_of(_BODIES)),
@@ -65,8 +74,12 @@ def _top() -> dict[str, Form]:
         "drivers": _named(reference(DriverSpec)),
         "forces": _named(_one_of(FORCE_TYPES.values())),
         "sensors": _named(_one_of(SENSOR_TYPES.values())),
+        "states": _named(reference(StateSpec)),
+        "controllers": _named(_one_of(CONTROLLER_TYPES.values())),
         "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
+        "assembly": reference(AssemblySpec),
         "dynamics": reference(DynamicsSpec),
+        "kinematics": reference(KinematicsSpec),
         "study": reference(StudySpec),
         "view": reference(ViewSpec),
     }

@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.results.layout import Columns
 
-__all__ = ["Reaction", "Sides", "find_side", "sides"]
+__all__ = ["NOT_UNIQUE", "Reaction", "Sides", "find_side", "sides"]
 
 Array = NDArray[np.float64]
+NOT_UNIQUE = "reactions_not_unique"
+"""The statistic that names the joints and drivers whose reactions redundant equations share."""
 
 
 class Reaction(NamedTuple):
@@ -33,6 +35,7 @@ class Reaction(NamedTuple):
     moment: Array  # (n, 3) about the marker
     on: str  # the marker, such as "rod.big_end"
     by: str  # the marker on the other side
+    unique: bool = True  # False: redundant equations share it, and the least share is given
 
 
 class Sides(NamedTuple):
@@ -62,10 +65,10 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     for path in columns.reactions:
         section, _, name = path.partition(".")
         joint, second = _acts_on(section, name, scene)
-        driver = drivers.get(name, {}) if section == "drivers" else {}
-        between = driver.get("between") or joints.get(joint, {}).get("between", ("", ""))
-        if "marker" in driver:
-            between = driver.get("relative_to", "ground.origin"), driver["marker"]
+        table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
+        between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in table:
+            between = table.get("relative_to", "ground.origin"), table["marker"]
         between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))

@@ -112,6 +112,15 @@ def _sensors() -> Listing:
     return Listing("sensors: [sensors.name]", fields_tables(SENSOR_TYPES))
 
 
+def _controllers() -> Listing:
+    from flexmb.model.states import CONTROLLER_TYPES, StateSpec
+
+    kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
+    return Listing(
+        "states and controllers: [states.name], [controllers.name]", fields_tables(kinds)
+    )
+
+
 def _shapes() -> Listing:
     from flexmb.model.shapes import SHAPES
 
@@ -164,13 +173,21 @@ def _functions() -> Listing:
 
 
 def _methods() -> Listing:
+    from flexmb.model.assembly import AssemblySpec, GuessSpec
     from flexmb.model.dynamics import DynamicsSpec
+    from flexmb.model.kinematics import KinematicsSpec
 
     names = get_args(DynamicsSpec.model_fields["method"].annotation)
     rows = [(name, METHODS.get(name, "")) for name in names]
+    kinds = {
+        "[dynamics]": DynamicsSpec,
+        "[kinematics]": KinematicsSpec,
+        "[assembly]": AssemblySpec,
+        "assembly.guess.joint": GuessSpec,
+    }
     return Listing(
         "methods: dynamics.method",
-        (("", Table(("method", "what it is"), rows)), *fields_tables({"[dynamics]": DynamicsSpec})),
+        (("", Table(("method", "what it is"), rows)), *fields_tables(kinds)),
     )
 
 
@@ -231,6 +248,7 @@ TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     ),
     "methods": ("integrators and the settings of a run", _methods),
     "sensors": ("what a run can record", _sensors),
+    "controllers": ("states with a rate, PID controllers, transfer functions", _controllers),
     "materials": ("built-in materials, their values and sources", body_listings.materials),
     "units": ("unit systems", _units),
     "shapes": ("shapes of rigid bodies", _shapes),

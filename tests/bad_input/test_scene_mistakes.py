@@ -166,7 +166,7 @@ ONE_LINE = [
     pytest.param(
         ('type = "position"', 'type = "positon"'),
         'sensors.tip.type: unknown sensor type "positon"; nearest: position; '
-        "allowed: position, velocity, acceleration, angle",
+        "allowed: position, velocity, acceleration, ",
         id="unknown sensor type",
     ),
     pytest.param(

@@ -18,7 +18,7 @@ SHORTER = {
 
 
 # Cases whose combination of features is compiled for them alone.
-APART = ("andrews", "planetary_gear")
+APART = ("andrews", "cam_valve", "planetary_gear", "quick_return", "servo")
 
 
 def of_a_run(scene: Path) -> object:
@@ -29,7 +29,7 @@ def of_a_run(scene: Path) -> object:
 
 def runs(scene: Path) -> bool:
     """Whether the case is a run, or flexible bodies alone."""
-    return "[dynamics]" in scene.read_text(encoding="utf-8")
+    return any(f"[{a}]" in scene.read_text(encoding="utf-8") for a in ("dynamics", "kinematics"))
 
 
 def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:

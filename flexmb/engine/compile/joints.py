@@ -50,8 +50,11 @@ def joint_groups(
         rows.joint(name)
     for name in model.drivers:
         rows.driver(name, functions)
-    for name, force in coordinates.joint_springs(model).items():
-        rows.follower(f"forces.{name}", force.joint, force.coordinate)
+    for name, force in coordinates.followers(model).items():
+        coordinate = coordinates.joint_coordinate(model, force)
+        rows.follower(f"forces.{name}", force.joint, coordinate)
+    for name, line in coordinates.line_forces(model).items():
+        rows.line(f"forces.{name}", line.between)
     for coupled in couplers.coupled_rows(model, flexbodies):
         entry, between = rows.coupled(coupled)
         rows.add(coupled.owner, between, [entry])
@@ -113,6 +116,11 @@ class _Rows:
         """A row by which the scalar coordinate of that name follows a joint coordinate."""
         row, between = self._measured(joint, coordinate)
         self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
+
+    def line(self, owner: str, between: tuple[str, str]) -> None:
+        """A row by which the scalar coordinate of that name follows a distance."""
+        I, J = (lookup.placed(self.model, end, self.flexbodies) for end in between)  # noqa: E741
+        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
 
     def coupled(self, coupled: couplers.CoupledRow) -> tuple[Entry, Ends]:
         """A row that follows scalar coordinates, and its markers."""

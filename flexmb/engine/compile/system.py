@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import coordinates, elements, joints
+from flexmb.engine.compile import (
+    contacts,
+    coordinates,
+    elements,
+    force_elements,
+    joints,
+    sensors,
+    signals,
+)
 from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.groups import (
     Groups,
@@ -32,14 +40,17 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
+from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
+from flexmb.model.signals import resolved, states_of
 
 
 @dataclass(frozen=True)
 class Compiled:
     """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
 
+    `functions` are the functions of time as expressions, by the index that the tables use.
     `contacts` are the joints that can only push, cams with their followers.
     """
 
@@ -48,7 +59,10 @@ class Compiled:
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
+    starts: tuple[signals.Start, ...] = ()  # of the states
+    numbers: tuple[str, ...] = ()  # names of all channels and states by their number
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -79,26 +93,47 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     model.validate(known)
     if not model.bodies:
         raise SceneError("the model has no bodies")
-    pool, functions = Pool(), Functions()
+    pool, functions = Pool(), Functions(lambda expression: resolved(model, expression))
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    scalars = coordinates.scalars(model, functions)
+    states = states_of(model)
+    scalars = coordinates.scalars(model, functions, states)
     groups = joints.joint_groups(model, known, markers, functions, scalars)
     before, sliders = len(scalars), groups.sliders
     scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
+    touching = contacts.contact_table(model, known, markers)
+    kept = 1 + sum(contacts.memory_of(row) for row in _rows(touching))
+    frictions = contacts.joint_friction_table(model, groups, kept)
     loads = elements.load_table(model, known, markers, functions)
-    sensors = elements.sensor_table(model, known, markers)
-    length = _length(model, known)
-    sizes, n_functions = 6 + table["m"], len(functions.programs)
+    held = force_elements.element_tables(
+        model, known, markers, functions, [scalar.name for scalar in scalars]
+    )
+    length, sizes = _length(model, known), 6 + table["m"]
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
+    ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
+    starts = signals.starts(states, ivs, functions)
+    sensor_tables, numbers = sensors.sensor_tables(
+        model, known, markers, groups, ivs, (nq + before, nv + before)
+    )
+    n_functions = len(functions.programs)
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, before, springs, markers))
-    group_table = _place(table, groups, springs, markers, symbolic)
+    acting = signals.signal_tables(
+        functions, numbers, sensor_tables, loads, scalar_table, markers, held
+    )
+    blocks = _blocks(columns, groups, before, (springs, touching), markers)
+    blocks.couples.extend(force_elements.couples(held, markers))
+    if acting is not None:
+        blocks.couples.extend(acting.couples)
+    symbolic = analyse(blocks)
+    if acting is not None:
+        acting.place(symbolic)
+    group_table = _place(table, groups, (springs, touching), markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
+    force_elements.place(held, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
         parts=Parts(
@@ -114,15 +149,20 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         groups=group_table,
         kkt=symbolic.kkt,
         weights=np.append(
-            _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
+            _weights(model, known, length), [coordinates.unit_weight(s, length) for s in scalars]
         ),
         row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
-        functions=lower(functions.programs),
+        functions=lower(functions.programs, numbers),
         springs=springs,
         loads=loads,
-        sensors=sensors,
         kinks=kink_table(functions.programs, model.dynamics),
+        sensors=sensor_tables,
+        further=None if acting is None and sensors.is_basic(sensor_tables) else np.zeros(1),
+        signals=None if acting is None else acting.signals,
+        contacts=touching,
+        frictions=frictions,
+        elements=held,
     )
     layout = Layout(
         bodies=tuple(
@@ -141,7 +181,17 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     )
     begin = np.append(np.zeros(before), sliders.starts())
     placed = np.append(body_tables.placed_positions(model, table), begin)
-    return Compiled(system, layout, placed, length, known, tuple(sliders.contacts))
+    return Compiled(
+        system,
+        layout,
+        placed,
+        length,
+        known,
+        functions=tuple(functions.programs),
+        contacts=tuple(sliders.contacts),
+        starts=tuple(starts),
+        numbers=tuple(numbers),
+    )
 
 
 def fingerprint(system: System) -> str:
@@ -175,10 +225,10 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
+def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) -> Blocks:
     pairs = couples(groups)
-    if springs is not None:
-        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
+    for found in elements:  # between two markers each
+        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in _rows(found)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
@@ -197,8 +247,12 @@ def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -
     )
 
 
-def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.void]:
-    """Tell bodies, groups and springs where their blocks are in the factor."""
+def _rows(table) -> NDArray[np.void] | tuple[()]:
+    return () if table is None else table
+
+
+def _place(table, groups, elements, markers, symbolic: Symbolic) -> NDArray[np.void]:
+    """Tell bodies, groups and elements between markers where their blocks are in the factor."""
     table["panel"] = symbolic.panel_of[: len(table)]
     first = len(symbolic.panel_of) - len(groups.groups)
     rows = np.zeros(len(groups.groups), GROUP)
@@ -207,9 +261,10 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
         panel = symbolic.panel_of[first + k]
         turned = k in groups.reversed
         rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
-    for spring in springs if springs is not None else ():
-        pair = markers.body(spring["I"]), markers.body(spring["J"])
-        spring["couple"] = symbolic.couple_links.get(pair, -1)
+    for found in elements:
+        for row in _rows(found):
+            pair = markers.body(row["I"]), markers.body(row["J"])
+            row["couple"] = symbolic.couple_links.get(pair, -1)
     return rows
 
 

@@ -1,7 +1,9 @@
-"""Functions of time: one small stack machine for all of them.
+"""Functions of time and of measured channels: one small stack machine for all of them.
 
-In: a table of postfix programs and a time t. Out: value, first and second derivative in t, by
-second-order jets (chain rule), exact to round-off and without allocation. Outside the domain of a
+In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and
+second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
+partial derivative is the first derivative with one variable's rate set to 1, less that with all at
+0. Outside the domain of a
 function (logarithm of a negative number, division by zero) the result is not finite; the caller
 reports it. The readable reference is ``flexmb.model.jets``. Stack row: (f, df/dt, d2f/dt2).
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
@@ -14,7 +16,8 @@ import numpy as np
 from flexmb.engine.jit import kernel
 
 CONST, TIME, NEG, POWC = 0, 1, 2, 3
-ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX = 4, 5, 6, 7, 8, 9, 10, 11
+ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX, HYPOT = 4, 5, 6, 7, 8, 9, 10, 11, 12
+VAR = 15
 SIN, COS, TAN, ASIN, ACOS, ATAN = 20, 21, 22, 23, 24, 25
 SINH, COSH, TANH, EXP, LOG, SQRT, ABS, SIGN, CUBICSTEP = 26, 27, 28, 29, 30, 31, 32, 33, 34
 QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP, PIECEWISE = 35, 36, 37, 38, 40
@@ -33,6 +36,7 @@ OPCODES = {
     "atan2": ATAN2,
     "min": MIN,
     "max": MAX,
+    "hypot": HYPOT,
     "sin": SIN,
     "cos": COS,
     "tan": TAN,
@@ -61,10 +65,11 @@ class FunctionTable(NamedTuple):
     """Programs of all functions of a system, one after the other."""
 
     ops: np.ndarray  # (n,) int32 operation codes
-    args: np.ndarray  # (n,) float64 argument of CONST and POWC, place of PIECEWISE, else 0
+    args: np.ndarray  # (n,) float64 argument of CONST and POWC, place of PIECEWISE, number of VAR
     start: np.ndarray  # (k + 1,) int32 where program k begins and ends
     depth: int  # rows of stack that the deepest program needs
     data: np.ndarray  # (m,) float64 piecewise polynomials, one after the other
+    live: np.ndarray  # (k,) int32 1: it has variables, and is evaluated where they are known
 
 
 @kernel
@@ -192,6 +197,18 @@ def _chain(g, g1, g2, row):
 
 
 @kernel
+def _hypot(a, b):
+    """Replace the jet a by √(a² + b²); of two zeros the slope is taken as zero."""
+    a0, a1, a2 = a[0], a[1], a[2]
+    b0, b1, b2 = b[0], b[1], b[2]
+    f = np.hypot(a0, b0)
+    n = 1.0 / f if f > 0.0 else 0.0
+    f1 = (a0 * a1 + b0 * b1) * n
+    a[0], a[1] = f, f1
+    a[2] = (a1 * a1 + a0 * a2 + b1 * b1 + b0 * b2 - f1 * f1) * n
+
+
+@kernel
 def _binary(op, a, b):
     """Replace the jet a by (a op b)."""
     a0, a1, a2 = a[0], a[1], a[2]
@@ -216,15 +233,18 @@ def _binary(op, a, b):
         f1 = (b0 * a1 - a0 * b1) / d
         second = (b0 * a2 - a0 * b2 - 2.0 * f1 * (b0 * b1 + a0 * a1)) / d
         a[0], a[1], a[2] = np.arctan2(a0, b0), f1, second
+    elif op == HYPOT:
+        _hypot(a, b)
     elif (op == MIN and b0 < a0) or (op == MAX and b0 > a0):
         a[0], a[1], a[2] = b0, b1, b2
 
 
 @kernel
-def evaluate(table, k, t, stack):
+def evaluate(table, k, t, variables, stack):
     """Value, first and second derivative of function k at time t [s].
 
-    ``stack`` is (depth, 3) float64 scratch, at least ``table.depth`` rows.
+    ``variables`` (n, 3) are the jets that the operation VAR loads; ``stack`` is (depth, 3)
+    float64 scratch, at least ``table.depth`` rows.
     """
     begin, end = table.start[k], table.start[k + 1]
     if end - begin == 1 and table.ops[begin] == CONST:
@@ -237,6 +257,10 @@ def evaluate(table, k, t, stack):
             stack[top, 0] = t if op == TIME else table.args[i]
             stack[top, 1] = 1.0 if op == TIME else 0.0
             stack[top, 2] = 0.0
+        elif op == VAR:
+            top += 1
+            x = variables[int(table.args[i])]
+            stack[top, 0], stack[top, 1], stack[top, 2] = x[0], x[1], x[2]
         elif op == NEG:
             stack[top, 0], stack[top, 1], stack[top, 2] = (
                 -stack[top, 0],

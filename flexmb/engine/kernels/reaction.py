@@ -9,22 +9,28 @@ from flexmb.engine.kernels.vector import put
 
 
 @kernel
+def add_wrenches(lines, rows, group, markers, lam, g, w):
+    """Add the wrenches on markers I and J of one group to w (12), global; g (12) is scratch."""
+    for r in range(group["row"], group["row"] + group["n"]):
+        row = rows[r]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
+
+
+@kernel
 def read(sys, markers, lam, g, out):
     """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I.
 
-    The wrench on a marker is −Σ λ_k ∂C_k/∂(its motion); g (2, 12) is scratch.
+    g (2, 12) is scratch.
     """
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]
         i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        mi, mj = markers[i], markers[j]
         for c in range(12):
             w[c] = 0.0
-        for r in range(group["row"], group["row"] + group["n"]):
-            row = sys.rows[r]
-            primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g[0])
-            for c in range(12):
-                w[c] -= lam[r] * g[0, c]
+        add_wrenches(sys.lines, sys.rows, group, markers, lam, g[0], w)
         for part in range(4):
             of_J = (part < 2) != (group["reversed"] == 1)
             R = markers[j]["R"] if of_J else markers[i]["R"]
