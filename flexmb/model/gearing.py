@@ -28,7 +28,15 @@ from flexmb.model.orientation import rotation_matrix
 if TYPE_CHECKING:
     from flexmb.model.model import Model
 
-__all__ = ["Equation", "Term", "carriers", "equation", "known_equations", "terms_of"]
+__all__ = [
+    "Equation",
+    "Term",
+    "acting_names",
+    "carriers",
+    "equation",
+    "known_equations",
+    "terms_of",
+]
 
 Array = NDArray[np.float64]
 _TOUCHING = 1e-6  # a distance this small, relative to those between the axes, is none
@@ -69,6 +77,20 @@ def terms_of(spec: object) -> tuple[tuple[str, str], ...]:
     assert isinstance(spec, GearSpec | RackSpec)
     second = "angle" if isinstance(spec, GearSpec) else "stroke"
     return (spec.joints[0], "angle"), (spec.joints[1], second)
+
+
+def acting_names(name: str, spec: object) -> tuple[str, ...]:
+    """Names of what a coupler does to each of its joints, ``coupler.joint``.
+
+    With the coordinate behind them where the joint alone does not tell it.
+    """
+    terms = terms_of(spec)
+    joints = [joint for joint, _ in terms]
+    plain = [c != "second_angle" and joints.count(joint) == 1 for joint, c in terms]
+    return tuple(
+        f"{name}.{joint}" + ("" if alone else f".{coordinate}")
+        for (joint, coordinate), alone in zip(terms, plain, strict=True)
+    )
 
 
 def carriers(model: Model, joints: tuple[str, str]) -> list[str]:

@@ -156,10 +156,11 @@ class DistanceSensorSpec(SensorSpec):
 
 
 class ReactionSensorSpec(SensorSpec):
-    """What a joint, driver or force does to a marker: its force, or its moment about it.
+    """What a joint, driver, force or coupler does to a marker: its force, or its moment about it.
 
-    On marker ``on`` of the two; in the joint's axes there, in global ones, or those of a marker. A
-    force or torque at one marker acts on J.
+    What a coupler does to one of its joints is ``coupler = "gear.joint"``. On marker ``on`` of the
+    two; in the joint's axes there, in global ones, or those of a marker. A force or torque at one
+    marker acts on J.
     """
 
     type: Literal["reaction"]
@@ -167,13 +168,15 @@ class ReactionSensorSpec(SensorSpec):
     joint: Text | None = None
     driver: Text | None = None
     force: Text | None = None
+    coupler: Text | None = None
     on: Literal["I", "J"] = "J"
     axes: Text = "joint"
 
     @model_validator(mode="after")
-    def _one_of_three(self) -> Self:
-        if len([name for name in (self.joint, self.driver, self.force) if name is not None]) != 1:
-            raise fail(Problem("", 'give exactly one of "joint", "driver" and "force"'))
+    def _one_of_four(self) -> Self:
+        told = (self.joint, self.driver, self.force, self.coupler)
+        if len([name for name in told if name is not None]) != 1:
+            raise fail(Problem("", 'give exactly one of "joint", "driver", "force" and "coupler"'))
         return self
 
 

@@ -14,6 +14,7 @@ from flexmb.errors import Problem, nearest
 from flexmb.model import curve_uses, signals
 from flexmb.model.expression import CONSTANTS, unknown_channel
 from flexmb.model.forces import LoadSpec
+from flexmb.model.gearing import acting_names
 from flexmb.model.scope import Scope
 from flexmb.model.sensors import (
     EnergySensorSpec,
@@ -64,6 +65,12 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
         name = getattr(spec, noun)
         if name is not None:
             yield from _known(f"{where}.{noun}", noun, name, scope.names(f"{noun}s"))
+    if spec.coupler is not None and spec.coupler.split(".")[0] not in scope.broken.get(
+        "couplers", {}
+    ):
+        couplers = scope.model.couplers.items()
+        names = tuple(one for name, coupler in couplers for one in acting_names(name, coupler))
+        yield from _known(f"{where}.coupler", "coupler and joint", spec.coupler, names)
     force = scope.model.forces.get(spec.force or "")
     if isinstance(force, LoadSpec) and force.reaction is None and spec.on == "I":
         what = f'"{spec.force}" acts on one marker: its reaction is on ground; leave it out'

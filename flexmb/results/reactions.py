@@ -7,7 +7,7 @@ the second one of a joint with two; of what slides in a planar scene x is the ax
 The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
 the markers. Those of drivers and couplers are beside those of their joints, not in them; a coupler
 has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a
-universal joint has the sides exchanged: its marker I is the joint's marker J.
+universal joint is told on J in axes that are turned by half a turn about y: z against the axis.
 """
 
 from __future__ import annotations
@@ -64,27 +64,23 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint, second = _acts_on(section, name, scene)
+        joint = _acts_on(section, name, scene)
         table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
         between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
         if "marker" in table:
             between = table.get("relative_to", "ground.origin"), table["marker"]
-        between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
     return tuple(found)
 
 
-def _acts_on(section: str, name: str, scene: Mapping[str, Any]) -> tuple[str, bool]:
-    """The joint of a reaction, and whether it acts on the second angle."""
+def _acts_on(section: str, name: str, scene: Mapping[str, Any]) -> str:
+    """The joint of a reaction."""
     if section == "joints":
-        return name, False
+        return name
     if section == "couplers":
-        joint, _, coordinate = name.partition(".")[2].partition(".")
-        return joint, coordinate == "second_angle"
-    table = scene.get(section, {}).get(name, {})
-    second = "second_angle" in table or table.get("about") == "second_axis"
-    return str(table.get("joint", "")), second
+        return name.split(".")[1]
+    return str(scene.get(section, {}).get(name, {}).get("joint", ""))
 
 
 def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, Sides]:

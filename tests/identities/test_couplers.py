@@ -162,6 +162,27 @@ def test_rows_vanish_and_keep_their_rank_at_poses_of_many_turns(case):
         assert motions(bench).shape[1] == 7
 
 
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_rack_keeps_its_rank_at_poses_of_many_turns(planar):
+    """The lowest point of the pinion turns forward, and takes the rack with it by R θ."""
+    bench, rng = Bench(racked(planar)), np.random.default_rng(6)
+    for _ in range(4):
+        angle = rng.uniform(-20, 20)
+        frame = rng.standard_normal(3), Rotation.from_matrix(random_rotation(rng))
+        if planar:
+            frame = frame[0] * [1, 1, 0], Rotation.from_rotvec([0, 0, rng.uniform(-3, 3)])
+        unit, pin = Rotation.identity(), np.array([0.1, 0.2, 0.0])
+        places = [
+            (np.zeros(3), unit),
+            turned((pin, unit), UP, pin, angle),
+            (np.array([0.3 + 0.15 * angle, 0.05, 0.0]), unit),
+        ]
+        moved = [(frame[0] + frame[1].apply(r), frame[1] * R) for r, R in places]
+        bench.at(q=np.concatenate([*map(pose, moved), [angle]]), v=0.0)
+        np.testing.assert_allclose(bench.C, 0, atol=1e-12)
+        assert motions(bench).shape[1] == (4 if planar else 7)
+
+
 def screwed(pitch=0.7):
     model = Model("screw")
     model.add_marker("ground.I", position=[0.3, -0.2, 0.5])

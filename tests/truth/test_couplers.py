@@ -53,6 +53,7 @@ def test_a_train_of_three_wheels_on_fixed_axes(plane):
     model.add_coupler("first", "gear", joints=["p0", "p1"], radii=R[:2])
     model.add_coupler("second", "gear", joints=["p1", "p2"], radii=R[1:])
     model.add_force("motor", "torque", at="w0", value=[0, 0, T])
+    model.add_sensor("tooth", "reaction", coupler="second.p2", quantity="moment")
     bench = solved(model)
     a = T / sum(j * (R[0] / r) ** 2 for j, r in zip(J, R, strict=True))
     found = [acceleration(bench, f"w{k}", 5) for k in range(3)]
@@ -60,6 +61,7 @@ def test_a_train_of_three_wheels_on_fixed_axes(plane):
     tooth = J[2] * a * R[0] / R[2] / R[2]
     np.testing.assert_allclose(multiplier(bench, "couplers.second.p2"), tooth * R[2], rtol=1e-10)
     np.testing.assert_allclose(multiplier(bench, "couplers.second.p1"), tooth * R[1], rtol=1e-10)
+    np.testing.assert_allclose(bench.at().channels, [0, 0, tooth * R[2]], rtol=1e-10, atol=1e-12)
     tooth = (T - J[0] * a) / R[0]
     np.testing.assert_allclose(multiplier(bench, "couplers.first.p0"), -tooth * R[0], rtol=1e-10)
 
@@ -158,6 +160,23 @@ def test_epicyclic_trains_of_a_textbook(name):
         share = np.linalg.solve([spin[k] for k in given], list(given.values()))
         for wheel, speed in found.items():
             assert abs(spin[wheel] @ share - speed) < table["digits"]
+
+
+def test_a_motor_on_the_second_angle_turns_the_body_about_its_own_axis():
+    """Told on J in axes that are turned by half a turn about y, and on I the opposite."""
+    model = Model("hook")
+    model.add_body("b", mass=1.0, inertia=[0.2, 0.3, 0.4])
+    axes = {"axis": [0, 1, 0], "second_axis": [0, 0, 1]}
+    model.add_joint("hook", "universal", between=["ground", "b"], **axes)
+    model.add_driver("cross", joint="hook", angle=0)
+    model.add_driver("motor", joint="hook", second_angle="1.5*t**2")
+    for on in "IJ":
+        for told in ("joint", "global"):
+            fields = {"driver": "motor", "quantity": "moment", "on": on, "axes": told}
+            model.add_sensor(f"{told}_{on}", "reaction", **fields)
+    found = solved(model).at().channels.reshape(4, 3)  # I and J, each in its own and global axes
+    np.testing.assert_allclose(found[[1, 3], 2], [-3.0 * 0.4, 3.0 * 0.4], rtol=1e-12)
+    np.testing.assert_allclose(found[2, 2], -3.0 * 0.4, rtol=1e-12)
 
 
 def differential():

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from flexmb.flexbody import FlexBody
-from flexmb.model.gearing import equation, terms_of
+from flexmb.model.gearing import acting_names, equation, terms_of
 from flexmb.model.model import Model
 
 __all__ = ["CoupledRow", "coupled_rows", "coupled_scalars", "screw_rows"]
@@ -35,9 +35,9 @@ class CoupledRow(NamedTuple):
 def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
     """Names of the scalar coordinates of couplers and screws, and whether they are angles."""
     for name, spec in model.couplers.items():
-        terms = terms_of(spec)
-        for joint, coordinate in terms[:-1]:
-            yield _owner(name, terms, joint, coordinate), coordinate != "stroke"
+        owners = acting_names(name, spec)
+        for owner, (_, coordinate) in zip(owners[:-1], terms_of(spec), strict=False):
+            yield f"couplers.{owner}", coordinate != "stroke"
     for name, joint_spec in model.joints.items():
         if joint_spec.type == "screw":
             yield f"joints.{name}", True
@@ -48,7 +48,7 @@ def coupled_rows(model: Model, flexbodies: Mapping[str, FlexBody]) -> Iterator[C
     for name in model.couplers:
         found = equation(model, name, flexbodies)
         keys = tuple((term.joint, term.coordinate) for term in found.terms)
-        owners = [_owner(name, keys, *key) for key in keys]
+        owners = [f"couplers.{owner}" for owner in acting_names(name, model.couplers[name])]
         last = found.terms[-1].factor
         for owner, key in zip(owners[:-1], keys, strict=False):
             yield CoupledRow(owner, *key, ((owner, 1.0),), 0.0, found.relative)
@@ -70,9 +70,3 @@ def screw_rows(model: Model, name: str) -> tuple[CoupledRow, ...]:
         CoupledRow(owner, name, "angle", ((owner, 1.0),), 0.0, True),
         CoupledRow(owner, name, "stroke", along, 0.0, True),
     )
-
-
-def _owner(name: str, terms: tuple[tuple[str, str], ...], joint: str, coordinate: str) -> str:
-    """Name of what a coupler does to a joint; with the coordinate where that is not plain."""
-    plain = coordinate != "second_angle" and [key[0] for key in terms].count(joint) == 1
-    return f"couplers.{name}.{joint}" + ("" if plain else f".{coordinate}")

@@ -57,6 +57,7 @@ def joint_groups(
         rows.line(f"forces.{name}", line.between)
     for coupled in couplers.coupled_rows(model, flexbodies):
         entry, between = rows.coupled(coupled)
+        rows.begin(coupled.coordinate)
         rows.add(coupled.owner, between, [entry])
     return rows.groups
 
@@ -75,6 +76,11 @@ class _Rows:
     def add(self, owner: str, between: Ends, rows: list[Entry], words: Sequence[str] = ()) -> None:
         I, J = (self.markers.add(marker) for marker in between)  # noqa: E741
         self.groups.add(owner, self.markers, I, J, rows, words)
+
+    def begin(self, coordinate: str) -> None:
+        """The next group acts on this coordinate; on a second angle from marker J of the joint."""
+        if coordinate == "second_angle":
+            self.groups.reversed.add(len(self.groups.groups))
 
     def joint(self, name: str) -> None:
         model, joint = self.model, self.model.joints[name]
@@ -104,6 +110,7 @@ class _Rows:
         if driver.joint is not None:
             row, (I, J) = self._measured(driver.joint, driver.coordinate)  # noqa: E741
             kinds, words = [row], ["driven"]
+            self.begin(driver.coordinate)
         else:
             I, J, kinds = drivers.marker_rows(self.model, driver, self.flexbodies)  # noqa: E741
             words = [f"driven {motion.coordinate}" for motion in driver.motions(self.model.plane)]
@@ -115,6 +122,7 @@ class _Rows:
     def follower(self, owner: str, joint: str, coordinate: str) -> None:
         """A row by which the scalar coordinate of that name follows a joint coordinate."""
         row, between = self._measured(joint, coordinate)
+        self.begin(coordinate)
         self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
 
     def line(self, owner: str, between: tuple[str, str]) -> None:

@@ -173,10 +173,11 @@ class Channels:
             ("joints", spec.joint),
             ("drivers", spec.driver),
             ("forces", spec.force),
+            ("couplers", spec.coupler),
         ):
             if name is not None and f"{section}.{name}" in self.groups.owners:
                 return REACTION, self.groups.owners.index(f"{section}.{name}")
-        assert spec.force is not None  # joints and drivers have groups
+        assert spec.force is not None  # all others have groups
         return row_of(self.model, spec.force)
 
 

@@ -273,6 +273,18 @@ def test_mistakes_of_joints_are_not_told_again_of_their_couplers():
     assert [problem.where for problem in caught.value.problems] == ["joints.pin_b.axis"]
 
 
+def test_reactions_of_couplers_are_sensed_by_coupler_and_joint():
+    model = planetary()
+    model.add_sensor("tooth", "reaction", coupler="sun.pin", quantity="moment")
+    assert model.problems() == []
+    model.add_sensor("other", "reaction", coupler="sun.arm_pin")
+    (problem,) = model.problems()
+    assert (problem.where, problem.what) == (
+        "sensors.other.coupler", 'unknown coupler and joint "sun.arm_pin"',
+    )  # fmt: skip
+    assert problem.allowed == ("sun.sun_pin", "sun.pin", "ring.arm_pin", "ring.pin")
+
+
 def test_in_a_plane_a_cylindrical_joint_has_one_coordinate():
     model = Model("flat", plane="xy")
     for name in "ab":

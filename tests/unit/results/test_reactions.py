@@ -79,7 +79,7 @@ def test_unknown_joints_and_bodies_are_named(result: Result) -> None:
 
 
 def test_couplers_act_on_their_joints(tmp_path: Path) -> None:
-    """One reaction for each joint; on a second angle the joint's marker J is side I."""
+    """One reaction for each joint, on its markers."""
     scene = SCENE | {
         "couplers": {"mesh": {"type": "gear", "joints": ["pin", "motor"], "ratio": 2}},
         "forces": {"coil": {"joint": "pin", "about": "second_axis"}},
@@ -94,8 +94,8 @@ def test_couplers_act_on_their_joints(tmp_path: Path) -> None:
     assert found.reactions == ("mesh.pin", "sum.motor.second_angle", "coil")
     for name, on, by in (
         ("mesh.pin", "rod.big_end", "crank.tip"),
-        ("sum.motor.second_angle", "ground", "crank"),
-        ("coil", "crank.tip", "rod.big_end"),
+        ("sum.motor.second_angle", "crank", "ground"),
+        ("coil", "rod.big_end", "crank.tip"),
     ):
         acting = found.reaction(name, on="J")
         assert (acting.on, acting.by) == (on, by)
