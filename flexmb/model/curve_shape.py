@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ _SAMPLES = 720
 _CUSP = 1e-4  # of the largest speed of the parameter; rounding leaves 1e-8 where it vanishes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurveShape:
     """A curve over a parameter: at(u) gives (n, 3, 3), value and two derivatives by xyz."""
 
@@ -67,6 +68,7 @@ def curve_shape(model: Model, name: str) -> CurveShape:
         raise SceneError.from_problems(under(f"curves.{name}", error.problems)) from None
 
 
+@lru_cache(maxsize=64)  # a curve is asked for by checks, joints and pictures
 def shape_of(spec: CurveSpec, points: Points | None = None) -> CurveShape:
     """The shape of a curve; `points` (n, 2 or 3) [m] are those of its file or its own.
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ViewError, nearest
 from flexmb.model.joints import JointSpec
-from flexmb.model.names import GROUND, split_reference
+from flexmb.model.names import GROUND
 from flexmb.view.camera import camera_of
-from flexmb.view.content import Camera, Content, Deformed, Scale, Solid
+from flexmb.view.content import Content, Deformed, Scale, Solid
 from flexmb.view.contours import contours, followed
 from flexmb.view.geometry import Triangles, box, cylinder, joined, sphere, tube
+from flexmb.view.ground import ground, is_ground
 from flexmb.view.mechanism import Mechanism, size_of
 from flexmb.view.style import BODIES
 from flexmb.view.style import GROUND as GROUND_COLOR
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 _VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
 _NOTHING = 1e-9  # share of its size below which a deformation is rounding, not to be blown up
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
-_LINK, _JOINT, _RAIL = 0.012, 0.018, 0.005  # radii as shares of the mechanism's size
+_LINK, _JOINT = 0.012, 0.018  # radii as shares of the mechanism's size
 
 
 def compose(
@@ -56,7 +57,7 @@ def compose(
         for name in mechanism.model.bodies
         if name not in drawn and (shape := _rigid_shape(mechanism, name, size)) is not None
     ]
-    solids += [Solid(GROUND, shape, GROUND_COLOR) for shape in _ground(mechanism, size, camera)]
+    solids += [Solid(GROUND, shape, GROUND_COLOR) for shape in ground(mechanism, size, camera)]
     scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,
@@ -172,7 +173,7 @@ def _joint_points(mechanism: Mechanism) -> Array:
         mechanism.point(reference)
         for spec in mechanism.model.joints.values()
         for reference in _shown(spec)
-        if not (spec.type in ("prismatic", "cylindrical") and _is_ground(reference))
+        if not (spec.type in ("prismatic", "cylindrical") and is_ground(reference))
     ]
     return np.array(points).reshape(-1, 3)
 
@@ -232,41 +233,6 @@ def _in_place(mechanism: Mechanism, name: str, shape: Triangles) -> Triangles:
     return shape.moved(mechanism.point(f"{name}.center"), mechanism.pose(name).A)
 
 
-def _ground(mechanism: Mechanism, size: float, camera: Camera) -> list[Triangles]:
-    shapes = contours(mechanism, GROUND, size)
-    for name, spec in mechanism.model.joints.items():
-        grounded = [ref for ref in spec.between if _is_ground(ref)]
-        if not grounded or spec.curves:
-            continue
-        if spec.type in ("prismatic", "cylindrical"):
-            shapes.append(_rail(mechanism, name, size))
-        else:
-            shapes.append(_pedestal(mechanism.point(grounded[0]), size, camera))
-    return shapes
-
-
-def _rail(mechanism: Mechanism, joint: str, size: float) -> Triangles:
-    """A bar along the axis, over all the way that the sliding body goes."""
-    spec, axis = mechanism.model.joints[joint], mechanism.axes[joint]
-    moving = next((ref for ref in spec.between if not _is_ground(ref)), spec.between[0])
-    low, high = mechanism.travel(moving, axis)
-    start = next(mechanism.point(ref) for ref in spec.between if _is_ground(ref))
-    start = start - (start @ axis) * axis
-    over = 0.08 * size
-    return tube(start + (low - over) * axis, start + (high + over) * axis, _RAIL * size)
-
-
-def _pedestal(point: Array, size: float, camera: Camera) -> Triangles:
-    """A post and a plate under a point."""
-    up = np.array(camera.up)
-    across = np.cross(up, camera.direction)
-    across /= np.linalg.norm(across)
-    axes = np.stack([across, up, np.cross(across, up)], axis=1)
-    post = box(np.array([0.03, 0.07, 0.03]) * size).moved([0, -0.035 * size, 0], np.eye(3))
-    plate = box(np.array([0.14, 0.012, 0.09]) * size).moved([0, -0.076 * size, 0], np.eye(3))
-    return joined([post, plate]).moved(point, axes)
-
-
 def _opacity(shape: Triangles, joints: Array, spec: object) -> float:
     """Full, but for a shape of the scene that would hide the joints inside it."""
     low, high = shape.points.min(axis=0), shape.points.max(axis=0)
@@ -298,10 +264,6 @@ def _caption(
         )
         parts.append(f"largest {scale.quantity} {scale.top:.3g} {scale.unit} ({at})")
     return ", ".join(parts)
-
-
-def _is_ground(reference: str) -> bool:
-    return split_reference(reference)[0] == GROUND
 
 
 def _distinct(points: list[Array], size: float) -> list[Array]:

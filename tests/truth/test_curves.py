@@ -265,3 +265,27 @@ def test_energy_of_a_free_cam_and_its_follower():
         moved.append(found.mismatch())
     assert np.ptp(found.energy[:, 0]) > 0.02
     assert moved[1] < 1e-4 * found.energy[0, 0] and moved[0] > 3 * moved[1]
+
+
+@pytest.mark.parametrize("mirrored", [False, True], ids=["", "mirrored"])
+@pytest.mark.parametrize("plane", ["xy", "yz", "zx", None])
+def test_a_cam_in_any_plane_and_in_space(plane, mirrored):
+    """The marker that carries the curve tells its plane; its z may look either way."""
+    turn = np.roll(np.eye(3), ("xy", "yz", "zx").index(plane) if plane else 1, axis=0)
+    face = turn @ np.diag([1.0, -1.0, -1.0]) if mirrored else turn
+    made = Model("cam", plane=plane)
+    made.add_curve("oval", x="0.05*cos(t)", y="0.03*sin(t)", closed=True)
+    made.add_body("cam", mass=1.0, inertia=[1e-3] * 3)
+    made.add_marker("cam.face", orientation=face.tolist())
+    made.add_body("follower", mass=0.5, inertia=[1e-3] * 3, position=(turn @ [0, 0.03, 0]).tolist())
+    pivot, up = turn[:, 2].tolist(), turn[:, 1].tolist()
+    made.add_joint("pivot", "revolute", between=["ground", "cam"], axis=pivot)
+    made.add_joint("guide", "prismatic", between=["ground", "follower"], axis=up)
+    made.add_joint("contact", "cam-flat", between=["cam.face", "follower"], curve="oval", axis=up)
+    made.add_driver("motor", joint="pivot", angle=f"{SPEED}*t")
+    made.add_sensor("position", "position", of="follower")
+    found = run(made, duration=0.7, outputs=14, step=0.01)
+    a = SPEED * found.t
+    # the height of an ellipse over the angle of a tangent
+    wanted = np.hypot(0.05 * np.sin(a), 0.03 * np.cos(a))
+    np.testing.assert_allclose(found.vector("position") @ turn[:, 1], wanted, rtol=0, atol=CLOSED)

@@ -9,6 +9,7 @@ point-on-curve           h = 0                        in space, or in the plane 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from flexmb.engine.compile.curve_starts import (
     side_of_follower,
     tangent_place,
 )
-from flexmb.engine.compile.curves import Contact, Laid, Sliders, X, Y, Z, lay, placed_frame
+from flexmb.engine.compile.curves import Contact, Laid, Slider, Sliders, X, Y, Z, lay, placed_frame
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.tables import DOT1, DOT2, POINT
 from flexmb.errors import Problem, SceneError
@@ -32,7 +33,7 @@ from flexmb.model.model import Model
 from flexmb.model.names import GROUND
 from flexmb.model.plane import plane_axes
 
-__all__ = ["OnCurve", "curve_joint"]
+__all__ = ["OnCurve", "Site", "curve_joint"]
 
 Array = NDArray[np.float64]
 
@@ -46,84 +47,97 @@ class OnCurve(NamedTuple):
     reversed: bool = False
 
 
-def curve_joint(
-    model: Model,
-    name: str,
-    frames: tuple[PlacedMarker, PlacedMarker],
-    markers: Markers,
-    sliders: Sliders,
-    at: tuple[int, int],
-) -> OnCurve:
-    """Rows of a joint on curves; its curve markers go to `sliders`, `at` are its group and row.
+@dataclass(frozen=True)
+class Site:
+    """Where a joint on curves is made: its markers I and J, and its group and first row."""
+
+    model: Model
+    name: str
+    frames: tuple[PlacedMarker, PlacedMarker]
+    markers: Markers
+    sliders: Sliders
+    group: int
+    row: int
+
+    @property
+    def joint(self) -> JointSpec:
+        """What the scene says of it."""
+        return self.model.joints[self.name]
+
+    def slide(self, laid: Laid, carrier: int, side: int, start: float, other: int = -1) -> int:
+        """A curve marker of its own, on the side of the rows; carried by I or J (0, 1)."""
+        pool, n = self.markers.pool, len(laid.pieces.coefficients)
+        at = pool.add(laid.pieces.ends)
+        pool.add(laid.pieces.coefficients)
+        marker = self.markers.own(self.frames[carrier])
+        shape = at, n, laid.closed, laid.turns
+        self.sliders.found.append(Slider(self.name, marker, *shape, self.group, side, other, start))
+        return marker
+
+    def pushes(self, row: int, compressed: float) -> None:
+        """It can only push, with this sign of the multiplier of one of its rows."""
+        self.sliders.contacts.append(Contact(self.name, self.row + row, compressed))
+
+
+def curve_joint(site: Site) -> OnCurve:
+    """Rows of a joint on curves, with its curve markers.
 
     Raises
     ------
     SceneError
         A roller larger than the curve is hollow.
     """
-    joint = model.joints[name]
-    group, row = at
+    model, joint = site.model, site.joint
     assert joint.curve is not None  # joints on curves have one
-    laid = lay(model, joint.curve, frames[0])
-    x, R = placed_frame(model, frames[1])
+    laid = lay(model, joint.curve, site.frames[0])
     if joint.second_curve is not None:
-        return _cams(model, name, (laid, lay(model, joint.second_curve, frames[1])), frames,
-                     markers, sliders, at)  # fmt: skip
-    flat = joint.type == "cam-flat"
-    s = joint.start
-    if s is None:
-        across = joint.type != "point-on-curve"
-        s = tangent_place(laid, x, R[:, Z]) if flat else nearest_place(laid, x, across)
-    S = sliders.add(name, laid, frames[0], markers, group=group, side=int(flat), start=s)
-    J = markers.add(frames[1])
-    if joint.type == "point-on-curve":
+        return _cams(site, (laid, lay(model, joint.second_curve, site.frames[1])))
+    x, R = placed_frame(model, site.frames[1])
+    if joint.type == "cam-flat":
+        return _flat(site, laid, x, R[:, Z])
+    across = joint.type != "point-on-curve"
+    s = nearest_place(laid, x, across) if joint.start is None else joint.start
+    S, J = site.slide(laid, 0, 0, s), site.markers.add(site.frames[1])
+    if not across:
         kept = (X, Y, Z) if model.plane is None else plane_axes(model.plane)[:2]
         return OnCurve(S, J, tuple((POINT, axis, axis, 0.0) for axis in kept))
-    side = _side(model, name, laid, s, x)
-    if flat:
-        _, _, n = laid.at(np.array([s]))
-        sliders.contacts.append(Contact(name, row, side * float(np.sign(n[0] @ R[:, Z]))))
-        return OnCurve(J, S, ((DOT2, Z, Z, 0.0), (DOT1, Z, X, 0.0)), True)
+    side, radius = _side(site, laid, s, x), joint.radius or 0.0
     if joint.type != "pin-in-slot":
-        sliders.contacts.append(Contact(name, row + 1, -side))
-    radius = joint.radius or 0.0
+        site.pushes(1, -side)
     if radius > 0.0:
-        _refuse_hollow(model, name, laid, side, radius)
+        _refuse_hollow(model, site.name, laid, side, radius)
     return OnCurve(S, J, ((DOT2, X, X, 0.0), (DOT2, Y, Y, side * radius)))
 
 
-def _cams(
-    model: Model,
-    name: str,
-    laid: tuple[Laid, Laid],
-    frames: tuple[PlacedMarker, PlacedMarker],
-    markers: Markers,
-    sliders: Sliders,
-    at: tuple[int, int],
-) -> OnCurve:
-    joint = model.joints[name]
+def _flat(site: Site, laid: Laid, x: Array, normal: Array) -> OnCurve:
+    """A flat through x: the curve's point in it, the curve along it."""
+    s = site.joint.start
+    s = tangent_place(laid, x, normal) if s is None else s
+    S, J = site.slide(laid, 0, 1, s), site.markers.add(site.frames[1])
+    _, _, n = laid.at(np.array([s]))
+    site.pushes(0, _side(site, laid, s, x) * float(np.sign(n[0] @ normal)))
+    return OnCurve(J, S, ((DOT2, Z, Z, 0.0), (DOT1, Z, X, 0.0)), True)
+
+
+def _cams(site: Site, laid: tuple[Laid, Laid]) -> OnCurve:
+    joint, k = site.joint, len(site.sliders.found)
     first, second = nearest_pair(*laid, joint.start)
     if joint.second_start is not None:
         second = joint.second_start
-    k, group = len(sliders.found), at[0]
-    S, T = (
-        sliders.add(
-            name, laid[n], frames[n], markers, group=group, side=n, start=s, other=k + 1 - n
-        )
-        for n, s in enumerate((first, second))
-    )
+    S = site.slide(laid[0], 0, 0, first, k + 1)
+    T = site.slide(laid[1], 1, 1, second, k)
     if laid[0].closed:
         within = inside(laid[0], laid[1].at(laid[1].samples[::8])[0]).mean() > 0.5
         side = -laid[0].outward if within else laid[0].outward
     else:
-        side = side_of_follower(laid[0], first, _center(model, joint, laid[1].x))
-    sliders.contacts.append(Contact(name, at[1] + 1, -side))
+        side = side_of_follower(laid[0], first, _center(site.model, joint, laid[1].x))
+    site.pushes(1, -side)
     return OnCurve(S, T, ((DOT2, X, X, 0.0), (DOT2, Y, Y, 0.0), (DOT1, X, Y, 0.0)))
 
 
-def _side(model: Model, name: str, laid: Laid, s: float, x: Array) -> float:
+def _side(site: Site, laid: Laid, s: float, x: Array) -> float:
     """Side of the curve that a follower acts on: 1 that of the normal."""
-    joint = model.joints[name]
+    joint = site.joint
     if joint.radius is not None:
         p, _, n = laid.at(np.array([s]))
         height = float(n[0] @ (x - p[0]))
@@ -131,7 +145,7 @@ def _side(model: Model, name: str, laid: Laid, s: float, x: Array) -> float:
             return 1.0 if height >= 0.0 else -1.0
     if laid.closed:
         return laid.outward
-    return side_of_follower(laid, s, _center(model, joint, x))
+    return side_of_follower(laid, s, _center(site.model, joint, x))
 
 
 def _center(model: Model, joint: JointSpec, marker: Array) -> Array:

@@ -6,6 +6,7 @@ join with continuous curvature, and their error shrinks with the sixth power of 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,7 @@ class Pieces(NamedTuple):
         return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
 
 
+@lru_cache(maxsize=64)  # the same shape has the same pieces in every joint
 def pieces_of(shape: CurveShape) -> Pieces:
     """As many pieces as it takes for errors of the size of round-off."""
     per_break = max(1, -(-_FEWEST // (len(shape.breaks) - 1)))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.coordinates import Scalar
 from flexmb.engine.compile.curve_pieces import Pieces, pieces_of
-from flexmb.engine.compile.markers import Markers
 from flexmb.engine.tables import SLIDER
 from flexmb.errors import FlexmbWarning
 from flexmb.model import lookup
@@ -29,7 +28,7 @@ from flexmb.model.orientation import rotation_matrix
 if TYPE_CHECKING:
     from flexmb.engine.symbolic import Symbolic
 
-__all__ = ["Contact", "Laid", "Sliders", "X", "Y", "Z", "lay", "placed_frame"]
+__all__ = ["Contact", "Laid", "Slider", "Sliders", "X", "Y", "Z", "lay", "placed_frame"]
 
 Array = NDArray[np.float64]
 X, Y, Z = 0, 1, 2
@@ -81,7 +80,7 @@ class Laid:
         return self.x + c[:, 0] @ self.R.T, t @ self.R.T, n @ self.R.T
 
 
-class _Slider(NamedTuple):
+class Slider(NamedTuple):
     """One curve marker on the way into its table."""
 
     joint: str
@@ -100,30 +99,8 @@ class _Slider(NamedTuple):
 class Sliders:
     """The curve markers of a model, and the contacts among their joints."""
 
-    found: list[_Slider] = field(default_factory=list)
+    found: list[Slider] = field(default_factory=list)
     contacts: list[Contact] = field(default_factory=list)
-
-    def add(
-        self,
-        joint: str,
-        laid: Laid,
-        marker: PlacedMarker,
-        markers: Markers,
-        *,
-        group: int,
-        side: int,
-        start: float,
-        other: int = -1,
-    ) -> int:
-        """A curve marker of its own on the marker that carries the curve; its index."""
-        n = len(laid.pieces.coefficients)
-        at = markers.pool.add(laid.pieces.ends)
-        markers.pool.add(laid.pieces.coefficients)
-        index = markers.own(marker)
-        self.found.append(
-            _Slider(joint, index, at, n, laid.closed, laid.turns, group, side, other, start)
-        )
-        return index
 
     def scalars(self) -> list[Scalar]:
         """Their places along the curves."""

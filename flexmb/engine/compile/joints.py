@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from flexmb.engine.compile import coordinates, couplers, drivers
-from flexmb.engine.compile.curve_joints import curve_joint
+from flexmb.engine.compile.curve_joints import Site, curve_joint
 from flexmb.engine.compile.groups import Entry, Groups
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
@@ -98,8 +98,10 @@ class _Rows:
         self.add(f"joints.{name}", (I, J), rows)
 
     def _on_curve(self, name: str, frames: Ends) -> None:
-        groups, at = self.groups, (len(self.groups.groups), len(self.groups.rows))
-        made = curve_joint(self.model, name, frames, self.markers, groups.sliders, at)
+        groups = self.groups
+        at = len(groups.groups), len(groups.rows)
+        site = Site(self.model, name, frames, self.markers, groups.sliders, *at)
+        made = curve_joint(site)
         if made.reversed:
             groups.reversed.add(at[0])
         rows = [Entry(*row) for row in made.rows]
