@@ -13,7 +13,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import kinematics, sensor, turning
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import wrapped
-from flexmb.engine.tables import ANGLE_TURNS, ANGLES_TURN, SUM
+from flexmb.engine.sensor_tables import ANGLE_TURNS, ANGLES_TURN, SUM
 
 
 @kernel
