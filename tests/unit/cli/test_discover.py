@@ -31,8 +31,8 @@ from flexmb.model.meshloads import LOAD_TYPES
 from flexmb.model.reduction import METHODS as REDUCTIONS
 from flexmb.model.sections import SECTION_TYPES
 from flexmb.model.sensors import SENSOR_TYPES
-from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.model.shapes import SHAPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.units import UNIT_SYSTEMS
 from flexmb.workflow.catalog import METHODS
 
