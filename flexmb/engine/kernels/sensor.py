@@ -60,10 +60,10 @@ def follow_turns(further, sensors, markers, angles):
 
 
 @kernel
-def forget(angles):
+def forget(sensors, angles):
     """No angles yet: the next ones are those nearest to zero."""
     for c in range(angles.shape[0]):
-        angles[c] = math.nan
+        angles[c] = math.nan if sensors.channels[c]["turns"] != 0 else 0.0
 
 
 @kernel

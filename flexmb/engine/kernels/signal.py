@@ -61,7 +61,7 @@ def remember(signals, wk, angles):
 
 
 @kernel
-def forget(signals, wk):
+def forget(signals, sensors, wk):
     """Angles within ±π from here on."""
     if signals is not None:
-        sensor.forget(wk.live.near)
+        sensor.forget(sensors, wk.live.near)
