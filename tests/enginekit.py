@@ -34,6 +34,7 @@ from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
+from flexmb.engine.sensor_tables import PARTIAL, PULL, Signals
 from flexmb.engine.tables import (
     CONTACT,
     COORDINATE,
@@ -41,12 +42,9 @@ from flexmb.engine.tables import (
     JOINT_FRICTION,
     LAW,
     MUTUAL,
-    PARTIAL,
-    PULL,
     SLIDER,
     SPRING,
     Elements,
-    Signals,
 )
 from flexmb.engine.work import new_state, new_work
 

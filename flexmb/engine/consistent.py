@@ -29,7 +29,7 @@ def solve_level(sys, st, wk, level):
     here. BEGIN: works and joint angles from here.
     """
     tr = wk.trial
-    signal.forget(sys.signals, wk)
+    signal.forget(sys.signals, sys.sensors, wk)
     copy(st.kept, wk.now.kept)
     if level == ACCELERATIONS:
         return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0, 0))
@@ -46,7 +46,7 @@ def solve_level(sys, st, wk, level):
         energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
         coordinates = sys.parts.coordinates
         st.power[1] += joint_friction.power(sys.frictions, coordinates, wk.now, st.q, st.v)
-        sensor.forget(st.angles)
+        sensor.forget(sys.sensors, st.angles)
         sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
         sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
         return 0.0

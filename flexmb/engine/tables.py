@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.sensor_tables import Sensors
+
 _I = "i8"
 _F = "f8"
 
@@ -189,53 +191,6 @@ MUTUAL = np.dtype(
     align=True,
 )
 
-# One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. Wrenches: of the element
-# `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
-# axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
-# body `n` or -1. EXPRESSION: program `first` over channels. STATE: velocity coordinate `first`.
-# PLACE of a curve marker: position coordinate `first`, or with `n` = 1 velocity coordinate `first`.
-CHANNEL = np.dtype(
-    [
-        ("what", _I),
-        ("first", _I),
-        ("n", _I),
-        ("turns", _I),  # 1: an angle that counts turns, 2: number `a` of three angles of one term
-        ("side", _I),
-        ("quantity", _I),
-        ("axes", _I),
-        ("a", _I),
-    ],
-    align=True,
-)
-
-# One term of a channel, times a factor: a kind of row between markers I and J with axes a and b,
-# or its rate (`level` 1) or second derivative (2); or a motion of marker J along axis a of marker I
-# (-1: global); or angle b of three, a being the code of the axes.
-TERM = np.dtype(
-    [("kind", _I), ("I", _I), ("J", _I), ("a", _I), ("b", _I), ("level", _I), ("factor", _F)],
-    align=True,
-)
-
-# One partial derivative that forces need: of the program of a signal with respect to a channel.
-PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
-# Where a partial derivative enters the iteration matrix. What acts: component `a` of load `load`,
-# or the scalar coordinate with velocity `iv` if load = -1. What it depends on: `term` at its marker
-# I or J (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
-PULL = np.dtype(
-    [
-        ("partial", _I),
-        ("load", _I),
-        ("a", _I),
-        ("iv", _I),
-        ("panel", _I),  # of what acts
-        ("term", _I),
-        ("side", _I),
-        ("state", _I),
-        ("link", _I),
-    ],
-    align=True,
-)
-
 # One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
 # normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
 # The last fields are those of JOINT_FRICTION. Memory from `kept` on: d0', and with friction
@@ -364,24 +319,6 @@ class Kkt(NamedTuple):
     column: np.ndarray  # (nv,) column in its panel, -1: left out
 
 
-class Sensors(NamedTuple):
-    """Channels, those of the results first, then states that only expressions read."""
-
-    channels: np.ndarray  # CHANNEL
-    terms: np.ndarray  # TERM
-    programs: object  # FunctionTable over channels by number
-
-
-class Signals(NamedTuple):
-    """Functions of measured channels that act as forces or drive states."""
-
-    programs: np.ndarray  # (k,) programs of `functions`
-    channels: np.ndarray  # (n,) channels that they read
-    partials: np.ndarray  # PARTIAL
-    pulls: np.ndarray  # PULL
-    implicit: np.ndarray  # (1,) 1: some depend on accelerations or reactions
-
-
 class System(NamedTuple):
     """Everything constant during a run.
 
@@ -416,15 +353,6 @@ LINES = (TWIST, RADIAL, MOMENT)
 # Measures of laws, and where a law comes from.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 NOTHING, CURVE, PROGRAM = 0, 1, 2
-# What channels are.
-SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
-FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 8, 9, 10
-# Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
-# angular velocity and acceleration, what turning axes add to the latter).
-TURNING = 90
-ALONG = 100
-ALONG_X, ALONG_V, ALONG_A, ALONG_OM, ALONG_OMD, SEEN_OMD = range(ALONG, ALONG + 6)
-ANGLE_TURNS, ANGLES_TURN = 1, 2
 # Sides J of contacts.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 # Models of friction, and what its memory says.

@@ -20,7 +20,7 @@ from flexmb.model.couplers import AngleTerm, LinearCouplerSpec, StrokeTerm
 from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.flexible import FlexibleSource, UnitsName
-from flexmb.model.functions import FUNCTION_FORMS, Function
+from flexmb.model.functions import FUNCTION_FORMS, Function, FunctionOf
 from flexmb.model.inertia import Inertia
 from flexmb.model.interfaces import (
     GroupName,
@@ -41,6 +41,7 @@ from flexmb.model.reading import Entry, Reader, Spec, Variant
 from flexmb.model.reduction import Modes, ModesSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.tabulated import Tabulated
+from flexmb.model.told_units import ToldUnit
 from flexmb.units import UNIT_SYSTEMS
 
 __all__ = ["Field", "Form", "described", "fields_of", "form_of", "reference", "words"]
@@ -126,6 +127,8 @@ def _marked(annotation: Any, marks: Iterable[Any]) -> Form:
             return {**NUMBER, **_SIGNS.get(mark.sign, {}), **unit}
         if isinstance(mark, Integer):
             return {"type": ["integer", "string"], "minimum": mark.minimum}
+        if isinstance(mark, FunctionOf | ToldUnit) and mark.channels:
+            return {**_of_class(Function), "description": "as a function of t and channels"}
         if isinstance(mark, Entry):
             return reference(annotation)
         if isinstance(mark, Variant):

@@ -58,13 +58,15 @@ def test_every_public_name_resolves() -> None:
 
 def test_kernels_import_numpy_numba_jit_the_tables_and_each_other(project: Path) -> None:
     outside = ("__future__", "math", "typing", "numpy", "numba")
-    engine = ("flexmb.engine.jit", "flexmb.engine.tables", "flexmb.engine.kernels")
+    tables = ("flexmb.engine.tables", "flexmb.engine.sensor_tables")
+    engine = ("flexmb.engine.jit", *tables, "flexmb.engine.kernels")
     kernels = _sources(project, "flexmb/engine/kernels")
     assert kernels
     for path in kernels:
         assert _strangers(path, (*outside, *engine)) == [], path.name
-    tables = project / "flexmb" / "engine" / "tables.py"
-    assert _strangers(tables, outside) == []
+    for table in tables:
+        path = project / (table.replace(".", "/") + ".py")
+        assert _strangers(path, (*outside, *tables)) == []
 
 
 def _strangers(path: Path, allowed: tuple[str, ...]) -> list[str]:

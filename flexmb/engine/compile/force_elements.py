@@ -15,21 +15,23 @@ from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
+from flexmb.engine.sensor_tables import (
+    FRAME_WRENCH,
+    LAW_WRENCH,
+    LOAD_WRENCH,
+    MUTUAL_WRENCH,
+    SPRING_WRENCH,
+)
 from flexmb.engine.tables import (
     COMPONENT_OF,
     COORDINATE_OF,
     CURVE,
     DISTANCE_OF,
     FRAME,
-    FRAME_WRENCH,
     LAW,
-    LAW_WRENCH,
-    LOAD_WRENCH,
     MUTUAL,
-    MUTUAL_WRENCH,
     NOTHING,
     PROGRAM,
-    SPRING_WRENCH,
     Elements,
 )
 from flexmb.flexbody import FlexBody

@@ -13,19 +13,16 @@ from flexmb.engine.compile.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.joints import Groups
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.functions import lower
-from flexmb.engine.tables import (
+from flexmb.engine.sensor_tables import (
     ALONG,
     ALONG_A,
     ALONG_OM,
     ALONG_OMD,
     ALONG_V,
     ALONG_X,
-    ANGLE,
     ANGLE_TURNS,
     ANGLES_TURN,
     CHANNEL,
-    DISTANCE,
-    DOT2,
     ENERGY,
     EXPRESSION,
     PLACE,
@@ -37,6 +34,7 @@ from flexmb.engine.tables import (
     TURNING,
     Sensors,
 )
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup, signals
 from flexmb.model.expression import Expression

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.compile.sensors import of_acceleration, sides_of
+from flexmb.engine.sensor_tables import PARTIAL, PLACE, PULL, STATE, SUM, Sensors, Signals
 from flexmb.engine.symbolic import Symbolic
-from flexmb.engine.tables import PARTIAL, PULL, REACTION, STATE, SUM, Elements, Sensors, Signals
+from flexmb.engine.tables import Elements
 from flexmb.model.signals import State
 
 __all__ = ["Start", "SignalTables", "signal_tables", "starts"]
@@ -170,9 +171,9 @@ def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies:
 
 
 def _implicit(sensors: Sensors, number: int) -> bool:
-    """Whether a channel depends on accelerations or reactions."""
+    """Whether a channel depends on accelerations, or on reactions and other forces."""
     channel = sensors.channels[number]
     terms = sensors.terms[channel["first"] : channel["first"] + max(channel["n"], 0)]
     if channel["what"] == SUM:
         return any(of_acceleration(term) for term in terms)
-    return bool(channel["what"] == REACTION)
+    return int(channel["what"]) not in (STATE, PLACE)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import frame, law, measure, mutual, pair
-from flexmb.engine.tables import FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH
+from flexmb.engine.sensor_tables import FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH
 
 
 @kernel

@@ -16,14 +16,13 @@ from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import joint_angle, wrapped
 from flexmb.engine.kernels.rotation import cross
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import (
+from flexmb.engine.sensor_tables import (
     ALONG,
     ALONG_A,
     ALONG_OM,
     ALONG_OMD,
     ALONG_V,
     ALONG_X,
-    ANGLE,
     ANGLES_TURN,
     ENERGY,
     EXPRESSION,
@@ -32,6 +31,7 @@ from flexmb.engine.tables import (
     STATE,
     SUM,
 )
+from flexmb.engine.tables import ANGLE
 
 
 @kernel
@@ -60,10 +60,10 @@ def follow_turns(further, sensors, markers, angles):
 
 
 @kernel
-def forget(angles):
+def forget(sensors, angles):
     """No angles yet: the next ones are those nearest to zero."""
     for c in range(angles.shape[0]):
-        angles[c] = math.nan
+        angles[c] = math.nan if sensors.channels[c]["turns"] != 0 else 0.0
 
 
 @kernel

@@ -13,7 +13,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import kinematics, sensor, turning
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import wrapped
-from flexmb.engine.tables import ANGLE_TURNS, ANGLES_TURN, SUM
+from flexmb.engine.sensor_tables import ANGLE_TURNS, ANGLES_TURN, SUM
 
 
 @kernel
@@ -61,7 +61,7 @@ def remember(signals, wk, angles):
 
 
 @kernel
-def forget(signals, wk):
+def forget(signals, sensors, wk):
     """Angles within ±π from here on."""
     if signals is not None:
-        sensor.forget(wk.live.near)
+        sensor.forget(sensors, wk.live.near)

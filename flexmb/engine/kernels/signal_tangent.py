@@ -18,7 +18,7 @@ from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.kinematics import add_pulled_back
 from flexmb.engine.kernels.rotation import cross
 from flexmb.engine.kernels.vector import put
-from flexmb.engine.tables import (
+from flexmb.engine.sensor_tables import (
     ALONG,
     ALONG_A,
     ALONG_OM,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import element, force, reaction
 from flexmb.engine.kernels import energy as energies_of
-from flexmb.engine.tables import LOAD_WRENCH, REACTION, SPRING_WRENCH
+from flexmb.engine.sensor_tables import LOAD_WRENCH, REACTION, SPRING_WRENCH
 
 
 @kernel

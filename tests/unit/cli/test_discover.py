@@ -32,6 +32,7 @@ from flexmb.model.reduction import METHODS as REDUCTIONS
 from flexmb.model.sections import SECTION_TYPES
 from flexmb.model.sensors import SENSOR_TYPES
 from flexmb.model.shapes import SHAPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.units import UNIT_SYSTEMS
 from flexmb.workflow.catalog import METHODS
 
@@ -49,6 +50,7 @@ ALL = {
     "reductions": (*REDUCTIONS, *MeshBodySpec.model_fields, *LOAD_TYPES),
     "methods": (*METHOD_NAMES, *DynamicsSpec.model_fields),
     "sensors": SENSOR_TYPES,
+    "controllers": (*CONTROLLER_TYPES, *StateSpec.model_fields),
     "materials": LIBRARY,
     "units": UNIT_SYSTEMS,
     "shapes": SHAPES,

@@ -10,7 +10,7 @@ from goodscene import GOOD
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.force_elements import names_of
-from flexmb.engine.tables import FRAME_WRENCH, MUTUAL_WRENCH
+from flexmb.engine.sensor_tables import FRAME_WRENCH, MUTUAL_WRENCH
 from flexmb.model import Model, load_scene
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.schema import scene_schema
