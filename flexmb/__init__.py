@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.workflow import (
         check_scene,
         kinematics,
+        mobility,
         new_scene,
         resume,
         run_scene,
@@ -46,6 +47,7 @@ _HOMES = {
     "save_figure": "flexmb.view",
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
+    "mobility": "flexmb.workflow",
     "simulate": "flexmb.workflow",
     "kinematics": "flexmb.workflow",
     "Study": "flexmb.studies",
@@ -68,6 +70,7 @@ __all__ = [
     "kinematics",
     "load_result",
     "load_scene",
+    "mobility",
     "new_scene",
     "plot_history",
     "reduce",

@@ -37,7 +37,7 @@ NO_SIGNALS = Signals(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
     np.zeros(1, np.int64),
 )  # fmt: skip
-STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
+STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
 @entry
@@ -63,7 +63,6 @@ def run(sys, st, wk, out, what, cv, cp, k):
         sensor.read(
             sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
         )
-        reaction.read(sys, now.marker, st.lam, wk.dense.g, out[7 + n :])
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
@@ -77,6 +76,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
+    elif what == REACTIONS:
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
     return 0
 
 
@@ -129,9 +130,8 @@ class Bench:
         self.state = new_state(system, channels)
         self.state.angles[:] = np.nan
         self.work = new_work(system)
-        self.out = np.full(
-            max(self.layout.nq, 7 + channels + 12 * len(system.groups), 12 + self.layout.nv), np.nan
-        )
+        size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
+        self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -200,13 +200,6 @@ class Bench:
     def channels(self):
         return self.out[7 : 7 + len(self.layout.channels)].copy()
 
-    @property
-    def reactions(self):
-        """(groups, 12): force and moment on J in its axes, on I in its axes."""
-        at = 7 + len(self.layout.channels)
-        n = 12 * len(self.sys.groups)
-        return self.out[at : at + n].copy().reshape(-1, 12)
-
     def marker(self, field):
         """(markers, ...) values of one field of all markers."""
         return self.work.now.marker[field].copy()
@@ -218,6 +211,15 @@ class Bench:
         """Where the velocity coordinates of a body are."""
         row = self.sys.parts.bodies[body]
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
+
+    @property
+    def reactions(self):
+        """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        before, n = self.out.copy(), len(self.sys.groups)
+        self.run(REACTIONS)
+        found = self.out[: 12 * n].reshape(n, 4, 3).copy()
+        self.out[:] = before
+        return found
 
     @property
     def scalars(self):

@@ -15,17 +15,18 @@ import numpy as np
 from flexmb.analysis.assembly import Begin, assemble
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock
+from flexmb.results import NOT_UNIQUE, OutputBlock
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
@@ -112,6 +113,7 @@ class Prepared:
     clock: Clock
     notes: tuple[str, ...]
     rows_before: int = 0  # rows that are in the file already
+    doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
 
 
 def prepare(
@@ -139,7 +141,7 @@ def prepare(
     SceneError
         The model says nothing about dynamics.
     AssemblyError
-        No consistent first state.
+        No consistent first state, or drivers that contradict each other or the joints.
     """
     spec = model.dynamics
     if spec is None:
@@ -149,25 +151,27 @@ def prepare(
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
     clock.lap("compile")
     progress("assemble", 0.0)
-    first = assemble(compiled, model, start=spec.start, begin=begin)
+    try:
+        first = assemble(compiled, model, start=spec.start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
     notes = list(first.notes)
+    doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
-        redundant = compiled.layout.nc - rank
-        notes.append(
-            f"{redundant} of {compiled.layout.nc} constraint equations repeat others: the motion "
-            "is unique, the reactions there are not (the least ones are reported)"
-        )
+        doubtful, told = redundant_reactions(compiled, model, first.state.q)
+        notes += told
     notes += loop_notes(model)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
-    return Prepared(run, grid, model, clock, tuple(notes))
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
 
 
 def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) -> Outcome:
@@ -194,7 +198,10 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
             "inertia in some direction that it can move in, or the pose is singular"
         )
-    return Outcome(status, message, _statistics(run, clock), tuple(notes))
+    statistics = _statistics(run, clock)
+    if prepared.doubtful:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
+    return Outcome(status, message, statistics, tuple(notes))
 
 
 def dynamics(

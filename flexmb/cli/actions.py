@@ -43,8 +43,13 @@ def show_run(report: Any) -> None:
         raise typer.Exit(FAILED_CHECK)
 
 
-def check_scene(scene: Path, overrides: list[str]) -> None:
-    """Validate a scene and show its counts."""
+def check_scene(scene: Path, overrides: list[str], tables: bool, as_json: bool) -> None:
+    """Validate a scene and show its counts and what can move."""
     from flexmb import workflow
+    from flexmb.cli import checking
 
-    show.check_report(workflow.check_scene(scene, words.pairs(overrides, "--set")))
+    report = workflow.check_scene(scene, words.pairs(overrides, "--set"), tables=tables)
+    if as_json:
+        show.line(checking.as_json(report))
+    else:
+        checking.check_report(report)

@@ -143,16 +143,27 @@ def run(
 
 @app.command()
 @guarded
-def check(scene: Scene, overrides: Overrides = None) -> None:
-    """Validate a scene and count what is in it, without running it.
+def check(
+    scene: Scene,
+    overrides: Overrides = None,
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="Show the tables that define the model."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the report as JSON.")] = False,
+) -> None:
+    """Validate a scene, count what is in it and what can move, without running it.
 
-    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name.
+    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name. Of a
+    valid scene it tells coordinates, equations, their rank and the degrees of freedom; which joints
+    share redundant equations and the exchange of joints that removes them; which reactions are then
+    not unique; and the motions that are left free.
 
-    Example: flexmb check cases/slider_crank/scene.toml
+    Example: flexmb check cases/slider_crank/scene.toml --tables
     """
     from flexmb.cli.actions import check_scene
 
-    check_scene(scene, overrides or [])
+    check_scene(scene, overrides or [], tables, as_json)
 
 
 @app.command()

@@ -29,6 +29,7 @@ _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passe
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
+_NOT_UNIQUE = "reactions_not_unique"
 
 
 def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
@@ -54,7 +55,9 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
         rows.append(
             ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")
         )
-    spoken = {*_TOLD, *_OF_POINTS, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES}
+    spoken = {
+        *_TOLD, *_OF_POINTS, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _NOT_UNIQUE,
+    }  # fmt: skip
     rows += [
         (key.replace("_", " "), number(value), "")
         for key, value in known.items()

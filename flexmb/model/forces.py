@@ -83,14 +83,18 @@ class JointSpringSpec(Spec):
 
     @property
     def coordinate(self) -> str:
-        """``"angle"`` or ``"stroke"``."""
+        """``"angle"``, ``"second_angle"`` or ``"stroke"``."""
         raise NotImplementedError
 
 
 class RotationalSpringSpec(JointSpringSpec):
-    """A spring, damper and actuator on the angle of a joint, which counts turns."""
+    """A spring, damper and actuator on the angle of a joint, which counts turns.
+
+    ``about = "second_axis"``: on the second angle of a universal joint.
+    """
 
     type: Literal["rotational-spring-damper"]
+    about: Literal["axis", "second_axis"] = "axis"
     stiffness: Annotated[float, Quantity("N m/rad", "not negative")] = 0.0
     damping: Annotated[float, Quantity("N m s/rad", "not negative")] = 0.0
     free: Annotated[float, Quantity("rad")] = 0.0
@@ -98,7 +102,7 @@ class RotationalSpringSpec(JointSpringSpec):
 
     @property
     def coordinate(self) -> str:
-        return "angle"
+        return "angle" if self.about == "axis" else "second_angle"
 
 
 class TranslationalSpringSpec(JointSpringSpec):

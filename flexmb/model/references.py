@@ -37,7 +37,7 @@ def problems(
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
     named = (body_problems, _joints, coupler_problems, driver_problems, _forces)
-    further = (assembly_problems, sensor_problems, signal_problems, curve_uses.shapes)
+    further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
     parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together

@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
+from flexmb.workflow.mobility import mobility
 from flexmb.workflow.place import output_folder
 from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
@@ -27,6 +28,7 @@ __all__ = [
     "flexible_bodies",
     "kinematics",
     "listing",
+    "mobility",
     "new_scene",
     "output_folder",
     "reduce_mesh",

@@ -56,7 +56,7 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
             stiffness=spec.stiffness,
             free=spec.free,
             function=-1 if spec.value is None else functions.add(spec.value.expression),
-            angular=spec.coordinate == "angle",
+            angular=spec.coordinate != "stroke",
         )
         for name, spec in joint_springs(model).items()
     ]

@@ -32,6 +32,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
+from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
 from flexmb.model.signals import resolved, states_of
@@ -41,6 +42,7 @@ from flexmb.model.signals import resolved, states_of
 class Compiled:
     """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
 
+    `functions` are the functions of time as expressions, by the index that the tables use.
     `contacts` are the joints that can only push, cams with their followers.
     """
 
@@ -49,6 +51,7 @@ class Compiled:
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
     starts: tuple[signals.Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
@@ -161,9 +164,10 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         placed,
         length,
         known,
-        tuple(sliders.contacts),
-        tuple(starts),
-        tuple(numbers),
+        functions=tuple(functions.programs),
+        contacts=tuple(sliders.contacts),
+        starts=tuple(starts),
+        numbers=tuple(numbers),
     )
 
 

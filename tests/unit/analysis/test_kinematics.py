@@ -68,6 +68,9 @@ tied.add_joint("b", "revolute", between=["ground.right", "two"], axis="z")
 tied.add_joint("c", "revolute", between=["one.end", "two.end"], axis="z")
 tied.add_driver("motor", joint="a", angle="0.1*t")
 keep("locked", tied)
+del tied.drivers["motor"]
+tied.add_driver("motor", joint="a", angle="0.5*max(0, (t - 0.4)*(0.5 - t))")
+keep("locked later", tied, outputs=20)
 
 free = linkage()
 del free.drivers["motor"]
@@ -86,6 +89,10 @@ keep("rates apart", twice)
 twice = linkage(angle="t**2")
 twice.add_driver("other", joint="right", angle="t**2")
 keep("drift apart", twice)
+twice = linkage(bars=(1, 2, 1, 2), angle="0.3*t")
+bump = "0.3*t + 0.5*max(0, (t - 0.4)*(0.5 - t))"  # agrees at most times
+twice.add_driver("other", joint="right", angle=bump)
+keep("bump apart", twice, outputs=20)
 
 keep("leap", linkage(angle="0.3*t + 0.1*(1 + sign(t - 0.55))"))
 keep("root", linkage(angle="sqrt(0.55 - t)*0.2"))
@@ -185,7 +192,13 @@ def test_a_point_in_the_flat_pose_has_no_motion(runs):
 
 
 def test_a_locked_mechanism_names_driver_and_joints(runs):
-    said(runs, "locked", "failed", "drivers.motor asks", "joints.c", "the mechanism is locked")
+    words = ("drivers.motor: has nothing to drive", "locked", "joints a, b, c hold")
+    said(runs, "locked", "refused", *words)
+
+
+def test_a_driver_that_rests_at_first_in_a_locked_mechanism(runs):
+    words = ("drivers.motor asks", "joints.c", "do not allow: the mechanism is locked")
+    said(runs, "locked later", "failed", "at t = 0.4", *words)
 
 
 def test_motions_without_driver_are_named(runs):
@@ -199,7 +212,12 @@ def test_states_are_refused(runs):
 
 @pytest.mark.parametrize("name", ["rates apart", "drift apart"])
 def test_conflicting_drivers_are_both_named(runs, name):
-    said(runs, name, "failed", "drivers.motor and drivers.other", "contradict each other")
+    said(runs, name, "refused", "drivers.motor and drivers.other", "contradict each other")
+
+
+def test_drivers_that_agree_at_first_are_both_named(runs):
+    said(runs, "bump apart", "failed", "at t = 0.4", "drivers.motor and drivers.other ask")
+    assert len(runs["bump apart.t"]) == 9
 
 
 def test_a_driver_that_jumps_is_named(runs):
