@@ -149,7 +149,8 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
 
     def make(system: System, at: State) -> Closer:
         system = system._replace(kinks=None)
-        path, used = new_path(system), work if at is state else new_work(system)
+        path = new_path(system)
+        used = work if at is state else new_work(system, len(at.angles))
         for body, weight in zip(system.parts.bodies, weights, strict=True):
             path.metric[body["iv"] : body["iv"] + 6 + body["m"]] *= weight
         return Closer(
