@@ -7,10 +7,10 @@ repeat others, the least λ. What holds the shapes of flexible bodies takes the 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import inertia, signal
+from flexmb.engine.kernels import element, inertia, joint_friction, memory, signal
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.residual import forces
-from flexmb.engine.method import FINE, NO_LOOP, ZERO_LENGTH
+from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING, ZERO_LENGTH
 
 # Forces that depend on reactions: rounds until these settle, relative.
 _LOOPS, _SETTLED = 100, 1e-12
@@ -21,8 +21,11 @@ def reactions(sys, st, wk):
     """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; returns the status."""
     fac, place, nv, before = wk.factor, sys.kkt.place, st.v.shape[0], wk.con.gamma
     inertia.prepare(sys.parts, wk.now, st.q)
+    element.position(sys.elements, sys.parts.coordinates, wk.now, st.q)
+    memory.put_span(sys.contacts, wk.now, st.t[0])
     for n in range(_LOOPS):
         signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
+        joint_friction.put_grips(sys, sys.frictions, wk, st.lam)
         for i in range(st.lam.shape[0]):
             before[i] = st.lam[i]
             st.lam[i] = 0.0
@@ -38,14 +41,16 @@ def reactions(sys, st, wk):
             st.lam[i] = fac.sol[place[nv + i]]
             change = max(change, abs(st.lam[i] - before[i]))
             size = max(size, abs(st.lam[i]))
-        if _independent(sys.signals) or (n > 0 and change <= _SETTLED * size):
+        if _independent(sys.signals, sys.frictions) or (n > 0 and change <= _SETTLED * size):
             return FINE
-    return NO_LOOP
+    return NO_LOOP if sys.frictions is None else SELF_LOCKING
 
 
 @kernel
-def _independent(signals):
+def _independent(signals, frictions):
     """Whether no force depends on reactions or accelerations."""
+    if frictions is not None:
+        return False
     if signals is not None:
         return signals.implicit[0] == 0
     return True

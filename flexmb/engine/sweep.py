@@ -19,10 +19,14 @@ from flexmb.engine.inverse import reactions
 from flexmb.engine.jit import entry, inlined
 from flexmb.engine.kernels import (
     constraint,
+    contact,
     coordinate,
+    element,
     energy,
     force,
+    joint_friction,
     kinematics,
+    memory,
     reaction,
     sensor,
     signal,
@@ -155,6 +159,9 @@ def _reach(sys, settings, st, wk, path):
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
+    contacts, frictions, scalars = sys.contacts, sys.frictions, sys.parts.coordinates
+    if st.count[OUTPUTS] == 0:
+        memory.begin(sys, contacts, frictions, now, st.t[0], st.q, st.kept)
     status = reactions(sys, st, wk)
     if status != FINE:
         return status
@@ -171,11 +178,19 @@ def _report(sys, settings, st, wk, path, out):
     e[1] = energy.strain(sys.parts, st.q)
     e[2] = energy.gravitational(sys.parts, now, st.q)
     e[3] = force.spring_energy(sys.springs, now.marker)
-    e[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
+    e[3] += coordinate.spring_energy(scalars, st.q) + contact.energy(contacts, now.marker)
+    e[3] += element.energy(sys.elements, scalars, now, st.v)
     energy.powers(sys, now, wk.con.fun, st.v, st.lam, st.power)
+    st.power[1] += joint_friction.power(frictions, scalars, now, st.q, st.v)
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     for k in range(3):
         e[4 + k] = st.work_done[k]
+    # The power of friction counts what goes into its bristles too; that is not lost yet.
+    bristles = contact.bristle_energy(contacts, now)
+    bristles += joint_friction.bristle_energy(frictions, scalars, now, st.q, st.v)
+    e[3] += bristles
+    e[5] += bristles
+    memory.keep(sys, contacts, frictions, now, st.t[0], st.q, st.v, st.kept)
     sensor.read(
         sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, e, st.angles, out.sensors[row]
     )

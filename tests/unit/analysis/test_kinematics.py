@@ -105,6 +105,29 @@ flexible.add_driver("motor", joint="hinge", angle="3*t")
 rows = keep("flexible", flexible, outputs=2)
 found["flexible.q"], found["flexible.v"] = rows["q"], rows["v"]
 
+wheel = Model("wheel", gravity=[0, -10, 0])
+wheel.add_body("wheel", mass=2, inertia=[1, 1, 1])
+wheel.add_joint("hinge", "revolute", between=["ground", "wheel"], axis="z")
+wheel.add_driver("motor", joint="hinge", angle="20*t")
+wheel.add_sensor("bearing", "reaction", joint="hinge", axes="global")
+wheel.add_sensor("torque", "reaction", driver="motor", quantity="moment")
+wheel.add_sensor("turned", "orientation", of="wheel")
+wheel.add_sensor("load", "expression", value="hypot(bearing.x, bearing.y)", unit="N")
+wheel.add_force("drag", "torque", at="wheel", value=[0, 0, "-0.05*load"])
+keep("wheel", wheel)
+_, _, columns = swept(wheel)
+for name in ("torque.z", "load", "turned.gamma"):
+    found[name] = columns[name]
+
+sled = Model("sled", plane="xy", gravity=[0, -10, 0])
+sled.add_body("sled", mass=2, inertia=[1, 1, 1])
+sled.add_joint("guide", "prismatic", between=["ground", "sled"], axis="x")
+sled.add_driver("push", joint="guide", stroke="0.5*t - 0.4*t**2")
+sled.add_force("rubbing", "joint-friction", joint="guide", dynamic=0.3, stiffness=1e7)
+rows = keep("sled", sled)
+push = compile_system(sled).layout.reactions.index("drivers.push")
+found["sled.push"], found["sled.v"] = rows["reactions"][:, 12 * push], rows["v"][:, 0]
+
 module._CHUNK_WORK = 4 * 18  # four points of a four-bar
 made = linkage()
 made.set_kinematics(duration=1.0, outputs=10)
@@ -249,3 +272,19 @@ def test_an_interruption_keeps_the_points_until_then(runs):
 
 def test_a_change_of_branch_is_an_error(runs):
     said(runs, "branch", "failed", "changed its branch between t = 0.3", "assembly.guess")
+
+
+def test_forces_over_reactions_and_all_sensors(runs):
+    """A wheel of 20 N whose bearing drags with a twentieth of its load, turned ten times 20 rad."""
+    assert runs["wheel"][0] == "finished"
+    np.testing.assert_allclose(runs["load"], 20.0, rtol=1e-12)
+    np.testing.assert_allclose(runs["torque.z"], 1.0, rtol=1e-12)
+    np.testing.assert_allclose(runs["turned.gamma"], np.linspace(0.0, 20.0, 11), atol=1e-9)
+
+
+def test_friction_in_a_joint_is_pushed_against(runs):
+    """m v̇ = F − μ m g sign v, along x, which is the joint's own axis in a plane; the first point
+    is that of the free bristle."""
+    assert runs["sled"][0] == "finished"
+    force = 2.0 * -0.8 + 0.3 * 20.0 * np.sign(runs["sled.v"])
+    np.testing.assert_allclose(runs["sled.push"][1:], force[1:], rtol=1e-9)
