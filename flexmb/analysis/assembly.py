@@ -149,7 +149,8 @@ def assembly_report(compiled: Compiled, model: Model) -> AssemblyReport:
     AssemblyError
         Positions that cannot be closed (worst joints and gaps), or a joint on its wrong branch.
     """
-    state, work = new_state(compiled.system), new_work(compiled.system)
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    work = new_work(compiled.system)
     state.q[:] = compiled.placed
     solve_level(compiled.system, state, work, RESIDUAL)
     period = slowest_period(compiled.system)

@@ -127,7 +127,7 @@ def _go_near(model: Model, compiled: Compiled, state: State, make: MakeCloser) -
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FlexmbWarning)  # said of the model itself already
         guessed = compile_system(made, compiled.flexbodies)
-    near = new_state(guessed.system)
+    near = new_state(guessed.system, len(guessed.layout.channels))
     near.q[:] = state.q
     _rounds(make(guessed.system, near), _NEAR)
     if np.all(np.isfinite(near.q)):

@@ -113,7 +113,8 @@ def _words(one: Surplus) -> str:
 
 def _disagreement(model: Model, found: Weighted) -> float | None:
     """A moment [s] at which no pose satisfies all drivers and joints; None if none was found."""
-    duration = 1.0 if model.dynamics is None else model.dynamics.duration
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    duration = max(spans, default=1.0)
     q = found.pose.q
     for share in _MOMENTS:
         there = close(found.compiled, q, t=share * duration)

@@ -14,9 +14,10 @@ import numpy as np
 from flexmb.analysis.closing import Closer, body_weights, close_positions
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.dynamics import Outcome, Sink
+from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.run import Balance, Clock
 from flexmb.analysis.signal_notes import SingularPoses, loop_notes
-from flexmb.analysis.singular import LARGEST, Decomposition, decompose
+from flexmb.analysis.singular import LARGEST, decompose
 from flexmb.analysis.unfixed import Pose, enter, free_motions, passed_poses, sweep_reason
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -29,7 +30,7 @@ from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock
+from flexmb.results import NOT_UNIQUE, OutputBlock
 
 __all__ = ["PreparedSweep", "kinematics", "prepare_sweep", "run_sweep"]
 
@@ -51,6 +52,7 @@ class PreparedSweep:
     path: Path
     clock: Clock
     notes: tuple[str, ...]
+    doubtful: tuple[str, ...]  # joints and drivers whose reactions are not unique
 
 
 def prepare_sweep(
@@ -72,7 +74,8 @@ def prepare_sweep(
     SceneError
         The model says nothing about kinematics.
     AssemblyError
-        Positions that cannot be closed, or motions that no driver fixes.
+        Positions that cannot be closed, motions that no driver fixes, or drivers that contradict
+        each other or the joints.
     """
     spec = model.kinematics
     if spec is None:
@@ -86,13 +89,8 @@ def prepare_sweep(
     progress("assemble", 0.0)
     state = new_state(compiled.system, channels)
     work, path = new_work(compiled.system, channels), new_path(compiled.system)
-    state.q[:] = compiled.placed
     _close(compiled, model, state, work)
-    state.angles[:] = np.nan  # the first ones are those nearest to zero
-    enter(compiled.system, state, work, path, EVALUATE)
-    found = decompose(compiled, work) if compiled.layout.nv <= LARGEST else None
-    if found is not None and found.rank < found.n:
-        raise AssemblyError(free_motions(Pose(compiled, model, state, work, path)))
+    redundant, doubtful, notes = _checked(Pose(compiled, model, state, work, path))
     progress("assemble", 1.0)
     clock.lap("assemble")
     settings = Sweep(
@@ -100,10 +98,12 @@ def prepare_sweep(
         interval=spec.duration / spec.outputs,
         outputs=spec.outputs,
         closed=_CLOSED * max(1.0, float(np.abs(state.q).max()) / compiled.length),
-        redundant=compiled.layout.nc - (0 if found is None else found.rank),
+        redundant=redundant,
     )
-    notes = (*_notes(compiled, found), *loop_notes(model))
-    return PreparedSweep(compiled, model, spec, settings, state, work, path, clock, notes)
+    return PreparedSweep(
+        compiled, model, spec, settings, state, work, path, clock, (*notes, *loop_notes(model)),
+        doubtful,
+    )  # fmt: skip
 
 
 def run_sweep(prepared: PreparedSweep, sink: Sink, *, progress: Progress = silent) -> Outcome:
@@ -129,7 +129,10 @@ def run_sweep(prepared: PreparedSweep, sink: Sink, *, progress: Progress = silen
         *rows.lifts.notes(),
         *rows.poses.notes,
     )
-    return Outcome(status, message, _statistics(prepared, rows), notes)
+    statistics = _statistics(prepared, rows)
+    if prepared.doubtful:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
+    return Outcome(status, message, statistics, notes)
 
 
 def kinematics(
@@ -142,10 +145,12 @@ def kinematics(
 def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     """Close the first positions with least change in lengths and angles times body weights."""
     weights = body_weights(model)
+    state.q[:] = compiled.placed
 
     def make(system: System, at: State) -> Closer:
         system = system._replace(kinks=None)
-        path, used = new_path(system), work if at is state else new_work(system)
+        path = new_path(system)
+        used = work if at is state else new_work(system, len(at.angles))
         for body, weight in zip(system.parts.bodies, weights, strict=True):
             path.metric[body["iv"] : body["iv"] + 6 + body["m"]] *= weight
         return Closer(
@@ -154,7 +159,11 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
             lambda: enter(system, at, used, path, EVALUATE),
         )
 
-    close_positions(compiled, model, state, make)
+    try:
+        close_positions(compiled, model, state, make)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
 
 
 def _refuse_states(model: Model) -> None:
@@ -176,18 +185,34 @@ def _refuse_states(model: Model) -> None:
         raise SceneError.from_problems(problems)
 
 
-def _notes(compiled: Compiled, found: Decomposition | None) -> tuple[str, ...]:
-    notes = []
+def _checked(pose: Pose) -> tuple[int, tuple[str, ...], list[str]]:
+    """Number of rows that repeat others, elements with reactions in doubt, and notes.
+
+    Raises
+    ------
+    AssemblyError
+        Motions that no driver fixes, or drivers that contradict each other or the joints.
+    """
+    compiled, model, state = pose.compiled, pose.model, pose.state
     held = [body.name for body in compiled.layout.bodies if body.m > 0]
-    if held:
-        notes.append(f"kinematics holds flexible bodies undeformed: {', '.join(held)}")
+    notes = [f"kinematics holds flexible bodies undeformed: {', '.join(held)}"] if held else []
+    state.angles[:] = np.nan  # the first ones are those nearest to zero
+    enter(compiled.system, state, pose.work, pose.path, EVALUATE)
     nc = compiled.layout.nc
-    if found is not None and found.rank < nc:
-        notes.append(
+    if compiled.layout.nv > LARGEST:
+        return nc, (), notes
+    found = decompose(compiled, pose.work)
+    if found.rank < found.n:
+        raise AssemblyError(free_motions(pose))
+    if found.rank == nc:
+        return 0, (), notes
+    doubtful, told = redundant_reactions(compiled, model, state.q)
+    if not doubtful:  # rows of which deformation would decide
+        told.append(
             f"{nc - found.rank} of {nc} constraint equations repeat others: the motion is unique, "
             "the reactions there are not (the least ones are reported)"
         )
-    return tuple(notes)
+    return nc - found.rank, doubtful, [*notes, *told]
 
 
 class _Rows:

@@ -38,6 +38,8 @@ __all__ = ["Pose", "enter", "free_motions", "passed_poses", "sweep_reason"]
 
 Array = NDArray[np.float64]
 
+# What has a sentence of its own.
+_SAID = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
 _CONTRADICTED = 1e-6  # share of what is asked that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
@@ -142,7 +144,7 @@ def sweep_reason(status: int, prepared: PreparedSweep) -> str:
     told = not_finite_function(pose.model, [t for t in tried if np.isfinite(t)])
     if told:
         return told
-    if status in (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP):
+    if status in _SAID:
         return sentence(status, pose.compiled, pose.work, time)
     if status == method.LEAP:
         return _leap(pose, time, float(pose.work.trial.t[0]))

@@ -11,8 +11,10 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.vector import copy
 from flexmb.engine.method import FINE, JUMP, LEAP
 
+_LONGEST = 0.5  # motion of an increment at most, of the model size or rad
 _APART = 0.25  # off by this share of the motion: another branch, or too long an increment
 _NOTHING = 1e-5  # of the model size: branches this close are one
 _TURNED = 0.55  # a jump of v̇ amid the increment leaves 0.5
@@ -33,23 +35,57 @@ def finite(functions, fun):
 
 
 @kernel
-def judge(sys, st, wk, path, h, last):
-    """Compare the trial point with the state before it; returns the status."""
-    tr, w = wk.trial, sys.weights
-    if last and _jumps(sys.functions, path.before, wk.con.fun, h, 0):
+def increment(left, h, speed):
+    """The increment to try: h or less, in parts of the time `left` that are about equal."""
+    if h * speed > _LONGEST:
+        h = _LONGEST / speed
+    if h > left * (1.0 - 1e-9):
+        return left
+    return 0.5 * left if h > 0.5 * left else h
+
+
+@kernel
+def predict(v0, vd0, jerk, h, dq, v, vd, change):
+    """Motion and rates at h by Taylor's series; no corrections yet."""
+    for i in range(v0.shape[0]):
+        j = jerk[i]
+        dq[i] = h * (v0[i] + h * (0.5 * vd0[i] + h * j / 6.0))
+        v[i] = v0[i] + h * (vd0[i] + 0.5 * h * j)
+        vd[i] = vd0[i] + h * j
+        change[i] = 0.0
+
+
+@kernel
+def keep(vd0, vd, h, jerk, look, seen, fun, before):
+    """What the next point needs of an accepted one."""
+    for i in range(vd.shape[0]):
+        jerk[i] = (vd[i] - vd0[i]) / h if h > 0.0 else 0.0
+        seen[i] = look[i]
+    for k in range(before.shape[0]):
+        for c in range(3):
+            before[k, c] = fun[k, c]
+
+
+@kernel
+def judge(functions, w, v0, vd0, v, vd, path, fun, h, last):
+    """Compare a point with the one before it (0); returns the status.
+
+    `last`: there is no smaller increment, so a kink in a function is taken as it is.
+    """
+    if last and _jumps(functions, path.before, fun, h, 0):
         return LEAP
     off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
     for i in range(w.shape[0]):
         c = path.change[i]
-        d = c + h * h * (h * path.jerk[i] - (tr.vd[i] - st.vd[i])) / 6.0
+        d = c + h * h * (h * path.jerk[i] - (vd[i] - vd0[i])) / 6.0
         off = max(off, w[i] * abs(d))
-        motion = max(motion, w[i] * (0.5 * h * abs(st.v[i] + tr.v[i]) + abs(c)))
-        mean = 0.5 * h * (st.vd[i] + tr.vd[i])
-        turned = max(turned, w[i] * abs(tr.v[i] - st.v[i] - mean))
-        speed = max(speed, w[i] * max(abs(st.v[i]), abs(tr.v[i]), abs(mean)))
+        motion = max(motion, w[i] * (0.5 * h * abs(v0[i] + v[i]) + abs(c)))
+        mean = 0.5 * h * (vd0[i] + vd[i])
+        turned = max(turned, w[i] * abs(v[i] - v0[i] - mean))
+        speed = max(speed, w[i] * max(abs(v0[i]), abs(v[i]), abs(mean)))
     far = off > _APART * motion and off > _NOTHING
     other = turned > _TURNED * speed and h * turned > _STILL
-    if far or (other and not (last and _jumps(sys.functions, path.before, wk.con.fun, h, 1))):
+    if far or (other and not (last and _jumps(functions, path.before, fun, h, 1))):
         return JUMP
     return FINE
 
@@ -72,15 +108,21 @@ def _jumps(functions, before, now, h, order):
 
 
 @kernel
-def passed(weights, path):
-    """Whether a singular pose lies between the last point and the trial one."""
+def note_passed(weights, path, t0, t, q):
+    """Count a singular pose between the last point and this one, and keep when and where."""
     both, first, second = 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
         w = weights[i] * weights[i]
         both += w * path.seen[i] * path.look[i]
         first += w * path.seen[i] * path.seen[i]
         second += w * path.look[i] * path.look[i]
-    return both < _FLIPPED * math.sqrt(first * second)
+    if both < _FLIPPED * math.sqrt(first * second):
+        k = path.count[2]
+        if k < path.passed.shape[0]:
+            path.passed[k, 0] = t0
+            path.passed[k, 1] = t
+            copy(q, path.passed_q[k])
+        path.count[2] += 1
 
 
 @kernel

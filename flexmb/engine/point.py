@@ -57,11 +57,7 @@ def close(sys, settings, wk, path):
             if closed:
                 return FINE
             fresh, last = True, 0.0
-        for i in range(nv):
-            sol[place[i]] = 0.0
-        for i in range(con.C.shape[0]):
-            sol[place[nv + i]] = -con.C[i]
-        solve(sys.kkt, wk.factor, sol)
+        _solve_rows(sys.kkt, wk.factor, nv, con.C, -1.0)
         size = 0.0
         for i in range(nv):
             d = sol[place[i]]
@@ -93,13 +89,13 @@ def _noise(rows, row_weights, fun):
 @inlined
 def rates(sys, settings, wk, path):
     """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
+    tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
+    nv = tr.dq.shape[0]
     if settings.redundant == 0:
-        pivot = _least_pivot(sys, wk.factor)
+        pivot = _least_pivot(place[nv:], wk.factor.d, wk.factor.eps)
         path.number[_PIVOT] = max(path.number[_PIVOT], pivot)
         if pivot < _SINGULAR * path.number[_PIVOT]:
             return SINGULAR
-    tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
-    nv = tr.dq.shape[0]
     scale, off = 0.0, math.inf
     for n in range(_ROUNDS + 1):
         kinematics.velocity(sys.parts, wk.now, tr.v)
@@ -109,69 +105,63 @@ def rates(sys, settings, wk, path):
         scale = max(scale, off, weighted_size(tr.v, sys.weights))
         if off <= _EXACT * scale or n == _ROUNDS:
             break
-        for i in range(nv):
-            sol[place[i]] = 0.0
-        for i in range(con.rate.shape[0]):
-            sol[place[nv + i]] = -con.rate[i]
-        solve(sys.kkt, wk.factor, sol)
+        _solve_rows(sys.kkt, wk.factor, nv, con.rate, -1.0)
         for i in range(nv):
             tr.v[i] += sol[place[i]]
     if off > _UNLIKE * scale:
         return UNLIKE_RATES
     kinematics.bias(sys.parts, wk.now, tr.v)
     constraint.right_side(sys.lines, sys.rows, wk.now.marker, con, wk.dense.g[0])
-    _accelerations(sys, wk)
-    _look(sys, wk, path)
+    _accelerations(sys.kkt, wk.factor, sys.weights, sys.row_weights, con.gamma, tr.vd)
+    # The solution of Cq x = probe: its direction flips where det Cq passes zero.
+    _solve_rows(sys.kkt, wk.factor, nv, path.probe, 1.0)
+    for i in range(nv):
+        path.look[i] = sol[place[i]]
     return FINE
 
 
 @kernel
-def _least_pivot(sys, factor):
+def _least_pivot(places, d, eps):
     """The smallest pivot of a row over its own compliance: small where others decide the row."""
-    least, nv = 1.0, sys.weights.shape[0]
-    for i in range(sys.rows.shape[0]):
-        k = sys.kkt.place[nv + i]
-        if factor.eps[k] > 0.0:
-            least = min(least, abs(factor.d[k]) * _REGULARISATION / factor.eps[k])
+    least = 1.0
+    for i in range(places.shape[0]):
+        k = places[i]
+        if eps[k] > 0.0:
+            least = min(least, abs(d[k]) * _REGULARISATION / eps[k])
     return least
 
 
 @kernel
-def _accelerations(sys, wk):
-    """Correct trial.vd to Cq v̇ = γ."""
-    tr, fac, place, gamma = wk.trial, wk.factor, sys.kkt.place, wk.con.gamma
-    nv = tr.vd.shape[0]
-    scale = weighted_size(gamma, sys.row_weights)
+def _accelerations(kkt, fac, w, row_weights, gamma, vd):
+    """Correct vd to Cq v̇ = γ."""
+    place, nv = kkt.place, vd.shape[0]
+    scale = weighted_size(gamma, row_weights)
     for _ in range(_ROUNDS):
         for i in range(nv):
-            fac.rhs[place[i]] = tr.vd[i]
+            fac.rhs[place[i]] = vd[i]
         for i in range(gamma.shape[0]):
             fac.rhs[place[nv + i]] = 0.0
-        multiply(sys.kkt, fac, fac.rhs, fac.tmp)
+        multiply(kkt, fac, fac.rhs, fac.tmp)
         off = 0.0
         for i in range(nv):
             fac.sol[place[i]] = 0.0
         for i in range(gamma.shape[0]):
             k = place[nv + i]
             fac.sol[k] = gamma[i] - fac.tmp[k]
-            off = max(off, abs(fac.sol[k]) * sys.row_weights[i])
-        scale = max(scale, weighted_size(tr.vd, sys.weights))
+            off = max(off, abs(fac.sol[k]) * row_weights[i])
+        scale = max(scale, weighted_size(vd, w))
         if off <= _EXACT * scale:
             break
-        solve(sys.kkt, fac, fac.sol)
+        solve(kkt, fac, fac.sol)
         for i in range(nv):
-            tr.vd[i] += fac.sol[place[i]]
+            vd[i] += fac.sol[place[i]]
 
 
 @kernel
-def _look(sys, wk, path):
-    """Solution of Cq x = probe: its direction flips where det Cq passes zero."""
-    sol, place = wk.factor.sol, sys.kkt.place
-    nv = path.look.shape[0]
+def _solve_rows(kkt, fac, nv, values, sign):
+    """fac.sol from no forces on the coordinates and these values of the rows, times a sign."""
     for i in range(nv):
-        sol[place[i]] = 0.0
-    for i in range(path.probe.shape[0]):
-        sol[place[nv + i]] = path.probe[i]
-    solve(sys.kkt, wk.factor, sol)
-    for i in range(nv):
-        path.look[i] = sol[place[i]]
+        fac.sol[kkt.place[i]] = 0.0
+    for i in range(values.shape[0]):
+        fac.sol[kkt.place[nv + i]] = sign * values[i]
+    solve(kkt, fac, fac.sol)

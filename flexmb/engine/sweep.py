@@ -19,10 +19,14 @@ from flexmb.engine.inverse import reactions
 from flexmb.engine.jit import entry, inlined
 from flexmb.engine.kernels import (
     constraint,
+    contact,
     coordinate,
+    element,
     energy,
     force,
+    joint_friction,
     kinematics,
+    memory,
     reaction,
     sensor,
     signal,
@@ -50,8 +54,7 @@ POINTS, CORRECT, EVALUATE = 0, 1, 2
 # Places in Path.number: the increment to try next, motion since the factor (< 0: none of use),
 # largest of the least pivots so far.
 NEXT, MOVED = 0, 1
-# An increment is at most this motion (model size, rad), and at least this share of the interval.
-_LONGEST = 0.5
+# An increment is at least this share of the interval between outputs.
 _SMALLEST = 2.0**-22
 _KEPT = 8  # singular poses of which time and positions are kept
 _CUT = 0.3  # a correction of first positions is cut to this
@@ -100,92 +103,55 @@ def new_path(system: System) -> Path:
 
 
 @inlined
-def _attempt(sys, settings, st, wk, path, h, last):
-    """A point at h after the state, in the trial state; h = 0: the state itself.
-
-    `last`: there is no smaller increment, so a kink in a function is taken as it is.
-    """
-    tr = wk.trial
-    tr.t[0] = st.t[0] + h
-    evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, wk.con.fun)
-    if not continuity.finite(sys.functions, wk.con.fun):
-        return NOT_FINITE
-    for i in range(st.v.shape[0]):
-        j = path.jerk[i]
-        tr.dq[i] = h * (st.v[i] + h * (0.5 * st.vd[i] + h * j / 6.0))
-        tr.v[i] = st.v[i] + h * (st.vd[i] + 0.5 * h * j)
-        tr.vd[i] = st.vd[i] + h * j
-        path.change[i] = 0.0
-    if path.number[MOVED] >= 0.0:
-        path.number[MOVED] += weighted_size(tr.dq, sys.weights)
-    move(sys.parts, st.q, tr.dq, tr.q)
-    status = close(sys, settings, wk, path)
-    if status == FINE:
-        status = rates(sys, settings, wk, path)
-    if status == FINE and slider.beyond(sys.parts.sliders, sys.parts, tr.q) >= 0:
-        status = CURVE_END
-    if status == FINE and h > 0.0:
-        status = continuity.judge(sys, st, wk, path, h, last)
-    if status != FINE:
-        path.number[MOVED] = -1.0
-    return status
-
-
-@inlined
-def _accept(sys, st, wk, path, h):
-    """Make the trial state the state."""
-    tr = wk.trial
-    if h > 0.0 and continuity.passed(sys.weights, path):
-        k = path.count[2]
-        if k < path.passed.shape[0]:
-            path.passed[k, 0] = st.t[0]
-            path.passed[k, 1] = tr.t[0]
-            copy(tr.q, path.passed_q[k])
-        path.count[2] += 1
-    for i in range(st.v.shape[0]):
-        path.jerk[i] = (tr.vd[i] - st.vd[i]) / h if h > 0.0 else 0.0
-        path.seen[i] = path.look[i]
-    for k in range(path.before.shape[0]):
-        for c in range(3):
-            path.before[k, c] = wk.con.fun[k, c]
-    st.t[0] = tr.t[0]
-    copy(tr.q, st.q)
-    copy(tr.v, st.v)
-    copy(tr.vd, st.vd)
-    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
-    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
-    signal.remember(sys.signals, wk, st.angles)
-    st.count[STEPS] += 1
-
-
-@inlined
 def _reach(sys, settings, st, wk, path):
     """Go to the next output time in one increment, or in several; returns the status."""
+    tr, fun, w = wk.trial, wk.con.fun, sys.weights
     target = settings.start + st.count[OUTPUTS] * settings.interval
     first = st.count[OUTPUTS] == 0
     while first or st.t[0] < target:
-        left, speed = target - st.t[0], weighted_size(st.v, sys.weights)
-        h = min(path.number[NEXT], settings.interval)
-        if h * speed > _LONGEST:
-            h = _LONGEST / speed
-        if h > left * (1.0 - 1e-9) or first:
-            h = left
-        elif h > 0.5 * left:
-            h = 0.5 * left
+        left = target - st.t[0]
+        h = left
+        if not first:
+            speed = weighted_size(st.v, w)
+            h = continuity.increment(left, min(path.number[NEXT], settings.interval), speed)
         last = h <= _SMALLEST * settings.interval
-        status = _attempt(sys, settings, st, wk, path, h, last)
+        tr.t[0] = st.t[0] + h
+        evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, fun)
+        continuity.predict(st.v, st.vd, path.jerk, h, tr.dq, tr.v, tr.vd, path.change)
+        if path.number[MOVED] >= 0.0:
+            path.number[MOVED] += weighted_size(tr.dq, w)
+        move(sys.parts, st.q, tr.dq, tr.q)
+        status = NOT_FINITE
+        if continuity.finite(sys.functions, fun):
+            status = close(sys, settings, wk, path)
         if status == FINE:
-            whole = h == left
-            _accept(sys, st, wk, path, h)
-            if whole:
-                st.t[0] = target
+            status = rates(sys, settings, wk, path)
+        if status == FINE and slider.beyond(sys.parts.sliders, sys.parts, tr.q) >= 0:
+            status = CURVE_END
+        if status == FINE and not first:
+            status = continuity.judge(
+                sys.functions, w, st.v, st.vd, tr.v, tr.vd, path, fun, h, last
+            )
+        if status == FINE:
+            if not first:
+                continuity.note_passed(w, path, st.t[0], tr.t[0], tr.q)
+            continuity.keep(st.vd, tr.vd, h, path.jerk, path.look, path.seen, fun, path.before)
+            st.t[0] = target if h == left else tr.t[0]
+            copy(tr.q, st.q)
+            copy(tr.v, st.v)
+            copy(tr.vd, st.vd)
+            sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+            sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+            signal.remember(sys.signals, wk, st.angles)
+            st.count[STEPS] += 1
             path.number[NEXT] = max(2.0 * h, path.number[NEXT])
             first = False
-        elif last:
+            continue
+        if last:
             return status
-        else:
-            path.number[NEXT] = 0.5 * h
-            st.count[FAILED] += 1
+        path.number[MOVED] = -1.0
+        path.number[NEXT] = 0.5 * h
+        st.count[FAILED] += 1
     return FINE
 
 
@@ -193,6 +159,9 @@ def _reach(sys, settings, st, wk, path):
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
+    contacts, frictions, scalars = sys.contacts, sys.frictions, sys.parts.coordinates
+    if st.count[OUTPUTS] == 0:
+        memory.begin(sys, contacts, frictions, now, st.t[0], st.q, st.kept)
     status = reactions(sys, st, wk)
     if status != FINE:
         return status
@@ -209,11 +178,19 @@ def _report(sys, settings, st, wk, path, out):
     e[1] = energy.strain(sys.parts, st.q)
     e[2] = energy.gravitational(sys.parts, now, st.q)
     e[3] = force.spring_energy(sys.springs, now.marker)
-    e[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
+    e[3] += coordinate.spring_energy(scalars, st.q) + contact.energy(contacts, now.marker)
+    e[3] += element.energy(sys.elements, scalars, now, st.v)
     energy.powers(sys, now, wk.con.fun, st.v, st.lam, st.power)
+    st.power[1] += joint_friction.power(frictions, scalars, now, st.q, st.v)
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     for k in range(3):
         e[4 + k] = st.work_done[k]
+    # The power of friction counts what goes into its bristles too; that is not lost yet.
+    bristles = contact.bristle_energy(contacts, now)
+    bristles += joint_friction.bristle_energy(frictions, scalars, now, st.q, st.v)
+    e[3] += bristles
+    e[5] += bristles
+    memory.keep(sys, contacts, frictions, now, st.t[0], st.q, st.v, st.kept)
     sensor.read(
         sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, e, st.angles, out.sensors[row]
     )
@@ -222,22 +199,6 @@ def _report(sys, settings, st, wk, path, out):
     out.rows[0] += 1
     st.count[OUTPUTS] += 1
     return FINE
-
-
-@inlined
-def _evaluate(sys, st, wk, path):
-    """Everything at the state's positions and velocities, with the factor there."""
-    evaluate_all(sys.functions, st.t[0], wk.trial.variables, wk.trial.stack, wk.con.fun)
-    coordinate.put_values(sys.parts.coordinates, sys, st.q, wk.con.fun)
-    kinematics.position(sys.parts, wk.now, st.q)
-    constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
-    factorise_metric(sys, wk, path.metric)
-    kinematics.velocity(sys.parts, wk.now, st.v)
-    coordinate.put_rates(sys.parts.coordinates, sys, st.v, wk.con.fun)
-    constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
-    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
-    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
-    signal.remember(sys.signals, wk, st.angles)
 
 
 @entry
@@ -255,7 +216,17 @@ def sweep(sys, settings, st, wk, path, out, what, n):
             if status == FINE:
                 status = _report(sys, settings, st, wk, path, out)
         return float(status)
-    _evaluate(sys, st, wk, path)
+    evaluate_all(sys.functions, st.t[0], wk.trial.variables, wk.trial.stack, wk.con.fun)
+    coordinate.put_values(sys.parts.coordinates, sys, st.q, wk.con.fun)
+    kinematics.position(sys.parts, wk.now, st.q)
+    constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
+    factorise_metric(sys, wk, path.metric)
+    kinematics.velocity(sys.parts, wk.now, st.v)
+    coordinate.put_rates(sys.parts.coordinates, sys, st.v, wk.con.fun)
+    constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+    sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
     if what == EVALUATE:
         return 0.0
     fac, place, nv = wk.factor, sys.kkt.place, st.v.shape[0]

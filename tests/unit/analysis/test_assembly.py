@@ -28,6 +28,7 @@ def angles(made):
 def driven(placed):
     made = four_bar(BARS, (0.6, *four_bar_angles(BARS, 0.6, placed)))
     made.add_driver("motor", joint="left", angle=0)
+    made.add_sensor("right", "angle", joint="right")
     return made
 
 for placed in (1, -1):

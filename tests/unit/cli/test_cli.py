@@ -117,6 +117,7 @@ def test_run_passes_its_options_on_and_shows_a_summary(workflow: Workflow) -> No
         "given": (Path("scene.toml"),),
         "output": Path("here"),
         "overrides": {"r": "0.1", "dynamics.step": "1e-5"},
+        "analysis": None,
         "start_from": None,
         "fresh": False,
         "pictures": True,
