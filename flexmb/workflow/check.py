@@ -45,6 +45,7 @@ def check_scene(
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
     from flexmb.workflow.definition import definition_tables
     from flexmb.workflow.mobility import mobility
+    from flexmb.workflow.place import output_folder
 
     model = load_scene(Path(path), dict(overrides or {}))
     surveys, problems = surveyed_bodies(model)
@@ -68,7 +69,7 @@ def check_scene(
     for name, found in surveys.items():
         notes += [f"{name}: {finding.sentence}" for finding in found.findings]
     bodies = {name: _told(found, model.units) for name, found in surveys.items()}
-    known = bodies_of_surveys(model, surveys)
+    known, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
     moves = None
     if counts.rigid_coordinates > LARGEST:
         notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
@@ -77,12 +78,12 @@ def check_scene(
             moves = mobility(model, known)
             notes += moves.notes
         except AssemblyError as error:
-            if not surveys:
+            if not rigid:
                 raise
             notes += [f"if the flexible bodies do not give way: {p}" for p in error.problems]
-    if moves is not None and surveys:
+    if moves is not None and rigid:
         notes.append(
-            f"counted as rigid until reduced: {', '.join(surveys)}; modes add coordinates, and may "
+            f"counted as rigid until reduced: {', '.join(rigid)}; modes add coordinates, and may "
             "take up redundant equations"
         )
     definition = definition_tables(model, known) if tables else ()
