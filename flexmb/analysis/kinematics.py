@@ -22,7 +22,6 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.march import new_output
 from flexmb.engine.sweep import CORRECT, EVALUATE, POINTS, Path, Sweep, new_path, sweep
-from flexmb.engine.tables import System
 from flexmb.engine.warm import compile_sweep
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
@@ -143,8 +142,8 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     """Close the first positions with least change in lengths and angles times body weights."""
     weights = body_weights(model)
 
-    def make(system: System, at: State) -> Closer:
-        system = system._replace(kinks=None)
+    def make(of: Compiled, at: State) -> Closer:
+        system = of.system._replace(kinks=None)
         path, used = new_path(system), work if at is state else new_work(system)
         for body, weight in zip(system.parts.bodies, weights, strict=True):
             path.metric[body["iv"] : body["iv"] + 6 + body["m"]] *= weight
