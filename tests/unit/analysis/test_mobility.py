@@ -16,17 +16,15 @@ from mechanisms import (
     Sketch,
     X,
     Z,
-    bennett,
-    bricard,
     cam_valve,
     crank_slider,
     excavator,
     four_bar,
     planetary,
     quick_return,
-    sarrus,
     stewart,
 )
+from rings import bennett, bricard, sarrus
 
 import flexmb
 from flexmb.analysis.rows import rows_at
