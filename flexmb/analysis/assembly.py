@@ -164,8 +164,8 @@ def _close(
     """Close the positions with least change in masses times weights, hardly straining bodies."""
     weights = body_weights(model)
 
-    def make(system: System, at: State) -> Closer:
-        held = weighted_system(stiff_system(system, _RIGID * period), weights)
+    def make(of: Compiled, at: State) -> Closer:
+        held = weighted_system(stiff_system(of.system, _RIGID * period), weights)
         return mass_closer(held, at, work if at is state else None)
 
     return close_positions(compiled, model, state, make, guess)

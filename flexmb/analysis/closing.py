@@ -47,8 +47,8 @@ class Closer:
     evaluate: Callable[[], object]
 
 
-MakeCloser = Callable[[System, State], Closer]
-"""What makes a closer for the tables of a system and a state."""
+MakeCloser = Callable[[Compiled, State], Closer]
+"""What makes a closer for a compiled system and a state."""
 
 
 def mass_closer(system: System, state: State, work: Work | None = None) -> Closer:
@@ -95,7 +95,7 @@ def close_positions(
         return ()
     if guess and model.assembly is not None and model.assembly.guess:
         _go_near(model, compiled, state, make)
-    closer = make(compiled.system, state)
+    closer = make(compiled, state)
     _rounds(closer, _CLOSED)
     closer.evaluate()
     moved = moved_bodies(compiled, start, state.q)
@@ -129,7 +129,7 @@ def _go_near(model: Model, compiled: Compiled, state: State, make: MakeCloser) -
         guessed = compile_system(made, compiled.flexbodies)
     near = new_state(guessed.system, len(guessed.layout.channels))
     near.q[:] = state.q
-    _rounds(make(guessed.system, near), _NEAR)
+    _rounds(make(guessed, near), _NEAR)
     if np.all(np.isfinite(near.q)):
         state.q[:] = near.q
 

@@ -23,7 +23,6 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.march import new_output
 from flexmb.engine.sweep import CORRECT, EVALUATE, POINTS, Path, Sweep, new_path, sweep
-from flexmb.engine.tables import System
 from flexmb.engine.warm import compile_sweep
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
@@ -147,8 +146,8 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     weights = body_weights(model)
     state.q[:] = compiled.placed
 
-    def make(system: System, at: State) -> Closer:
-        system = system._replace(kinks=None)
+    def make(of: Compiled, at: State) -> Closer:
+        system = of.system._replace(kinks=None)
         path = new_path(system)
         used = work if at is state else new_work(system, len(at.angles))
         for body, weight in zip(system.parts.bodies, weights, strict=True):

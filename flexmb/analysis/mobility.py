@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly import AssemblyReport
+from flexmb.analysis.closing import body_weights, close_positions
 from flexmb.analysis.conflicts import (
     is_locked,
     locked_sentence,
@@ -22,8 +24,8 @@ from flexmb.analysis.conflicts import (
 )
 from flexmb.analysis.dependence import Dependence, dependence
 from flexmb.analysis.freedoms import FreeMotion, free_motions_of
-from flexmb.analysis.gaps import check_branches, gap_problems
-from flexmb.analysis.poses import Closed, close, other_poses
+from flexmb.analysis.gaps import gaps
+from flexmb.analysis.poses import Closed, close, numpy_closer, other_poses
 from flexmb.analysis.redundancy import (
     Redundancy,
     Undetermined,
@@ -34,7 +36,7 @@ from flexmb.analysis.redundancy import (
 from flexmb.analysis.rows import rows_at
 from flexmb.analysis.weighted import Weighted, element, plain_name, weighted
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import Work, new_state, new_work
+from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.model import Model
@@ -129,7 +131,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
         joints.
     """
-    pose = _assembled(compiled, model)
+    pose, moved = _assembled(compiled, model)
     found = weighted(compiled, pose)
     here = joint_dependence(found)
     problems, notes = surplus_problems(model, found, surplus_drivers(found))
@@ -157,7 +159,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         as_rigid=_redundant_if_rigid(found),
         notes=(),
     )
-    return replace(mobility, notes=(*notes, *_notes(model, found, here, mobility)))
+    return replace(mobility, notes=(*moved, *notes, *_notes(model, found, here, mobility)))
 
 
 def _reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
@@ -193,16 +195,23 @@ def redundant_reactions(
     return doubtful, notes
 
 
-def _assembled(compiled: Compiled, model: Model) -> Closed:
-    """The closed pose, or the reason why there is none."""
-    pose = close(compiled, compiled.placed)
-    if not pose.kept:
-        gaps = gap_problems(compiled, model, _work(compiled, pose), ())
-        raise AssemblyError.from_problems(driver_problems(compiled, model, gaps))
+def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
+    """The closed pose, and what had to move for it; or the reason why there is none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
-    state.q[:] = pose.q
-    check_branches(compiled, model, state, _work(compiled, pose))
-    return pose
+    state.q[:] = compiled.placed
+    weights = body_weights(model)
+    placed = numpy_closer(compiled, state, weights)
+    placed.evaluate()
+    open_as_placed = tuple(gaps(compiled, placed.work))
+    try:
+        moved = close_positions(
+            compiled, model, state, lambda of, at: numpy_closer(of, at, weights)
+        )
+    except AssemblyError as error:
+        problems = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(problems) from None
+    told = AssemblyReport(open_as_placed, moved).sentences(model.units) if moved else []
+    return Closed(state.q.copy(), rows_at(compiled, state.q), True), told
 
 
 def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
@@ -217,14 +226,6 @@ def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -
     names = ", ".join(f"drivers.{name}" for name in model.drivers)
     what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
     return [Problem(names, what), *gaps]
-
-
-def _work(compiled: Compiled, pose: Closed) -> Work:
-    """Scratch of the engine with the gaps and the markers of a pose."""
-    work = new_work(compiled.system)
-    work.con.C[:] = pose.rows.C
-    work.now.marker["x"], work.now.marker["R"] = pose.rows.markers.x, pose.rows.markers.R
-    return work
 
 
 def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.closing import Closer
 from flexmb.analysis.dependence import null_space
 from flexmb.analysis.rows import Rows, moved, rows_at
 from flexmb.engine.compile import Compiled
+from flexmb.engine.work import State, new_work
 
-__all__ = ["Closed", "close", "column_scales", "other_poses"]
+__all__ = ["Closed", "close", "column_scales", "numpy_closer", "other_poses"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -50,31 +52,62 @@ def close(compiled: Compiled, q: Array, which: Mask | None = None, t: float = 0.
 
     Bodies are moved with least change over the model size and in radians; modes hardly.
     """
-    system = compiled.system
-    weights = system.row_weights[:, None]
     asked = np.ones(compiled.layout.nc, bool) if which is None else which
-    scales = column_scales(compiled)
-    for body in compiled.layout.bodies:
-        scales[body.iv + 6 : body.iv + 6 + body.m] *= _DEFORMED
+    weights = compiled.system.row_weights
+    scales = _closing_scales(compiled, np.ones(len(compiled.layout.bodies)))
     gap, best = np.inf, 0
     rows = rows_at(compiled, q, t)
     for n in range(_ROUNDS):
-        C = (rows.C * system.row_weights)[asked]
-        size = float(np.abs(C).max(initial=0.0))
+        size = float(np.abs(rows.C * weights)[asked].max(initial=0.0))
         if not np.isfinite(size) or size <= _ROUND_OFF or (size <= _CLOSED and size > 0.5 * gap):
             break
         if size < 0.5 * gap:
             gap, best = size, n
         if n > best + _ROUNDS // 4:
             break
-        A = (weights * rows.Cq * scales)[asked]
-        step = np.linalg.lstsq(A, -C, rcond=_SMALL)[0]
-        longest = float(np.abs(step).max(initial=0.0))
-        step *= min(1.0, _LONGEST / longest) if longest > 0 else 0.0
-        q = moved(compiled, q, scales * step)
+        q = moved(compiled, q, scales * _correction(compiled, rows, asked, scales))
         rows = rows_at(compiled, q, t)
-    left = np.abs(rows.C * system.row_weights)[asked].max(initial=0.0)
+    left = np.abs(rows.C * weights)[asked].max(initial=0.0)
     return Closed(q, rows, bool(left <= _CLOSED))
+
+
+def _closing_scales(compiled: Compiled, weights: Array) -> Array:
+    """(nv,) as `column_scales`, for bodies of different weights; modes hardly move."""
+    scales = column_scales(compiled)
+    for body, weight in zip(compiled.layout.bodies, weights, strict=True):
+        scales[body.iv : body.iv + 6 + body.m] /= np.sqrt(weight)
+        scales[body.iv + 6 : body.iv + 6 + body.m] *= _DEFORMED
+    return scales
+
+
+def _correction(compiled: Compiled, rows: Rows, which: Mask, scales: Array) -> Array:
+    """(nv,) Gauss–Newton correction over the scales, cut where it is long."""
+    weights = compiled.system.row_weights
+    A = (weights[:, None] * rows.Cq * scales)[which]
+    step: Array = np.linalg.lstsq(A, -(rows.C * weights)[which], rcond=_SMALL)[0]
+    longest = float(np.abs(step).max(initial=0.0))
+    return step * min(1.0, _LONGEST / longest) if longest > 0 else step
+
+
+def numpy_closer(compiled: Compiled, state: State, weights: Array) -> Closer:
+    """Corrections of a state that are least over the model size, in radians, times body weights."""
+    work, scales = new_work(compiled.system), _closing_scales(compiled, weights)
+    asked = np.ones(compiled.layout.nc, bool)
+
+    def correct() -> float:
+        rows = rows_at(compiled, state.q, float(state.t[0]))
+        if np.abs(rows.C * compiled.system.row_weights).max(initial=0.0) <= _ROUND_OFF:
+            return 0.0
+        step = _correction(compiled, rows, asked, scales)
+        state.q[:] = moved(compiled, state.q, scales * step)
+        return float(np.abs(step).max(initial=0.0))
+
+    def evaluate() -> None:
+        rows = rows_at(compiled, state.q, float(state.t[0]))
+        work.con.C[:] = rows.C
+        work.now.marker["x"], work.now.marker["R"] = rows.markers.x, rows.markers.R
+
+    return Closer(work, correct, evaluate)
 
 
 def other_poses(compiled: Compiled, start: Closed, which: Mask, seed: int = 0) -> list[Closed]:

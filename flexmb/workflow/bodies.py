@@ -142,21 +142,32 @@ def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     return surveys, problems
 
 
-def bodies_of_surveys(model: Model, surveys: Mapping[str, Survey]) -> dict[str, FlexBody]:
-    """The flexible bodies as far as they are known before meshes are reduced.
+def bodies_of_surveys(
+    model: Model, surveys: Mapping[str, Survey], folder: Path | None = None
+) -> tuple[dict[str, FlexBody], list[str]]:
+    """The flexible bodies as far as they are known without reducing a mesh, and those that are not.
 
-    In place of a mesh stands a rigid body with its interfaces and nodes, which tells where joints
-    are and nothing of its inertia.
+    What an earlier run left in `folder` is taken if it was made from the same input. In place of
+    another mesh stands a rigid body with its interfaces and nodes, which tells where joints are and
+    nothing of its inertia; the names of these come second.
     """
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
     from flexmb.model.bodies import FlexbodySpec
+    from flexmb.model.meshbody import MeshBodySpec
 
-    bodies = {}
+    bodies: dict[str, FlexBody] = {}
+    rigid: list[str] = []
+    files = _file_names(model.bodies)
     for name, spec in model.bodies.items():
         if isinstance(spec, FlexbodySpec):
             bodies[name] = _held(model, spec)
-        elif name in surveys:
+        elif isinstance(spec, MeshBodySpec):
+            known = None if folder is None else _reused(model, name, spec, folder / files[name], [])
+            if known is not None:
+                bodies[name] = known
+                continue
+            rigid.append(name)
             found = surveys[name]
             none, n = np.zeros((3, 0)), len(found.points)
             held = tuple(Interface(k, x, none, none) for k, x in found.interfaces.items())
@@ -164,7 +175,7 @@ def bodies_of_surveys(model: Model, surveys: Mapping[str, Survey]) -> dict[str, 
             nodes = NodeModes(np.arange(n), found.points, modes, modes)
             stand_in = rigid_body(found.mass or 1.0, inertia=found.mass or 1.0, name=name)
             bodies[name] = replace(stand_in, interfaces=held, nodes=nodes)
-    return bodies
+    return bodies, rigid
 
 
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:

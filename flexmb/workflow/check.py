@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,9 @@ from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
 if TYPE_CHECKING:
+    from flexmb.analysis.mobility import Mobility
     from flexmb.fe import Survey
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.counts import Counts
 
@@ -44,7 +46,7 @@ def check_scene(
     from flexmb.model.counts import count
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
     from flexmb.workflow.definition import definition_tables
-    from flexmb.workflow.mobility import mobility
+    from flexmb.workflow.place import output_folder
 
     model = load_scene(Path(path), dict(overrides or {}))
     surveys, problems = surveyed_bodies(model)
@@ -52,7 +54,30 @@ def check_scene(
     if problems:
         raise SceneError.from_problems(problems)
     counts = count(model)
-    told = {
+    notes = _notes(model)
+    for name, found in surveys.items():
+        notes += [f"{name}: {finding.sentence}" for finding in found.findings]
+    known, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
+    moves = None
+    if counts.rigid_coordinates > LARGEST:
+        notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
+    elif model.joints or model.dynamics is not None:
+        moves, told = _mobility(model, known, rigid)
+        notes += told
+    return CheckReport(
+        model.title or str(path),
+        _counted(counts),
+        notes,
+        {name: _told(found, model.units) for name, found in surveys.items()},
+        moves,
+        definition_tables(model, known) if tables else (),
+    )
+
+
+def _counted(counts: Counts) -> dict[str, int]:
+    """What a model consists of."""
+    coupled = " and couplers" if counts.couplers else ""
+    return {
         "rigid bodies": counts.rigid_bodies,
         "flexible bodies": counts.flexible_bodies,
         **{f"{row.type} joints": row.joints for row in counts.joints},
@@ -61,32 +86,33 @@ def check_scene(
         "forces": counts.forces,
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
-        "equations of the joints" + (" and couplers" if counts.couplers else ""): counts.equations,
+        f"equations of the joints{coupled}": counts.equations,
         "coordinates less equations": counts.mobility,
     }
-    notes = _notes(model, counts)
-    for name, found in surveys.items():
-        notes += [f"{name}: {finding.sentence}" for finding in found.findings]
-    bodies = {name: _told(found, model.units) for name, found in surveys.items()}
-    known = bodies_of_surveys(model, surveys)
-    moves = None
-    if counts.rigid_coordinates > LARGEST:
-        notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
-    elif model.joints or model.dynamics is not None:
-        try:
-            moves = mobility(model, known)
-            notes += moves.notes
-        except AssemblyError as error:
-            if not surveys:
-                raise
-            notes += [f"if the flexible bodies do not give way: {p}" for p in error.problems]
-    if moves is not None and surveys:
+
+
+def _mobility(
+    model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]
+) -> tuple[Mobility | None, list[str]]:
+    """What can move, and notes; `rigid` are flexible bodies that are not reduced yet.
+
+    What keeps those together only because they are rigid is a note and no error.
+    """
+    from flexmb.workflow.mobility import mobility
+
+    try:
+        moves = mobility(model, known)
+    except AssemblyError as error:
+        if not rigid:
+            raise
+        return None, [f"if the flexible bodies do not give way: {p}" for p in error.problems]
+    notes = list(moves.notes)
+    if rigid:
         notes.append(
-            f"counted as rigid until reduced: {', '.join(surveys)}; modes add coordinates, and may "
+            f"counted as rigid until reduced: {', '.join(rigid)}; modes add coordinates, and may "
             "take up redundant equations"
         )
-    definition = definition_tables(model, known) if tables else ()
-    return CheckReport(model.title or str(path), told, notes, bodies, moves, definition)
+    return moves, notes
 
 
 def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
@@ -99,7 +125,7 @@ def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
     }
 
 
-def _notes(model: Model, counts: Counts) -> list[str]:
+def _notes(model: Model) -> list[str]:
     """What is worth knowing of a valid scene."""
     from flexmb.model.head import gravity_in_words
 

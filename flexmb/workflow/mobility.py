@@ -50,7 +50,7 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
         surveys, problems = surveyed_bodies(model)
         if problems:
             raise SceneError.from_problems(problems)
-        known = {**bodies_of_surveys(model, surveys), **known}
+        known = {**bodies_of_surveys(model, surveys)[0], **known}
     compiled = compile_system(model, known)
     if compiled.layout.nv > LARGEST:
         what = f"the model has {compiled.layout.nv} coordinates; the rank of its equations is "

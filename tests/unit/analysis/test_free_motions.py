@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mechanisms import Sketch, X, Z, bennett, crank_slider, four_bar, stewart
+from mechanisms import Sketch, X, Z, crank_slider, four_bar, stewart
+from rings import bennett
 
 import flexmb
 from flexmb.errors import AssemblyError, FlexmbError

@@ -16,17 +16,15 @@ from mechanisms import (
     Sketch,
     X,
     Z,
-    bennett,
-    bricard,
     cam_valve,
     crank_slider,
     excavator,
     four_bar,
     planetary,
     quick_return,
-    sarrus,
     stewart,
 )
+from rings import bennett, bricard, sarrus
 
 import flexmb
 from flexmb.analysis.rows import rows_at
@@ -119,6 +117,26 @@ def test_the_planar_crank_slider_is_cured_by_a_ball_and_a_cylindrical_pin(found)
         [("joints.pin", "in-line")],
         [("joints.pin", "spherical"), ("joints.wrist", "cylindrical")],
     ]
+
+
+def with_lengths_driven(model):
+    """Distance joints exchanged for drivers of the same lengths, which start as placed."""
+    for name in [name for name, joint in model.joints.items() if joint.type == "distance"]:
+        between = list(model.joints.pop(name).between)
+        model.add_driver(name, between=between, distance=0.01, prescribes="velocity")
+    return model
+
+
+def test_cylinders_and_legs_as_drivers_of_their_length():
+    """Six legs fix a platform; three cylinders and the slew fix an excavator of six bodies."""
+    told = flexmb.mobility(with_lengths_driven(stewart("distance")))
+    assert (told.coordinates, told.count, told.rank, told.delta) == (6, 6, 6, 0)
+    assert told.delta_without_drivers == 6
+    model = with_lengths_driven(excavator("distance"))
+    model.add_driver("turn", joint="slew", angle="0.2*t")
+    told = flexmb.mobility(model)
+    assert (told.coordinates, told.count - told.drivers, told.delta_without_drivers) == (36, 32, 4)
+    assert (told.delta, told.redundant) == (0, 0)
 
 
 def test_groups_are_the_loops_of_an_excavator(found):
