@@ -240,7 +240,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
-    n = 2 * _rows(system.contacts) + _rows(system.frictions)
+    n = 3 * _rows(system.contacts) + _rows(system.frictions)
     return Work(now, con, _new_dense(system), _new_factor(system), trial, Events(_nan(n), _nan(n)))
 
 

@@ -3,8 +3,8 @@
 The normal force N comes from the joint's reaction on J in the axes of I. A bearing of length L
 carries the lateral force F and the bending moment M as two forces at its ends,
 R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|; a guide of width w carries a torque T about its axis
-with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate: friction enters the
-iteration by its value, its slope over the multipliers does not enter the matrix. Where friction
+with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate: friction enters
+the iteration by its value, its slope over the multipliers does not enter the matrix. Where friction
 grows as fast as the forces that cause it, the iteration does not settle: the joint locks itself.
 Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
