@@ -17,7 +17,16 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.results import Result, load_result
     from flexmb.studies import Study, study
     from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
-    from flexmb.workflow import check_scene, new_scene, resume, run_scene, simulate, warmup
+    from flexmb.workflow import (
+        check_scene,
+        kinematics,
+        mobility,
+        new_scene,
+        resume,
+        run_scene,
+        simulate,
+        warmup,
+    )
 
 __version__ = "0.1.0"
 
@@ -38,7 +47,9 @@ _HOMES = {
     "save_figure": "flexmb.view",
     "run_scene": "flexmb.workflow",
     "check_scene": "flexmb.workflow",
+    "mobility": "flexmb.workflow",
     "simulate": "flexmb.workflow",
+    "kinematics": "flexmb.workflow",
     "Study": "flexmb.studies",
     "study": "flexmb.studies",
     "resume": "flexmb.workflow",
@@ -56,8 +67,10 @@ __all__ = [
     "Study",
     "check_scene",
     "history_figure",
+    "kinematics",
     "load_result",
     "load_scene",
+    "mobility",
     "new_scene",
     "plot_history",
     "reduce",

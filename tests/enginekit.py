@@ -23,17 +23,32 @@ from flexmb.engine.kernels import (
     force,
     joint_friction,
     kinematics,
+    reaction,
     sensor,
+    signal,
 )
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
-from flexmb.engine.tables import CONTACT, COORDINATE, JOINT_FRICTION, SPRING
+from flexmb.engine.tables import (
+    CONTACT,
+    COORDINATE,
+    JOINT_FRICTION,
+    PARTIAL,
+    PULL,
+    SLIDER,
+    SPRING,
+    Signals,
+)
 from flexmb.engine.work import new_state, new_work
 
-STAGES, FACTOR, SOLVE, MOVE, MARKER = range(5)
+NO_SIGNALS = Signals(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
+    np.zeros(1, np.int64),
+)  # fmt: skip
+STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
 @entry
@@ -57,10 +72,15 @@ def run(sys, st, wk, out, what, cv, cp, k):
         coordinates = sys.parts.coordinates
         out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
-        sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out[7:])
+        sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+        n = st.angles.shape[0]
+        sensor.read(
+            sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
+        )
         return bad
     if what == FACTOR:
         position_stage(sys, wk, st.t[0], st.q)
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         return factorise(sys, wk, st.v, st.vd, st.lam, cv, cp)
     if what == SOLVE:
         solve_refined(sys.kkt, wk.factor, k)
@@ -70,6 +90,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
     elif what == MARKER:
         marker_jacobian(sys.parts, now, k, wk.dense.J[0])
         kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
+    elif what == REACTIONS:
+        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
     return 0
 
 
@@ -78,10 +100,15 @@ def padded(system):
     parts = system.parts
     if parts.coordinates is None:
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
+    if parts.sliders is None:
+        parts = parts._replace(sliders=np.zeros(0, SLIDER))
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        kinks=None,
+        further=np.zeros(1),
+        signals=NO_SIGNALS if system.signals is None else system.signals,
         contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
         frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )
@@ -117,8 +144,10 @@ class Bench:
         self.sys = system
         channels = len(self.layout.channels)
         self.state = new_state(system, channels)
+        self.state.angles[:] = np.nan
         self.work = new_work(system)
-        self.out = np.full(max(self.layout.nq, 7 + channels, 12 + self.layout.nv), np.nan)
+        size = max(self.layout.nq, 7 + channels, 12 + self.layout.nv)
+        self.out = np.full(max(size, 12 * len(system.groups)), np.nan)
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
@@ -136,6 +165,13 @@ class Bench:
             p = rng.standard_normal(4)
             self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
+        for s in self.scalars:
+            self.q[s["iq"]] = rng.standard_normal()
+        for slider in self.sliders:
+            # amid a piece, where the curve is a polynomial for differences as well
+            k = slider["at"] + rng.integers(slider["n"])
+            middle = 0.5 * (self.sys.parts.pool[k] + self.sys.parts.pool[k + 1])
+            self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
         return rng
@@ -193,6 +229,27 @@ class Bench:
         return slice(int(row["iv"]), int(row["iv"] + 6 + row["m"]))
 
     @property
+    def reactions(self):
+        """(groups, 4, 3) force and moment on marker J in its axes, then on I in its axes."""
+        before, n = self.out.copy(), len(self.sys.groups)
+        self.run(REACTIONS)
+        found = self.out[: 12 * n].reshape(n, 4, 3).copy()
+        self.out[:] = before
+        return found
+
+    @property
+    def scalars(self):
+        """The scalar coordinates beside the bodies."""
+        found = self.sys.parts.coordinates
+        return () if found is None else found
+
+    @property
+    def sliders(self):
+        """The curve markers."""
+        found = self.sys.parts.sliders
+        return () if found is None else found
+
+    @property
     def Cq(self):
         """(nc, nv) Jacobian from the rows the kernels wrote."""
         dense = np.zeros((self.layout.nc, self.layout.nv))
@@ -202,6 +259,14 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
+        for follow in self.sys.follows:
+            column = self.scalars[follow["coordinate"]]["iv"]
+            dense[follow["row"], column] = -follow["factor"]
+        if len(self.sliders):
+            S = self.matrix()
+            for slider in self.sliders:
+                column = self.scalars[slider["coordinate"]]["iv"]
+                dense[:, column] = S[self.layout.nv :, column]
         return dense
 
     def matrix(self, cv=0.0, cp=0.0, symmetric=False):
@@ -263,6 +328,8 @@ class Bench:
             q[i : i + 3] += d[o : o + 3]
             q[i + 3 : i + 7] = quaternion_product(q[i + 3 : i + 7], exponential(d[o + 3 : o + 6]))
             q[i + 7 : i + 7 + m] += d[o + 6 : o + 6 + m]
+        for s in self.scalars:
+            q[s["iq"]] += d[s["iv"]]
         return q
 
 

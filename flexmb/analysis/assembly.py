@@ -14,31 +14,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.gaps import check_branches, gap_problems
-from flexmb.analysis.metric import slowest_period, stiff_system
+from flexmb.analysis.closing import Closer, body_weights, close_positions, mass_closer
+from flexmb.analysis.gaps import Gap, Moved, gaps
+from flexmb.analysis.metric import slowest_period, stiff_system, weighted_system
 from flexmb.analysis.velocities import AskedVelocities
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
     ACCELERATIONS,
     BEGIN,
-    POSITIONS,
     REMEMBER,
     RESIDUAL,
     VELOCITIES,
     solve_level,
 )
-from flexmb.engine.kernels.projection import UNSETTLED
+from flexmb.engine.kernels.projection import LOOP, UNSETTLED
 from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
+from flexmb.units import UnitSystem
 
-_ROUNDS = 60
-_OPEN = 1e-10  # gap relative to the model size, or radians
-_CLOSED = 1e-13  # correction of a position relative to the model size: round-off
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _EQUILIBRIUM_ROUNDS = 40
+_SHOWN = 3
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
 
 
@@ -90,14 +89,15 @@ def assemble(
     stiff = stiff_system(system, _RIGID * period)
     asked = AskedVelocities(compiled, model, stiff)
 
-    def close() -> None:
-        _close_positions(stiff, state, work, compiled, model)
+    def close(guess: bool = False) -> None:
+        _close(compiled, model, state, work, period, guess=guess)
         asked.start(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_level(stiff, state, work, VELOCITIES)
+        _start_states(compiled, state, work, begin)
 
-    close()
+    close(begin is None)
     notes = asked.notes(state) if begin is None else []
     solve_level(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
@@ -108,22 +108,64 @@ def assemble(
     return Assembled(state, work, tuple(notes))
 
 
-def _close_positions(
-    system: System, state: State, work: Work, compiled: Compiled, model: Model
-) -> None:
-    if not compiled.layout.nc:
-        return
-    for _ in range(_ROUNDS):
-        size = solve_level(system, state, work, POSITIONS)
-        if not np.isfinite(size):
-            break
-        if size <= _CLOSED:
-            break  # closed, or at a pose from which no small motion narrows the gaps
-    solve_level(system, state, work, RESIDUAL)
-    if np.abs(work.con.C * system.row_weights).max() <= _OPEN:
-        check_branches(compiled, model, state, work)
-        return
-    raise AssemblyError.from_problems(gap_problems(compiled, work))
+def _start_states(compiled: Compiled, state: State, work: Work, begin: Begin | None) -> None:
+    """Set the states: values, then what starts as a function has then, which may need others."""
+    free = [s for s in compiled.starts if begin is None or np.isnan(begin.v[s.iv])]
+    for start in free:
+        state.v[start.iv] = start.value
+    follow = [start for start in free if start.program >= 0]
+    for _ in follow:
+        solve_level(compiled.system, state, work, RESIDUAL)
+        for start in follow:
+            state.v[start.iv] = work.con.fun[start.program, 0]
+
+
+@dataclass(frozen=True)
+class AssemblyReport:
+    """How far the placed pose was from a closed one."""
+
+    gaps: tuple[Gap, ...]  # of joints and drivers as placed, worst first
+    moved: tuple[Moved, ...]  # bodies that had to move, farthest first
+
+    def sentences(self, units: UnitSystem) -> list[str]:
+        """What is worth knowing of it, in the scene's units."""
+        if not self.moved:
+            return ["the placed pose is closed: no body is moved"]
+        wide = [f"{gap.where} by {gap.said(units)}" for gap in self.gaps if gap.open][:_SHOWN]
+        far = [f"{body.name} by {body.said(units)}" for body in self.moved[:_SHOWN]]
+        return [
+            f"open as placed: {', '.join(wide)}",
+            f"closed with least change; moved: {', '.join(far)}",
+        ]
+
+
+def assembly_report(compiled: Compiled, model: Model) -> AssemblyReport:
+    """Close the positions of a model, and say what was open and which bodies were moved.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed (worst joints and gaps), or a joint on its wrong branch.
+    """
+    state, work = new_state(compiled.system), new_work(compiled.system)
+    state.q[:] = compiled.placed
+    solve_level(compiled.system, state, work, RESIDUAL)
+    period = slowest_period(compiled.system)
+    found = tuple(gaps(compiled, work))
+    return AssemblyReport(found, _close(compiled, model, state, work, period, guess=True))
+
+
+def _close(
+    compiled: Compiled, model: Model, state: State, work: Work, period: float, *, guess: bool
+) -> tuple[Moved, ...]:
+    """Close the positions with least change in masses times weights, hardly straining bodies."""
+    weights = body_weights(model)
+
+    def make(system: System, at: State) -> Closer:
+        held = weighted_system(stiff_system(system, _RIGID * period), weights)
+        return mass_closer(held, at, work if at is state else None)
+
+    return close_positions(compiled, model, state, make, guess)
 
 
 def _equilibrate(
@@ -157,6 +199,12 @@ def _equilibrate(
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
     code = solve_level(system, state, work, ACCELERATIONS)
+    if code == LOOP:
+        what = (
+            "forces that depend on accelerations or reactions find none that fit them: the loop "
+            "amplifies; lower its gain, or let a state or a filter stand between"
+        )
+        raise AssemblyError(what)
     if code == UNSETTLED:
         what = (
             "friction in the joints and the reactions that cause it do not settle: a joint locks "

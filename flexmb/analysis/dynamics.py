@@ -14,18 +14,21 @@ from typing import Protocol
 import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
+from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.mobility import driver_problems, redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
+from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
 from flexmb.model.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock
+from flexmb.results import NOT_UNIQUE, OutputBlock
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
@@ -39,6 +42,21 @@ class Sink(Protocol):
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A sink that shows its rows to those who look for singular poses."""
+
+    sink: Sink
+    poses: SingularPoses
+
+    def append(self, block: OutputBlock) -> None:
+        self.poses.add(block)
+        self.sink.append(block)
+
+    def save_state(self, state: dict[str, np.ndarray]) -> None:
+        self.sink.save_state(state)
 
 
 @dataclass(frozen=True)
@@ -97,6 +115,7 @@ class Prepared:
     clock: Clock
     notes: tuple[str, ...]
     rows_before: int = 0  # rows that are in the file already
+    doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
 
 
 def prepare(
@@ -124,7 +143,7 @@ def prepare(
     SceneError
         The model says nothing about dynamics.
     AssemblyError
-        No consistent first state.
+        No consistent first state, or drivers that contradict each other or the joints.
     """
     spec = model.dynamics
     if spec is None:
@@ -134,24 +153,27 @@ def prepare(
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
     clock.lap("compile")
     progress("assemble", 0.0)
-    first = assemble(compiled, model, start=spec.start, begin=begin)
+    try:
+        first = assemble(compiled, model, start=spec.start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
     grid = time_grid(spec)
     rank = constraint_rank(compiled, first.work)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
     notes = [*first.notes, *_frictions(model)]
+    doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
-        redundant = compiled.layout.nc - rank
-        notes.append(
-            f"{redundant} of {compiled.layout.nc} constraint equations repeat others: the motion "
-            "is unique, the reactions there are not (the least ones are reported)"
-        )
+        doubtful, told = redundant_reactions(compiled, model, first.state.q)
+        notes += told
+    notes += loop_notes(model)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
-    return Prepared(run, grid, model, clock, tuple(notes))
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
 
 
 def _frictions(model: Model) -> Iterator[str]:
@@ -179,7 +201,10 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
-    status, message = _integrate(prepared, sink, progress)
+    lifts = Lifts(run.compiled)
+    poses = SingularPoses(run.compiled.layout, prepared.model)
+    status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
+    notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -187,7 +212,10 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
             "inertia in some direction that it can move in, or the pose is singular"
         )
-    return Outcome(status, message, _statistics(run, clock), tuple(notes))
+    statistics = _statistics(run, clock)
+    if prepared.doubtful:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
+    return Outcome(status, message, statistics, tuple(notes))
 
 
 def dynamics(
@@ -205,6 +233,7 @@ def loop_settings(
     works = bool(
         system.springs is not None
         or len(system.loads) > 0
+        or system.signals is not None
         or system.parts.coordinates is not None
         or system.contacts is not None
         or np.any(system.rows["fun"] >= 0)
@@ -213,6 +242,7 @@ def loop_settings(
     stiff = bool(
         system.springs is not None
         or system.parts.coordinates is not None
+        or system.signals is not None
         or system.contacts is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
@@ -232,7 +262,7 @@ def loop_settings(
     )
 
 
-def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str, str]:
+def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     run = prepared.run
     state = run.state
@@ -241,16 +271,18 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str,
         if prepared.rows_before == 0:
             sink.save_state(state._asdict())
             status = run.march(0)
-            sink.append(run.block())
+            first = run.block()
+            lifts.see(first)
+            sink.append(first)
         while status == method.FINE and not run.finished:
             status = run.march(run.chunk)
-            apart = _store(run, sink)
+            apart = _store(run, sink, lifts)
             if apart:
                 return "failed", apart
             progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
     except KeyboardInterrupt:
         if run.unread:
-            _store(run, sink)
+            _store(run, sink, lifts)
         return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
     except FlexmbError as error:
         return "failed", str(error)
@@ -260,11 +292,13 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress) -> tuple[str,
     return "finished", ""
 
 
-def _store(run: Run, sink: Sink) -> str:
+def _store(run: Run, sink: Sink, lifts: Lifts) -> str:
     """Rows and state of the last chunk; the sentence of a mechanism that has come apart, or ""."""
     rows = run.block()
     whole = n_kept(run.compiled, rows)
-    sink.append(first_rows(rows, whole))
+    kept = first_rows(rows, whole)
+    lifts.see(kept)
+    sink.append(kept)
     if whole < len(rows.t):
         gaps = gaps_at(run.compiled, rows, whole)
         return open_joint(run.compiled, gaps, float(rows.t[whole]))

@@ -7,7 +7,7 @@ function of time that is not finite is named before anything it has spoilt.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -21,9 +21,10 @@ from flexmb.engine.work import Work, new_state, new_work
 from flexmb.model.forces import LoadSpec
 from flexmb.model.functions import Function
 from flexmb.model.model import Model
+from flexmb.model.signals import live_functions, resolved
 from flexmb.results import OutputBlock
 
-__all__ = ["first_rows", "gaps_at", "n_kept", "open_joint", "reason"]
+__all__ = ["first_rows", "gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
 
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
@@ -46,15 +47,45 @@ def reason(
     time, step : float
         When the step began, and its length [s].
     """
+    told = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
-        for where, function, derivatives in _functions(model):
-            for moment in (time, time + 0.5 * step, time + step):
-                jet = tuple(function.value(moment))[: derivatives + 1]
-                for word, number in zip(_WORDS, jet, strict=False):
-                    if not math.isfinite(number):
-                        what = f'the {word} of "{function.expression.text}" is {number:g}'
-                        return f"at t = {moment:.6g} s {where}: {what}, not finite"
-    return sentence(status, compiled, work, time)
+        told = _not_finite(compiled, model, work, time)
+        if not told:
+            told = not_finite_function(model, (time, time + 0.5 * step, time + step))
+    return told or sentence(status, compiled, work, time)
+
+
+def not_finite_function(model: Model, times: Iterable[float]) -> str:
+    """The sentence for the first function of time that is not finite at one of these times."""
+    for where, function, derivatives in _functions(model):
+        for moment in times:
+            jet = tuple(function.value(moment))[: derivatives + 1]
+            for word, number in zip(_WORDS, jet, strict=False):
+                if not math.isfinite(number):
+                    what = f'the {word} of "{function.expression.text}" is {number:g}'
+                    return f"at t = {moment:.6g} s {where}: {what}, not finite"
+    return ""
+
+
+def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> str:
+    """The sentence of an expression over channels without finite value where the step failed."""
+    if compiled.system.signals is None:
+        return ""
+    names = dict(zip(compiled.numbers, work.trial.variables[:, 0], strict=True))
+    for where, function in live_functions(model):
+        program = resolved(model, function.expression)
+        used = {name: float(names[name]) for name in program.channels}
+        if where.startswith("sensors.") or not all(map(math.isfinite, used.values())):
+            continue
+        value = program.value(time, {name: (x, 0.0, 0.0) for name, x in used.items()})[0]
+        if not math.isfinite(value):
+            at = ", ".join(
+                f"{name} = {model.units.say(x, model.channel_unit(name) or '')}"
+                for name, x in used.items()
+            )
+            text = function.expression.text
+            return f'at t = {time:.6g} s {where}: "{text}" is {value:g} with {at}, not finite'
+    return ""
 
 
 def n_kept(compiled: Compiled, rows: OutputBlock) -> int:
@@ -91,8 +122,10 @@ def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
 def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
     """All functions of time with their place and how many derivatives the run needs."""
     for name, driver in model.drivers.items():
-        yield f"drivers.{name}.{driver.coordinate}", driver.function, 2
+        for coordinate, function in driver.motions(model.plane):
+            yield f"drivers.{name}.{coordinate}", function, max(0, 2 - driver.order)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
             for k, function in enumerate(force.value):
-                yield f"forces.{name}.value[{k}]", function, 0
+                if not function.expression.channels:
+                    yield f"forces.{name}.value[{k}]", function, 0

@@ -23,6 +23,19 @@ def stiff_system(system: System, b: float) -> System:
     return system._replace(parts=system.parts._replace(pool=pool))
 
 
+def weighted_system(system: System, weights: NDArray[np.float64]) -> System:
+    """The same system with the inertia of each body times its weight; (bodies,) weights."""
+    if np.all(weights == 1.0):
+        return system
+    bodies, pool = system.parts.bodies.copy(), system.parts.pool.copy()
+    for body, weight in zip(bodies, weights, strict=True):
+        for part in ("mass", "S1", "S0"):
+            body[part] *= weight
+        m, at = int(body["m"]), int(body["flex"])
+        pool[at : at + 12 * m + 13 * m * m] *= weight  # all but stiffness and damping
+    return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
+
+
 def modal_blocks(
     pool: NDArray[np.float64], body: np.void
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

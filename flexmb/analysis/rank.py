@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import System
 from flexmb.engine.work import Work
 
 # Dense rank is affordable up to this many coordinates; larger models are taken as free, which only
@@ -33,7 +34,22 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
         assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
         column = system.parts.coordinates[follow["coordinate"]]["iv"]
         Cq[follow["row"], column] = -follow["factor"]
+    if system.parts.sliders is not None:
+        _put_sliders(system, work, Cq)
     return Cq
+
+
+def _put_sliders(system: System, work: Work, Cq: NDArray[np.float64]) -> None:
+    """What the rows on curve markers change with their places along the curves."""
+    links, low = system.kkt.links, work.factor.low0
+    sliders, coordinates = system.parts.sliders, system.parts.coordinates
+    assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
+    for slider in sliders:
+        group, link = system.groups[slider["group"]], links[slider["link"]]
+        column = coordinates[slider["coordinate"]]["iv"]
+        stride = 1 if link["flipped"] == 1 else link["stride"]
+        for r in range(group["n"]):
+            Cq[group["row"] + r, column] = low[link["at"] + r * stride]
 
 
 def n_free(compiled: Compiled) -> int:

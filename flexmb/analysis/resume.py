@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.dynamics import Prepared, chosen_method, loop_settings, time_grid
+from flexmb.analysis.mobility import redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.engine.compile import Compiled
@@ -54,11 +55,15 @@ def prepare_rest(
     chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
     compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
     clock.lap("compile")
-    settings = loop_settings(compiled, spec, grid, _determined(compiled, state, result, rows))
+    first, rank = _first_pose(compiled, state, result, rows)
+    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    doubtful: tuple[str, ...] = ()
+    if rank is not None and rank < compiled.layout.nc:
+        doubtful, _ = redundant_reactions(compiled, model, first)
     run = Run(compiled, chosen, settings, state)
     run.recall(result.drift[:rows], result.table("energy")[:rows])
     clock.lap("assemble")
-    return Prepared(run, grid, model, clock, (), rows)
+    return Prepared(run, grid, model, clock, (), rows, doubtful)
 
 
 def _state(compiled: Compiled, arrays: dict[str, np.ndarray], result: Result) -> State:
@@ -74,11 +79,13 @@ def _state(compiled: Compiled, arrays: dict[str, np.ndarray], result: Result) ->
     return State(**arrays)
 
 
-def _determined(compiled: Compiled, state: State, result: Result, rows: int) -> bool:
-    """Whether the constraints alone fix the motion, asked at the first pose as at the start."""
+def _first_pose(
+    compiled: Compiled, state: State, result: Result, rows: int
+) -> tuple[np.ndarray, int | None]:
+    """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
     first = new_state(compiled.system, len(compiled.layout.channels))
     first.q[:] = result.q[0] if rows else state.q
     first.v[:] = result.v[0] if rows else state.v
     work = new_work(compiled.system)
     solve_level(compiled.system, first, work, ACCELERATIONS)
-    return constraint_rank(compiled, work) == n_free(compiled)
+    return first.q, constraint_rank(compiled, work)

@@ -12,7 +12,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.work import State, Work, new_work
 from flexmb.results import OutputBlock
 
-__all__ = ["Clock", "Run"]
+__all__ = ["Balance", "Clock", "Run"]
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
@@ -50,7 +50,7 @@ class Run:
         self.output = march.new_output(compiled.system, self._rows(), channels)
         self.unread = False
         self.largest_drift = np.zeros(2)
-        self.balance = _Balance()
+        self.balance = Balance()
 
     def _rows(self) -> int:
         """Room for the outputs of one chunk; of a few of them at least."""
@@ -101,7 +101,7 @@ class Run:
             self.balance.add(energy)
 
 
-class _Balance:
+class Balance:
     """Largest mismatch of energy and work, and what to compare it with."""
 
     def __init__(self) -> None:

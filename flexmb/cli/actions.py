@@ -36,14 +36,20 @@ def show_run(report: Any) -> None:
     """Show the summary of a run, and end in the exit code that it deserves."""
     status = show.run_report(report)
     if status == "stopped":
-        show.line(f"resume with: flexmb resume {report.output}")
+        if report.resumable:
+            show.line(f"resume with: flexmb resume {report.output}")
         raise typer.Exit(INTERRUPTED)
     if any(not outcome.passed for outcome in report.checks):
         raise typer.Exit(FAILED_CHECK)
 
 
-def check_scene(scene: Path, overrides: list[str]) -> None:
-    """Validate a scene and show its counts."""
+def check_scene(scene: Path, overrides: list[str], tables: bool, as_json: bool) -> None:
+    """Validate a scene and show its counts and what can move."""
     from flexmb import workflow
+    from flexmb.cli import checking
 
-    show.check_report(workflow.check_scene(scene, words.pairs(overrides, "--set")))
+    report = workflow.check_scene(scene, words.pairs(overrides, "--set"), tables=tables)
+    if as_json:
+        show.line(checking.as_json(report))
+    else:
+        checking.check_report(report)

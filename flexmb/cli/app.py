@@ -100,6 +100,10 @@ def run(
         ),
     ] = None,
     overrides: Overrides = None,
+    analysis: Annotated[
+        str | None,
+        typer.Option(help="dynamics or kinematics, for a scene that has both.", show_default=False),
+    ] = None,
     start_from: Annotated[
         Path | None,
         typer.Option(
@@ -117,6 +121,9 @@ def run(
 ) -> None:
     """Run a scene: reduce its meshes, simulate, draw.
 
+    Runs what the scene says: [dynamics] integrates the motion, [kinematics] finds the one that
+    joints and drivers fix.
+
     Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
     its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
     again. Ctrl-C stops the run and keeps what was computed; `flexmb resume` goes on from there.
@@ -125,22 +132,38 @@ def run(
     """
     from flexmb.cli.actions import run_scene
 
-    options = {"start_from": start_from, "fresh": fresh, "pictures": not no_picture}
+    options = {
+        "analysis": analysis,
+        "start_from": start_from,
+        "fresh": fresh,
+        "pictures": not no_picture,
+    }
     run_scene(scene, output, overrides or [], options)
 
 
 @app.command()
 @guarded
-def check(scene: Scene, overrides: Overrides = None) -> None:
-    """Validate a scene and count what is in it, without running it.
+def check(
+    scene: Scene,
+    overrides: Overrides = None,
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="Show the tables that define the model."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the report as JSON.")] = False,
+) -> None:
+    """Validate a scene, count what is in it and what can move, without running it.
 
-    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name.
+    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name. Of a
+    valid scene it tells coordinates, equations, their rank and the degrees of freedom; which joints
+    share redundant equations and the exchange of joints that removes them; which reactions are then
+    not unique; and the motions that are left free.
 
-    Example: flexmb check cases/slider_crank/scene.toml
+    Example: flexmb check cases/slider_crank/scene.toml --tables
     """
     from flexmb.cli.actions import check_scene
 
-    check_scene(scene, overrides or [])
+    check_scene(scene, overrides or [], tables, as_json)
 
 
 @app.command()

@@ -29,8 +29,9 @@ def show_file(path: Path) -> None:
         )
     if path.suffix == ".toml":
         from flexmb import workflow
+        from flexmb.cli import checking
 
-        show.check_report(workflow.check_scene(path, {}))
+        checking.check_report(workflow.check_scene(path, {}))
     elif path.suffix in (".h5", ".hdf5"):
         _show_h5(path)
     else:

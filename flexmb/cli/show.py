@@ -14,7 +14,6 @@ from flexmb.cli import summary
 from flexmb.units import UnitSystem, unit_system
 
 __all__ = [
-    "check_report",
     "checks",
     "flexible_body",
     "heading",
@@ -111,6 +110,8 @@ def result(run: Any) -> None:
     table(("wall time by phase", "s", ""), summary.costs(run.statistics), right=(1,))
     if rows:
         _energies(run)
+    if run.reactions_not_unique:
+        line(f"reactions not unique at: {', '.join(run.reactions_not_unique)}")
     if rows and "largest_position_drift" not in run.statistics:
         position, velocity = run.drift.max(axis=0)
         line(f"largest constraint drift: position {position:.2g}, velocity {velocity:.2g}")
@@ -154,18 +155,6 @@ def quality(report: Any) -> None:
         table(part.columns, part.rows, right=range(1, len(part.columns)), whole=True)
         if part.note:
             line(part.note)
-
-
-def check_report(report: Any) -> None:
-    """Counts of a scene, and what is worth noting."""
-    heading(report.title)
-    table(("", ""), [(name, str(number)) for name, number in report.counts.items()], right=(1,))
-    for body, rows in report.bodies.items():
-        line(f"flexible body {body}")
-        table(("", ""), list(rows.items()))
-    for note in report.notes:
-        line(f"note: {note}")
-    line("the scene is valid")
 
 
 def checks(outcomes: Sequence[Any], unit: str) -> None:

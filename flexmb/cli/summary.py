@@ -24,9 +24,11 @@ _ERRORS = {
     "largest_velocity_drift": ("velocity drift", "m/s or rad/s, before the velocities' projection"),
 }
 _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
+_OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
+_NOT_UNIQUE = "reactions_not_unique"
 
 
 def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
@@ -34,10 +36,13 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
     rows: list[Row] = []
     if "steps" in known:
         rows.append(("steps", number(known["steps"]), "; ".join(_about_steps(known, units))))
+    of = "step" if "steps" in known else "point"
+    if "points" in known:
+        rows.append(("points", number(known["points"]), "; ".join(_about_points(known))))
     for key, name in _PER_STEP.items():
         if key in known:
-            share = float(known[key]) / max(float(known.get("steps", 0)), 1.0)
-            rows.append((name, number(known[key]), f"{share:.3g} per step"))
+            share = float(known[key]) / max(float(known.get(f"{of}s", 0)), 1.0)
+            rows.append((name, number(known[key]), f"{share:.3g} per {of}"))
     if known.get(_PIVOTS):
         meaning = "long steps, or inertia is missing somewhere"
         rows.append(("replaced pivots", number(known[_PIVOTS]), meaning))
@@ -48,7 +53,9 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
         rows.append(
             ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")
         )
-    spoken = {*_TOLD, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES}
+    spoken = {
+        *_TOLD, *_OF_POINTS, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _NOT_UNIQUE,
+    }  # fmt: skip
     rows += [
         (key.replace("_", " "), number(value), "")
         for key, value in known.items()
@@ -69,11 +76,12 @@ def costs(known: Mapping[str, Number]) -> list[Row]:
 
 def sentence(known: Mapping[str, Number]) -> str:
     """The run in one line; empty if nothing is known of it."""
-    if "steps" not in known:
+    what, phase = ("steps", "integrate") if "steps" in known else ("points", "kinematics")
+    if what not in known:
         return ""
-    text = f"{number(known['steps'])} steps"
-    if "seconds_integrate" in known and _RESUMED not in known:
-        text += f" in {float(known['seconds_integrate']):.3g} s"
+    text = f"{number(known[what])} {what}"
+    if f"{_SECONDS}{phase}" in known and _RESUMED not in known:
+        text += f" in {float(known[f'{_SECONDS}{phase}']):.3g} s"
     errors = [
         f"{name} {float(known[key]):.1g}"
         for key, name in (
@@ -110,8 +118,17 @@ def _about_steps(known: Mapping[str, Number], units: UnitSystem) -> Iterator[str
         yield f"{number(known['failed_steps'])} failed and tried shorter"
 
 
+def _about_points(known: Mapping[str, Number]) -> Iterator[str]:
+    more = int(known.get("increments", 0)) - int(known["points"])
+    if more > 0:
+        yield f"{number(more)} more between them"
+    if known.get("halved_increments"):
+        yield f"{number(known['halved_increments'])} increments failed and were halved"
+
+
 def _per_step(known: Mapping[str, Number], phase: str) -> str:
-    if phase != "integrate" or _RESUMED in known or not known.get("steps"):
+    of = {"integrate": "steps", "kinematics": "points"}.get(phase, "")
+    if _RESUMED in known or not known.get(of):
         return ""
-    microseconds = 1e6 * float(known["seconds_integrate"]) / float(known["steps"])
-    return f"{microseconds:.3g} µs per step"
+    microseconds = 1e6 * float(known[f"{_SECONDS}{phase}"]) / float(known[of])
+    return f"{microseconds:.3g} µs per {of.removesuffix('s')}"

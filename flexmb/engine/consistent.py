@@ -4,7 +4,7 @@ accelerations with multipliers, residual. One entry for all, so that it compiles
 from __future__ import annotations
 
 from flexmb.engine.jit import entry, kernel
-from flexmb.engine.kernels import constraint, energy, joint_friction, memory, sensor
+from flexmb.engine.kernels import constraint, energy, joint_friction, memory, sensor, signal
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
@@ -29,6 +29,7 @@ def solve_level(sys, st, wk, level):
     here. BEGIN: works and joint angles from here.
     """
     tr = wk.trial
+    signal.forget(sys.signals, wk)
     copy(st.kept, wk.now.kept)
     if level == ACCELERATIONS:
         return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0, 0))
@@ -40,13 +41,14 @@ def solve_level(sys, st, wk, level):
         memory.begin(sys, sys.contacts, sys.frictions, wk.now, st.t[0], st.q, st.kept)
         return 0.0
     if level == BEGIN:
+        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         joint_friction.put_grips(sys, sys.frictions, wk, st.lam)
         energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
         coordinates = sys.parts.coordinates
         st.power[1] += joint_friction.power(sys.frictions, coordinates, wk.now, st.q, st.v)
-        for i in range(st.angles.shape[0]):
-            st.angles[i] = 0.0
+        sensor.forget(st.angles)
         sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+        sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
         return 0.0
     wk.factor.symmetric[0] = 1
     factorise(sys, wk, tr.zero, tr.zero, st.lam, 0.0, 0.0)

@@ -4,7 +4,7 @@ Fixed: a step that fails is repeated in halves, quarters, ... until the next gri
 Error control: the local error of a step, relative to the motion so far, is kept below a tolerance.
 Its third root rules the step, as the error of both methods is of order h³; the step grows only by a
 quarter at least, because each change costs a factorisation, and not right after a rejection, while
-estimates still ring.
+estimates still ring. Steps under error control end at known kinks of functions of time (`kinks`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.projection import LOOP, UNSETTLED
 from flexmb.engine.kernels.vector import weighted_size
+from flexmb.engine.kinks import next_end
 from flexmb.engine.method import (
     AGE,
     CALM,
@@ -26,15 +28,18 @@ from flexmb.engine.method import (
     LAST_STEP,
     LEAST_STEP,
     MOTION,
+    NO_LOOP,
     OUTPUTS,
     PART,
     REJECTED,
     REPEAT,
+    SELF_LOCKING,
     SHARE,
     SINCE,
     SPEED,
     STEP,
     TOO_SMALL,
+    ZERO_LENGTH,
 )
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
@@ -61,6 +66,14 @@ _LOOK_AHEAD = 0.02
 _LEAST_SHARE = 1e-6
 # Motion of the model below which it counts as at rest, over its size.
 _AT_REST = 1e-6
+
+
+@kernel
+def failure(code):
+    """Status for what `projection.accelerations` returns where it finds none."""
+    if code == UNSETTLED:
+        return SELF_LOCKING
+    return NO_LOOP if code == LOOP else ZERO_LENGTH
 
 
 @kernel
@@ -94,7 +107,7 @@ def _least_interval(settings):
 
 
 @kernel
-def proposed(settings, st, room):
+def proposed(settings, kinks, st, room):
     """The step to try; `room` is how many more outputs there is space for."""
     h = st.memory[STEP]
     if settings.step > 0.0:
@@ -104,7 +117,7 @@ def proposed(settings, st, room):
     if settings.determined == 1 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
-    left = settings.end - st.t[0]
+    left = next_end(kinks, st.t[0], settings.end) - st.t[0]
     if h >= left * (1.0 - 1e-9):
         return left
     return 0.5 * left if h > 0.5 * left else h
@@ -150,12 +163,14 @@ def _size(memory, error, patience):
 
 
 @kernel
-def exact_time(settings, st, h):
-    """Time after the step: grid points and the end without the round-off of a sum."""
+def exact_time(settings, kinks, st, h):
+    """Time after the step: grid points, kinks and the end without the round-off of a sum."""
     if settings.step > 0.0 and st.memory[PART] + h / settings.step >= 1.0 - _ROUND_OFF:
         return settings.start + (st.count[GRID] + 1) * settings.step
-    if settings.step == 0.0 and h == settings.end - st.t[0]:
-        return settings.end
+    if settings.step == 0.0:
+        end = next_end(kinks, st.t[0], settings.end)
+        if h == end - st.t[0]:
+            return end
     return st.t[0] + h
 
 

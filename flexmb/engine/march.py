@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine import control, events
+from flexmb.engine import control, events, kinks
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
@@ -26,12 +26,15 @@ from flexmb.engine.kernels import (
     memory,
     reaction,
     sensor,
+    signal,
+    slider,
 )
 from flexmb.engine.kernels.interpolation import hermite, interpolate
-from flexmb.engine.kernels.projection import UNSETTLED, accelerations
+from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
+    CURVE_END,
     FACTORISATIONS,
     FINE,
     GRID,
@@ -40,10 +43,8 @@ from flexmb.engine.method import (
     NOT_FINITE,
     OUTPUTS,
     PART,
-    SELF_LOCKING,
     STEPS,
     TOO_SMALL,
-    ZERO_LENGTH,
 )
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
@@ -89,6 +90,7 @@ def _accept(sys, settings, st, wk, h):
     kinematics.position(sys.parts, now, tr.q)
     if settings.works == 1:
         kinematics.velocity(sys.parts, now, tr.v)
+        signal.stage(sys.signals, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam)
         joint_friction.put_grips(sys, sys.frictions, wk, tr.lam)
         energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
         tr.power[1] += joint_friction.power(sys.frictions, sys.parts.coordinates, now, tr.q, tr.v)
@@ -97,6 +99,8 @@ def _accept(sys, settings, st, wk, h):
             st.power[k] = tr.power[k]
     memory.keep(sys, sys.contacts, sys.frictions, now, tr.t[0], tr.q, tr.v, st.kept)
     sensor.follow_angles(sys.sensors, now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
     st.t[0] = tr.t[0]
     store(tr.q, st.q)
     store(tr.v, st.v)
@@ -116,16 +120,22 @@ def _accept(sys, settings, st, wk, h):
 @inlined
 def _advance(sys, method, settings, st, wk, room):
     """One accepted step of the size that works; or the status of the last one tried."""
+    if settings.step == 0.0:
+        status = kinks.cross(sys, sys.kinks, st, wk, _filter(method.alpha, settings, st))
+        if status != FINE:
+            return status
     while True:
-        h = control.proposed(settings, st, room)
+        h = control.proposed(settings, sys.kinks, st, room)
         status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)
         if status == NO_METHOD:
             status = explicit.step(sys, method.explicit, settings, st, wk, h)
+        if status == FINE and slider.beyond(sys.parts.sliders, sys.parts, wk.trial.q) >= 0:
+            status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
             if events.missed(sys, sys.contacts, sys.frictions, settings, st, wk, h):
                 continue
-            wk.trial.t[0] = control.exact_time(settings, st, h)
+            wk.trial.t[0] = control.exact_time(settings, sys.kinks, st, h)
             _accept(sys, settings, st, wk, h)
             control.accepted(settings, st, wk.trial.error, h)
             events.accepted(sys, sys.contacts, sys.frictions, settings, st, wk, h)
@@ -178,12 +188,12 @@ def _report(sys, method, settings, st, wk, out):
     cp = _filter(method.alpha, settings, st)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
-    found = accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project)
-    if found < 0:
-        return SELF_LOCKING if found == UNSETTLED else ZERO_LENGTH
+    code = accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project)
+    if code < 0:
+        return control.failure(code)
     constraint.evaluate(sys.lines, sys.rows, now.marker, wk.con)
     sensor.follow_angles(sys.sensors, now.marker, tr.angles)
-    sensor.read(sys.sensors, sys.parts, now, tr.vd, tr.angles, wk.dense.J[0], out.sensors[row])
+    sensor.follow_turns(sys.further, sys.sensors, now.marker, tr.angles)
     reaction.read(sys, now.marker, tr.lam, wk.dense.g, out.reactions[row])
     out.t[row] = tr.t[0]
     copy(tr.q, out.q[row])
@@ -206,6 +216,10 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 3] += bristles
     out.energy[row, 5] += bristles
     copy(st.kept, now.kept)
+    sensor.read(
+        sys.further, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, out.energy[row], tr.angles,
+        out.sensors[row],
+    )  # fmt: skip
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -232,6 +246,7 @@ def march(sys, method, settings, st, wk, out, n_steps):
     done = 0
     status = FINE
     st.memory[AGE] = -1.0
+    signal.remember(sys.signals, wk, st.angles)
     copy(st.kept, wk.now.kept)
     control.begin(sys, settings, st)
     events.begin(sys, sys.contacts, sys.frictions, st, wk)

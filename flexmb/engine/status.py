@@ -6,7 +6,9 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.method import (
+    CURVE_END,
     NO_CONVERGENCE,
+    NO_LOOP,
     NOT_FINITE,
     SELF_LOCKING,
     TOO_SMALL,
@@ -19,6 +21,7 @@ _WHAT = {
     NOT_FINITE: "the solution is no longer finite",
     TOO_SMALL: "no step is small enough for the accuracy asked for",
     ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
+    NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
     SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
 }
 _LOCKS = (
@@ -31,6 +34,7 @@ _CURE = {
     NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
+    NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
     SELF_LOCKING: _LOCKS,
 }
 _NAMELESS = (ZERO_LENGTH, SELF_LOCKING)
@@ -48,11 +52,32 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
     time : float
         Time at which the step began [s].
     """
+    if status == CURVE_END:
+        return _curve_end(compiled, work, time)
     where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
     cure = _CURE[status]
     if status == NO_CONVERGENCE and compiled.system.frictions is not None:
         cure += f"; or {_LOCKS}"
     return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cure}"
+
+
+def _curve_end(compiled: Compiled, work: Work, time: float) -> str:
+    """Which joint leaves its curve, and where."""
+    parts = compiled.system.parts
+    names = compiled.layout.coordinates
+    sliders, coordinates = parts.sliders, parts.coordinates
+    assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
+    for slider in sliders:
+        s = work.trial.q[coordinates[slider["coordinate"]]["iq"]]
+        length = parts.pool[slider["at"] + slider["n"]]
+        if not slider["closed"] and not 0.0 <= s <= length:
+            joint = names[slider["coordinate"]].rpartition(".")[0]
+            end = "beginning" if s < 0.0 else "end"
+            return (
+                f"at t = {time:.6g} s {joint} leaves its curve at the {end} of it: lengthen the "
+                "curve there, say closed = true for one that turns on, or keep the motion within it"
+            )
+    return f"at t = {time:.6g} s a joint leaves its curve at an end"
 
 
 def worst_place(compiled: Compiled, work: Work) -> str:

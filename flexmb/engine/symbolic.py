@@ -4,7 +4,9 @@ Blocks are bodies (6 + m columns, modes first), scalar coordinates and constrain
 degree on the block graph, with two rules that keep all pivots away from zero: a group is eliminated
 after both its bodies, or after its child body if it is the joint by which that body hangs in the
 spanning tree (its pivot is then −C_q M̂⁻¹ C_qᵀ of a free body, of full rank); a scalar coordinate,
-which may have no mass, after the groups that follow it. Trees get hardly any fill.
+which may have no mass, after the groups that follow it. What closes a loop waits for the
+coordinates of curve markers, whose joints have more rows than they take freedoms: first those in
+the tree, then those of loops, then all else that closes them. Trees get hardly any fill.
 References: Davis, Direct Methods for Sparse Linear Systems (2006), ch. 4, 7.
 """
 
@@ -31,7 +33,8 @@ class Blocks:
     group_rows: list[int]
     group_bodies: list[tuple[int, int]]  # bodies of I and J, -1 = ground
     group_coordinates: list[tuple[int, ...]]  # blocks of the scalar coordinates it follows
-    couples: list[tuple[int, int]]  # pairs of bodies whose tangents couple
+    couples: list[tuple[int, int]]  # pairs of bodies or coordinates whose tangents couple
+    group_sliders: list[tuple[int, ...]]  # blocks of the coordinates of its curve markers
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,16 @@ def _size(blocks: Blocks, b: int) -> int:
     return sum(c >= 0 for c in blocks.columns[b]) if b < n else blocks.group_rows[b - n]
 
 
+def _scalars(blocks: Blocks) -> list[tuple[int, ...]]:
+    """Blocks of all scalar coordinates in the rows of each group."""
+    both = zip(blocks.group_coordinates, blocks.group_sliders, strict=True)
+    return [tuple(dict.fromkeys((*follows, *slides))) for follows, slides in both]
+
+
 def _graph(blocks: Blocks) -> list[set[int]]:
     n = len(blocks.columns)
     graph: list[set[int]] = [set() for _ in range(n + len(blocks.group_rows))]
-    ends = zip(blocks.group_bodies, blocks.group_coordinates, strict=True)
+    ends = zip(blocks.group_bodies, _scalars(blocks), strict=True)
     pairs = [(n + g, b) for g, (pair, free) in enumerate(ends) for b in (*pair, *free) if b >= 0]
     for a, b in pairs + [(a, b) for a, b in blocks.couples if a >= 0 and b >= 0]:
         graph[a].add(b)
@@ -112,13 +121,29 @@ def _waits(blocks: Blocks) -> list[set[int]]:
                 waits[c].add(n + g)
             else:  # it relates coordinates only
                 waits[n + g].add(c)
+    _wait_for_sliders(blocks, child, waits)
     return waits
+
+
+def _wait_for_sliders(blocks: Blocks, child: dict[int, int], waits: list[set[int]]) -> None:
+    n = len(blocks.columns)
+    first = {c for g in child for c in blocks.group_sliders[g]}
+    every = {c for slides in blocks.group_sliders for c in slides}
+    for g, slides in enumerate(blocks.group_sliders):
+        for c in slides:
+            waits[c].add(n + g)
+        if g not in child:
+            waits[n + g] |= first if slides else every
 
 
 def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
     """Elimination order and, for each position, the later blocks its panel has rows of."""
     graph = _graph(blocks)
     waits = _waits(blocks)
+    after: list[set[int]] = [set() for _ in waits]
+    for b, before in enumerate(waits):
+        for c in before:
+            after[c].add(b)
 
     def degree(b: int) -> int:
         return sum(_size(blocks, c) for c in graph[b])
@@ -139,9 +164,10 @@ def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
         for c in neighbours:
             graph[c] |= neighbours
             graph[c] -= {b, c}
-            waits[c].discard(b)
         graph[b] = set()
-        for c in neighbours:
+        for c in after[b]:
+            waits[c].discard(b)
+        for c in neighbours | after[b]:
             if not waits[c]:
                 heapq.heappush(heap, (degree(c), c))
     place = {b: k for k, b in enumerate(order)}
@@ -216,7 +242,7 @@ def _links(blocks, order, below, panels):
                 links.append(_link(blocks, place, below, panels, n + g, b))
         group_links.append((ids[0], ids[1]))
     coordinate_links: dict[tuple[int, int], int] = {}
-    for g, free in enumerate(blocks.group_coordinates):
+    for g, free in enumerate(_scalars(blocks)):
         for c in free:
             coordinate_links[(g, c)] = len(links)
             links.append(_link(blocks, place, below, panels, n + g, c))

@@ -68,6 +68,7 @@ COORDINATE = np.dtype(
         ("s0", _F),  # where the spring is free
         ("fun", _I),  # u(t), or -1
         ("panel", _I),
+        ("state", _I),  # 1: its velocity is a state of a controller, no motion: without energy
     ],
     align=True,
 )
@@ -114,6 +115,7 @@ GROUP = np.dtype(
         ("link_I", _I),  # where its Jacobian goes in the KKT matrix (LINK), -1: ground
         ("link_J", _I),
         ("couple", _I),  # LINK between the two bodies for the tangent, -1: none
+        ("reversed", _I),  # 1: marker I of its rows is marker J of the joint
     ],
     align=True,
 )
@@ -137,9 +139,49 @@ LOAD = np.dtype(
     align=True,
 )
 
-# One sensor channel triple or scalar.
-SENSOR = np.dtype(
-    [("kind", _I), ("I", _I), ("J", _I), ("channel", _I), ("axis", _I)],
+# One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. Wrenches: of the element
+# `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
+# axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
+# body `n` or -1. EXPRESSION: program `first` over channels. STATE: velocity coordinate `first`.
+CHANNEL = np.dtype(
+    [
+        ("what", _I),
+        ("first", _I),
+        ("n", _I),
+        ("turns", _I),  # 1: an angle that counts turns, 2: number `a` of three angles of one term
+        ("side", _I),
+        ("quantity", _I),
+        ("axes", _I),
+        ("a", _I),
+    ],
+    align=True,
+)
+
+# One term of a channel, times a factor: a kind of row between markers I and J with axes a and b,
+# or its rate (`level` 1) or second derivative (2); or a motion of marker J along axis a of marker I
+# (-1: global); or angle b of three, a being the code of the axes.
+TERM = np.dtype(
+    [("kind", _I), ("I", _I), ("J", _I), ("a", _I), ("b", _I), ("level", _I), ("factor", _F)],
+    align=True,
+)
+
+# One partial derivative that forces need: of the program of a signal with respect to a channel.
+PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
+# Where a partial derivative enters the iteration matrix. What acts: component `a` of load `load`,
+# or the scalar coordinate with velocity `iv` if load = -1. What it depends on: `term` at its marker
+# I or J (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
+PULL = np.dtype(
+    [
+        ("partial", _I),
+        ("load", _I),
+        ("a", _I),
+        ("iv", _I),
+        ("panel", _I),  # of what acts
+        ("term", _I),
+        ("side", _I),
+        ("state", _I),
+        ("link", _I),
+    ],
     align=True,
 )
 
@@ -216,6 +258,29 @@ UPDATE = np.dtype(
 LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
 
 
+# One curve marker: a row of the marker table that slides along a curve carried by the marker it
+# begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
+# them the six coefficients of x, of y and of z.
+SLIDER = np.dtype(
+    [
+        ("marker", _I),
+        ("coordinate", _I),  # its place s along the curve, m
+        ("at", _I),
+        ("n", _I),
+        ("closed", _I),
+        ("turns", _I),  # 1: its x and y are tangent and normal of a curve in the plane x, y
+        ("group", _I),
+        ("side", _I),  # whether it is marker I (0) or J (1) of the group
+        ("link", _I),  # LINK of the group with s
+        ("link_I", _I),  # LINK of the body of I with s, -1: ground
+        ("link_J", _I),
+        ("other", _I),  # the second curve marker of the group
+        ("link_other", _I),  # LINK of the two coordinates, in the row of the first of the two
+    ],
+    align=True,
+)
+
+
 class Parts(NamedTuple):
     """Bodies and what is fixed to them."""
 
@@ -224,6 +289,7 @@ class Parts(NamedTuple):
     markers: np.ndarray  # MARKER
     gravity: np.ndarray  # (3,) m/s^2
     coordinates: object  # COORDINATE or None
+    sliders: object  # SLIDER or None
 
 
 class Kkt(NamedTuple):
@@ -235,6 +301,24 @@ class Kkt(NamedTuple):
     links: np.ndarray  # LINK
     place: np.ndarray  # (nv + nc,) permuted index of each unknown; one past the end: left out
     column: np.ndarray  # (nv,) column in its panel, -1: left out
+
+
+class Sensors(NamedTuple):
+    """Channels, those of the results first, then states that only expressions read."""
+
+    channels: np.ndarray  # CHANNEL
+    terms: np.ndarray  # TERM
+    programs: object  # FunctionTable over channels by number
+
+
+class Signals(NamedTuple):
+    """Functions of measured channels that act as forces or drive states."""
+
+    programs: np.ndarray  # (k,) programs of `functions`
+    channels: np.ndarray  # (n,) channels that they read
+    partials: np.ndarray  # PARTIAL
+    pulls: np.ndarray  # PULL
+    implicit: np.ndarray  # (1,) 1: some depend on accelerations or reactions
 
 
 class System(NamedTuple):
@@ -256,7 +340,10 @@ class System(NamedTuple):
     functions: object  # FunctionTable
     springs: object  # SPRING or None
     loads: np.ndarray  # LOAD
-    sensors: np.ndarray  # SENSOR
+    kinks: object  # (n, 2) times just before and after kinks of functions, in order, or None
+    sensors: Sensors
+    further: object  # one number if sensors read more than motions along axes and angles, or None
+    signals: object  # Signals or None
     contacts: object = None  # CONTACT
     frictions: object = None  # JOINT_FRICTION
 
@@ -264,8 +351,14 @@ class System(NamedTuple):
 # Kinds of constraint rows.
 POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
 LINES = (TWIST, RADIAL, MOMENT)
-# Kinds of sensors.
-POSITION, VELOCITY, ACCELERATION, ANGLE_SENSOR = 0, 1, 2, 3
+# What channels are.
+SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
+# Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
+# angular velocity and acceleration, what turning axes add to the latter).
+TURNING = 90
+ALONG = 100
+ALONG_X, ALONG_V, ALONG_A, ALONG_OM, ALONG_OMD, SEEN_OMD = range(ALONG, ALONG + 6)
+ANGLE_TURNS, ANGLES_TURN = 1, 2
 # Sides J of contacts.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 # Models of friction, and what its memory says.

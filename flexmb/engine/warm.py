@@ -12,7 +12,7 @@ import numba
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
-from flexmb.engine import march
+from flexmb.engine import march, sweep
 from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.jit import kernel_names, light_compilation
 from flexmb.engine.method import Method, Settings, n_stages
@@ -65,6 +65,23 @@ def compile_kernels(
         with light_compilation():
             _compile(solve_level, system, state, work, RESIDUAL)
         _compile(march.march, system, method, settings, state, work, output, 1)
+    progress("compile", 1.0)
+    return count.done
+
+
+def compile_sweep(system: System, channels: int, progress: Progress = silent) -> int:
+    """Make the kinematic analysis ready for a system, and nothing else; returns kernels compiled.
+
+    Parameters are those of :func:`compile_kernels`.
+    """
+    state, work = new_state(system, channels), new_work(system, channels)
+    settings, path = sweep.Sweep(0.0, 1.0, 1, 0.0, 0), sweep.new_path(system)
+    output = march.new_output(system, 1, channels)
+    count = _Count(progress)
+    progress("compile", 0.0)
+    with event.install_listener("numba:compile", count), light_compilation():
+        # full optimisation takes a fifth longer and gains nothing here
+        _compile(sweep.sweep, system, settings, state, work, path, output, sweep.POINTS, 1)
     progress("compile", 1.0)
     return count.done
 

@@ -46,6 +46,10 @@ MARKER_NOW = np.dtype(
 )
 
 
+# A curve marker now: its twist per ds and the change of that per ds, global.
+SLIDER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
+
+
 class State(NamedTuple):
     """Complete state: positions, velocities, multipliers, integrator memory, counters."""
 
@@ -74,6 +78,7 @@ class Now(NamedTuple):
     body: np.ndarray  # BODY_NOW
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    slider: object  # SLIDER_NOW or None
     kept: np.ndarray  # memory of the elements that forces are evaluated with, as State.kept
     span: np.ndarray  # (1,) time since then, s
     grip: np.ndarray  # (joint frictions, 2): normal force and force of friction, N
@@ -162,6 +167,18 @@ class Trial(NamedTuple):
     error: np.ndarray  # (2,) estimated local error of positions and velocities, weighted
     jerk: np.ndarray  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: np.ndarray  # (depth, 3) of the function evaluator
+    variables: np.ndarray  # (channels, 3) jets of the channels, for functions that name them
+
+
+class Live(NamedTuple):
+    """Scratch of functions over channels."""
+
+    t: np.ndarray  # (1,) the time at which they were evaluated last
+    near: np.ndarray  # (channels,) the continuous angles at the last accepted state
+    slopes: np.ndarray  # (partials,) partial derivatives
+    g: np.ndarray  # (4, 12) gradients of one term: position, velocity; two of scratch
+    left: np.ndarray  # (6 + m,) what acts
+    right: np.ndarray  # (6 + m,) what it depends on
 
 
 class Work(NamedTuple):
@@ -172,6 +189,7 @@ class Work(NamedTuple):
     dense: Dense
     factor: Factor
     trial: Trial
+    live: object  # Live or None
     events: Events
 
 
@@ -223,13 +241,15 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     m = system.parts.bodies["m"]
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
-    depth = int(system.functions.depth)
+    depth = max(int(system.functions.depth), int(system.sensors.programs.depth))
+    sliders = system.parts.sliders
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
-        np.zeros(_memory(system)),
-        np.zeros(1),
+        None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
+        _nan(_memory(system)),
+        _nan(1),
         _nan(_rows(system.frictions), 2),
     )
     trial = Trial(
@@ -238,10 +258,20 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(_memory(system))),
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
+        variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
+    live = None if system.signals is None else _new_live(system)
     n = 3 * _rows(system.contacts) + _rows(system.frictions)
-    return Work(now, con, _new_dense(system), _new_factor(system), trial, Events(_nan(n), _nan(n)))
+    events = Events(_nan(n), _nan(n))
+    return Work(now, con, _new_dense(system), _new_factor(system), trial, live, events)
+
+
+def _new_live(system: System) -> Live:
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    partials = len(system.signals.partials)
+    channels = len(system.sensors.channels)
+    return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
 
 
 def _new_dense(system: System) -> Dense:

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import references
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import SECTIONS, read_named
 from flexmb.model.head import read_gravity, read_units
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.knobs import resolve_knob
 from flexmb.model.markers import GroundSpec
 from flexmb.model.names import bad_name
@@ -32,8 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["TOP_KEYS", "build"]
 
 TOP_KEYS = (
-    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "check", "dynamics",
-    "study", "view",
+    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "assembly", "check",
+    "dynamics", "kinematics", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -69,7 +71,7 @@ class _Builder:
 
     def __init__(self, model: Model, scene: Mapping[str, Any]) -> None:
         self.model, self.scene = model, scene
-        self.names = Terms({}, model.units)
+        self.names = Terms({}, model.units, folder=model.folder)
         self.problems: list[Problem] = []
         self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
 
@@ -86,7 +88,7 @@ class _Builder:
         self.model.given_parameters, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
         known = {**dict.fromkeys(map(str, parameters), 1.0), **values}
-        self.names = Terms(known, self.model.units)
+        self.names = Terms(known, self.model.units, folder=self.model.folder)
         self.model.plane, problems = read_plane(self.scene.get("plane"))
         self.problems += problems
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
@@ -117,6 +119,10 @@ class _Builder:
             self.model.ground = ground
         if "dynamics" in self.scene:
             self.model.dynamics = self.single("dynamics", DynamicsSpec)
+        if "kinematics" in self.scene:
+            self.model.kinematics = self.single("kinematics", KinematicsSpec)
+        if "assembly" in self.scene:
+            self.model.assembly = self.single("assembly", AssemblySpec)
         if "study" in self.scene:
             self.model.study = self.single("study", StudySpec)
             self.knobs(self.model.study.vary if self.model.study else ())

@@ -159,7 +159,8 @@ def _depth(side: Any, R: Array, u: Array) -> float:
     if side.length is not None and abs(along) > 0.5 * side.length:
         return -math.inf
     distance = float(np.linalg.norm(u - along * R[:, 2]))
-    return float(distance - side.radius if side.side == "inside" else side.radius - distance)
+    depth = distance - side.radius
+    return float(depth if side.side == "inside" else -depth)
 
 
 def friction_coordinate(model: Model, spec: JointFrictionSpec) -> str:

@@ -35,9 +35,11 @@ class Counts:
     flexible_bodies: int
     joints: tuple[JointCount, ...]
     drivers: int
+    """Equations of all drivers, one for each coordinate that they prescribe."""
     forces: int
     sensors: int
     planar: bool
+    couplers: int
     modes: int | None
     """Modal coordinates of all flexible bodies; None while one of them is not reduced."""
 
@@ -48,12 +50,12 @@ class Counts:
 
     @property
     def equations(self) -> int:
-        """Of the joints, without drivers."""
-        return sum(row.equations for row in self.joints)
+        """Of the joints, and one of each coupler; without drivers."""
+        return sum(row.equations for row in self.joints) + self.couplers
 
     @property
     def mobility(self) -> int:
-        """Rigid coordinates less the equations of joints and drivers."""
+        """Rigid coordinates less the equations of joints, couplers and drivers."""
         return self.rigid_coordinates - self.equations - self.drivers
 
 
@@ -77,10 +79,11 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
         rigid_bodies=len(model.bodies) - len(flexible),
         flexible_bodies=len(flexible),
         joints=joints,
-        drivers=len(model.drivers),
+        drivers=sum(len(spec.motions(model.plane)) for spec in model.drivers.values()),
         forces=len(model.forces),
         sensors=len(model.sensors),
         planar=model.plane is not None,
+        couplers=len(model.couplers),
         modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
     )
 

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem
+from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.joints import JointSpec
@@ -18,19 +20,27 @@ from flexmb.model.meshbody import body_kind
 from flexmb.model.names import GROUND, bad_name
 from flexmb.model.reading import Names, Spec, given, read_entry, read_variant, under
 from flexmb.model.sensors import SENSOR_TYPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 
 __all__ = ["SECTIONS", "read_named"]
 
-SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors")
+SECTIONS = (
+    "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
+    "controllers",
+)  # fmt: skip
 """Sections whose entries have names."""
 
 _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
+    "couplers": ("coupler type", COUPLER_TYPES),
     "forces": ("force type", FORCE_TYPES),
     "sensors": ("sensor type", SENSOR_TYPES),
+    "controllers": ("controller type", CONTROLLER_TYPES),
 }
 _SINGLE: dict[str, type[Spec]] = {
+    "curves": CurveSpec,
     "joints": JointSpec,
     "drivers": DriverSpec,
+    "states": StateSpec,
     "markers": MarkerSpec,
 }
 

@@ -1,7 +1,8 @@
 """Expressions such as ``"2*pi*25"`` or ``"r*sin(speed*t)"``, parsed without ever being executed.
 
 In: a text and the values of the names it may use. Out: an immutable :class:`Expression`, a postfix
-program over time whose constant parts are folded. The text is read by Python's own parser and only
+program over time and, where allowed, over measured channels such as ``slider.x``; its constant
+parts are folded. The text is read by Python's own parser and only
 white-listed nodes pass. A mistake becomes a :class:`SceneError` whose text shows the expression
 with a caret under the character.
 """
@@ -10,14 +11,25 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model import jets
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "Expression", "names_in", "parse"]
+__all__ = [
+    "CONSTANTS",
+    "FUNCTIONS",
+    "RISES",
+    "Expression",
+    "channel_of",
+    "names_in",
+    "parse",
+    "unknown_channel",
+]
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e, "deg": math.pi / 180}
 FUNCTIONS: dict[str, tuple[int, str]] = {
@@ -38,11 +50,26 @@ FUNCTIONS: dict[str, tuple[int, str]] = {
     "sign": (1, "sign(x)"),
     "min": (2, "min(a, b)"),
     "max": (2, "max(a, b)"),
+    "hypot": (2, "hypot(a, b), the root of a**2 + b**2"),
     "step": (5, "step(x, x0, y0, x1, y1): y0 before x0, y1 after x1, a cubic between"),
+    "step5": (5, "step5(x, x0, y0, x1, y1), a quintic"),
+    "havsin": (5, "havsin(x, x0, y0, x1, y1), half a wave of a cosine"),
+    "cycloidal": (5, "cycloidal(x, x0, y0, x1, y1), a cycloid"),
+    "modsine": (5, "modsine(x, x0, y0, x1, y1), a modified sine"),
 }
 """Functions an expression may call: number of arguments and how they are written."""
 
-Ops = tuple[tuple[str, float], ...]
+RISES = {
+    "step": "cubicstep",
+    "step5": "quinticstep",
+    "havsin": "haversinestep",
+    "cycloidal": "cycloidalstep",
+    "modsine": "modifiedsinestep",
+}
+"""Functions that lead from y0 at x0 to y1 at x1, and the operation from 0 to 1 that they are."""
+
+Ops = tuple[tuple[str, Any], ...]
+"""Pairs (operation, argument): a number, or of "piecewise" a `Piecewise`."""
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
@@ -51,7 +78,7 @@ _LONGEST = 2000  # characters; beyond it the text is no formula, and Python's pa
 
 @dataclass(frozen=True)
 class Expression:
-    """A postfix program over time: ``ops`` holds pairs (operation, argument)."""
+    """A postfix program: ``ops`` holds pairs (operation, argument); ``@name`` loads a channel."""
 
     text: str
     ops: Ops
@@ -61,12 +88,28 @@ class Expression:
         """The value if it does not depend on time, else None."""
         return self.ops[0][1] if len(self.ops) == 1 and self.ops[0][0] == "const" else None
 
-    def value(self, t: float) -> jets.Jet:
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that it names, each once."""
+        return tuple(dict.fromkeys(channel_of(op) for op, _ in self.ops if channel_of(op)))
+
+    def value(self, t: float, variables: Mapping[str, jets.Jet] | None = None) -> jets.Jet:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
-        return jets.evaluate(self.ops, t)
+        return jets.evaluate(self.ops, t, variables)
 
 
-def parse(text: str, names: Mapping[str, float] | None = None, *, time: bool = True) -> Expression:
+def channel_of(op: str) -> str:
+    """The channel that an operation loads; empty for all other operations."""
+    return op[1:] if op.startswith("@") else ""
+
+
+def parse(
+    text: str,
+    names: Mapping[str, float] | None = None,
+    *,
+    time: bool = True,
+    channels: bool = False,
+) -> Expression:
     """Parse an expression.
 
     Parameters
@@ -77,13 +120,15 @@ def parse(text: str, names: Mapping[str, float] | None = None, *, time: bool = T
         Values of the parameters it may use.
     time : bool
         Whether ``t`` may occur.
+    channels : bool
+        Whether names that are no parameters stand for channels (checked once all are known).
 
     Raises
     ------
     SceneError
         One problem, with the text and a caret under the character that is wrong.
     """
-    return Expression(text, _Lowering(text, dict(names or {}), time).run())
+    return Expression(text, _Lowering(text, dict(names or {}), time, channels).run())
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -119,6 +164,13 @@ def _tree(text: str) -> ast.expr:
         raise _error(text, lead, "no expression that can be read") from None
 
 
+def unknown_channel(text: str, name: str, known: tuple[str, ...]) -> Problem:
+    """The problem of a name in an expression that is neither a parameter nor a channel."""
+    found = re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", text)
+    column = found.start() if found else 0
+    return _error(text, column, f'unknown name "{name}"', known, name).problems[0]
+
+
 def _reason(error: SyntaxError) -> str:
     """The parser's word in the terms of a formula."""
     message = (error.msg or "").removesuffix(" (<unknown>, line 1)")
@@ -145,8 +197,8 @@ def _error(
 class _Lowering:
     """Turns the syntax tree into postfix operations, folding constants on the way."""
 
-    def __init__(self, text: str, names: Mapping[str, float], time: bool) -> None:
-        self.text, self.names, self.time = text, names, time
+    def __init__(self, text: str, names: Mapping[str, float], time: bool, channels: bool) -> None:
+        self.text, self.names, self.time, self.channels = text, names, time, channels
         flat = text.replace("\n", " ")
         self.lead = len(flat) - len(flat.lstrip())
 
@@ -174,6 +226,8 @@ class _Lowering:
                 return self.number(node, value)
             case ast.Name(id=name):
                 return self.name(node, name)
+            case ast.Attribute(value=ast.Name(id=sensor), attr=component) if self.channels:
+                return ((f"@{sensor}.{component}", 0.0),)
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.lower(operand)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -205,6 +259,8 @@ class _Lowering:
             raise self.fail(node, "the time t cannot be used here, only in functions of time")
         if name in FUNCTIONS:
             raise self.fail(node, f'"{name}" is a function, written {FUNCTIONS[name][1]}')
+        if self.channels:
+            return ((f"@{name}", 0.0),)
         known = (*self.names, *(("t",) if self.time else ()), *CONSTANTS)
         raise self.fail(node, f'unknown name "{name}"', known, name)
 
@@ -234,23 +290,23 @@ class _Lowering:
                 node, f"{name} takes {count} argument{'s' * (count > 1)}, not {given}: {usage}"
             )
         args = [self.lower(argument) for argument in node.args]
-        if name == "step":
-            return self.step(node, args)
+        if name in RISES:
+            return self.rise(node, args, RISES[name])
         return self.fold(node, (*(op for ops in args for op in ops), (name, 0.0)))
 
-    def step(self, node: ast.Call, args: list[Ops]) -> Ops:
-        """y0 + (y1 - y0) cubicstep((x - x0)/(x1 - x0)): one function of one variable does it."""
+    def rise(self, node: ast.Call, args: list[Ops], rise: str) -> Ops:
+        """y0 + (y1 - y0) rise((x - x0)/(x1 - x0)): one function of one variable does it."""
         x, x0, y0, x1, y1 = args
         width = self.fold(node, (*x1, *x0, ("-", 0.0)))
         if width[0][0] == "const" and len(width) == 1 and width[0][1] <= 0:
             raise self.fail(node.args[3], "the end x1 of a step must lie after its beginning x0")
-        ratio = self.fold(node, (*x, *x0, ("-", 0.0), *width, ("/", 0.0), ("cubicstep", 0.0)))
+        ratio = self.fold(node, (*x, *x0, ("-", 0.0), *width, ("/", 0.0), (rise, 0.0)))
         height = self.fold(node, (*y1, *y0, ("-", 0.0)))
         return self.fold(node, (*y0, *height, *ratio, ("*", 0.0), ("+", 0.0)))
 
     def fold(self, node: ast.expr, ops: Ops) -> Ops:
-        """Replace a program without time by its value."""
-        if any(op == "t" for op, _ in ops):
+        """Replace a program without time and channels by its value."""
+        if any(op == "t" or channel_of(op) for op, _ in ops):
             return ops
         value = jets.evaluate(ops, 0.0)[0]
         if not math.isfinite(value):

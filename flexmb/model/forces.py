@@ -2,7 +2,8 @@
 
 The components of a force are in global axes, or in the marker's own axes,
 which turn with the body. A spring-damper acts along the line between its markers and pulls with
-k (d - d0) + c d', d the distance.
+k (d - d0) + c d', d the distance. Values of forces and torques, and those that act on joints, may
+be expressions over channels: of sensors, states and controllers.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ __all__ = [
     "FORCE_TYPES",
     "ForceSpec",
     "JointSpringSpec",
+    "LineForceSpec",
     "LoadSpec",
     "RotationalSpringSpec",
     "SpringDamperSpec",
@@ -29,8 +31,8 @@ __all__ = [
     "TranslationalSpringSpec",
 ]
 
-_Force = Annotated[Function, FunctionOf("N")]
-_Torque = Annotated[Function, FunctionOf("N m")]
+_Force = Annotated[Function, FunctionOf("N", channels=True)]
+_Torque = Annotated[Function, FunctionOf("N m", channels=True)]
 
 
 class LoadSpec(Spec):
@@ -83,14 +85,18 @@ class JointSpringSpec(Spec):
 
     @property
     def coordinate(self) -> str:
-        """``"angle"`` or ``"stroke"``."""
+        """``"angle"``, ``"second_angle"`` or ``"stroke"``."""
         raise NotImplementedError
 
 
 class RotationalSpringSpec(JointSpringSpec):
-    """A spring, damper and actuator on the angle of a joint, which counts turns."""
+    """A spring, damper and actuator on the angle of a joint, which counts turns.
+
+    ``about = "second_axis"``: on the second angle of a universal joint.
+    """
 
     type: Literal["rotational-spring-damper"]
+    about: Literal["axis", "second_axis"] = "axis"
     stiffness: Annotated[float, Quantity("N m/rad", "not negative")] = 0.0
     damping: Annotated[float, Quantity("N m s/rad", "not negative")] = 0.0
     free: Annotated[float, Quantity("rad")] = 0.0
@@ -98,7 +104,7 @@ class RotationalSpringSpec(JointSpringSpec):
 
     @property
     def coordinate(self) -> str:
-        return "angle"
+        return "angle" if self.about == "axis" else "second_angle"
 
 
 class TranslationalSpringSpec(JointSpringSpec):
@@ -125,10 +131,19 @@ class SpringDamperSpec(Spec):
     free_length: Annotated[float | str, Reader(_free_length, _FREE_LENGTH.write)] = "placed"
 
 
+class LineForceSpec(Spec):
+    """A force along the line between two markers, pushing them apart where it is positive."""
+
+    type: Literal["line-force"]
+    between: Pair
+    value: _Force
+
+
 FORCE_TYPES: dict[str, type[Spec]] = {
     "force": ForceSpec,
     "torque": TorqueSpec,
     "spring-damper": SpringDamperSpec,
+    "line-force": LineForceSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
     "contact": ContactSpec,

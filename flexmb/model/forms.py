@@ -16,6 +16,9 @@ from pydantic.fields import FieldInfo
 
 from flexmb.materials import LIBRARY
 from flexmb.model.bodies import COLORS, BodySpec
+from flexmb.model.couplers import AngleTerm, LinearCouplerSpec, StrokeTerm
+from flexmb.model.curves import CurveSpec
+from flexmb.model.drivers import DriverSpec
 from flexmb.model.flexible import FlexibleSource, UnitsName
 from flexmb.model.functions import FUNCTION_FORMS, Function
 from flexmb.model.inertia import Inertia
@@ -35,6 +38,7 @@ from flexmb.model.quantities import Axis, Integer, Quantity
 from flexmb.model.reading import Entry, Reader, Spec, Variant
 from flexmb.model.reduction import Modes, ModesSpec
 from flexmb.model.study import StudySpec
+from flexmb.model.tabulated import Tabulated
 from flexmb.units import UNIT_SYSTEMS
 
 __all__ = ["Field", "Form", "described", "fields_of", "form_of", "reference", "words"]
@@ -160,8 +164,17 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
     """What the readers take whose annotation does not tell it."""
     return {
         _field_reader(JointSpec, "type"): lambda: {"enum": list(JOINT_TYPES)},
+        _field_reader(LinearCouplerSpec, "terms"): lambda: {
+            "anyOf": [reference(AngleTerm), reference(StrokeTerm)]
+        },
+        _field_reader(CurveSpec, "polar"): lambda: {**NUMBER, "description": "[m], over t"},
         _field_reader(BodySpec, "color"): lambda: _choice(COLORS),
         _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
+        _field_reader(Tabulated, "file"): lambda: {"type": "string"},
+        _field_reader(Tabulated, "columns"): lambda: _list((GroupName, GroupName)),
+        _field_reader(DriverSpec, "start"): lambda: {
+            "anyOf": [NUMBER, {"type": "array", "items": NUMBER}]
+        },
         _reader(UnitsName): lambda: _choice(UNIT_SYSTEMS),
         _reader(MaterialField): lambda: {
             "anyOf": [*_choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]

@@ -8,136 +8,51 @@ form lowers to the same operations, so that one small kernel evaluates them all.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Annotated, Any, Literal, Self
+from typing import Any, get_args
 
-from pydantic import GetCoreSchemaHandler, ValidationInfo, model_validator
+from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import SceneError
 from flexmb.model.expression import Expression, Ops, parse
+from flexmb.model.function_forms import Constant, Fourier, FunctionForm, Harmonic, Polynomial
 from flexmb.model.jets import Jet
-from flexmb.model.quantities import Angle, Measured, Quantity, plain, read_number
+from flexmb.model.kinks import kinks_of
+from flexmb.model.profiles import (
+    Cycloidal,
+    Havsin,
+    ModifiedSine,
+    Step,
+    Step5,
+    Trapezoidal,
+)
+from flexmb.model.quantities import plain, read_number
 from flexmb.model.reading import (
     Names,
-    Reader,
-    Spec,
     Terms,
     fail,
+    folder_of,
     given,
     names_of,
     read_variant,
-    slot_of,
-    under,
     units_of,
 )
+from flexmb.model.tabulated import AkimaSpline, CubicSpline, Table
 from flexmb.model.unit_texts import expression_and_factor
 from flexmb.units import UnitSystem
 
 __all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "FunctionOf", "read_function"]
 
 
-def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
-    """Numbers c0, c1, c2, ... of which the k-th is a value over time to the power k."""
-    names = names_of(info)
-    value = plain(value)
-    if not isinstance(value, list):
-        raise fail(Problem("", f"a list is expected, given {given(value)}"))
-    slot = slot_of(names) or ""
-    powers = ("", "/s", *(f"/s^{k}" for k in range(2, len(value))))
-    found, problems = [], []
-    for k, item in enumerate(value):
-        unit = (slot or "1") + powers[k] if k else slot
-        try:
-            found.append(read_number(item, names, unit) * units_of(names).scale(unit))
-        except SceneError as error:
-            problems += under(f"[{k}]", error.problems)
-    if problems:
-        raise fail(*problems)
-    return tuple(found)
-
-
-Ordinate = Annotated[float, Measured()]
-Moment = Annotated[float, Quantity("s")]
-
-
-class FunctionForm(Spec):
-    """Base of the named forms; each turns its numbers, in SI, into operations over t."""
-
-    def ops(self) -> Ops:
-        raise NotImplementedError
-
-
-class Constant(FunctionForm):
-    """value"""
-
-    type: Literal["constant"]
-    value: Ordinate
-
-    def ops(self) -> Ops:
-        return (("const", self.value),)
-
-
-class Polynomial(FunctionForm):
-    """c0 + c1 t + c2 t^2 + ..., with coefficients = [c0, c1, c2, ...]"""
-
-    type: Literal["polynomial"]
-    coefficients: Annotated[tuple[float, ...], Reader(_coefficients)]
-
-    def ops(self) -> Ops:
-        """Horner's scheme."""
-        *lower, highest = self.coefficients or (0.0,)
-        program: Ops = (("const", highest),)
-        for c in reversed(lower):
-            program = (*program, ("t", 0.0), ("*", 0.0), ("const", c), ("+", 0.0))
-        return program
-
-
-class Harmonic(FunctionForm):
-    """offset + amplitude sin(2 pi frequency t + phase), frequency in cycles per unit of time"""
-
-    type: Literal["harmonic"]
-    amplitude: Ordinate
-    frequency: Annotated[float, Quantity("Hz")]
-    phase: Angle = 0.0
-    offset: Ordinate = 0.0
-
-    def ops(self) -> Ops:
-        names = {"a": self.amplitude, "w": 2 * math.pi * self.frequency}
-        names |= {"phase": self.phase, "offset": self.offset}
-        return parse("offset + a*sin(w*t + phase)", names).ops
-
-
-class Step(FunctionForm):
-    """y0 before t0, y1 after t1, between them a cubic with level ends"""
-
-    type: Literal["step"]
-    t0: Moment = 0.0
-    y0: Ordinate = 0.0
-    t1: Moment
-    y1: Ordinate
-
-    @model_validator(mode="after")
-    def _in_order(self, info: ValidationInfo) -> Self:
-        if self.t1 <= self.t0:
-            units = units_of(names_of(info))
-            t0, t1 = units.say(self.t0, "s"), units.say(self.t1, "s")
-            raise fail(Problem("t1", f"must lie after t0 = {t0}, is {t1}"))
-        return self
-
-    def ops(self) -> Ops:
-        names = {"t0": self.t0, "y0": self.y0, "t1": self.t1, "y1": self.y1}
-        return parse("step(t, t0, y0, t1, y1)", names).ops
-
-
+_FORMS: tuple[type[FunctionForm], ...] = (
+    Constant, Polynomial, Harmonic, Fourier, Step, Step5, Havsin, Cycloidal, ModifiedSine,
+    Trapezoidal, CubicSpline, AkimaSpline, Table,
+)  # fmt: skip
 FUNCTION_FORMS: dict[str, type[FunctionForm]] = {
-    "constant": Constant,
-    "polynomial": Polynomial,
-    "harmonic": Harmonic,
-    "step": Step,
+    get_args(form.model_fields["type"].annotation)[0]: form for form in _FORMS
 }
 """Named forms of functions of time; the docstring of each is its formula."""
 
@@ -158,19 +73,28 @@ class Function:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
         return self.expression.value(t)
 
+    def kinks(self, end: float) -> tuple[float, ...]:
+        """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
+        return kinks_of(self.expression.ops, end)
+
 
 @dataclass(frozen=True)
 class FunctionOf:
-    """Annotation of a :class:`Function`: the SI unit of its value."""
+    """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
 
     unit: str
+    channels: bool = False
+
+    def unit_here(self, info: ValidationInfo) -> str:
+        """The SI unit of the value, which may depend on other fields."""
+        return self.unit
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         def read(value: Any, info: ValidationInfo) -> Function:
             try:
-                return read_function(value, names_of(info), self.unit)
+                return read_function(value, names_of(info), self.unit_here(info), self.channels)
             except SceneError as error:
                 raise fail(*error.problems) from None
 
@@ -178,7 +102,9 @@ class FunctionOf:
         return core_schema.with_info_plain_validator_function(read, serialization=written)
 
 
-def read_function(value: Any, names: Names | None = None, unit: str = "") -> Function:
+def read_function(
+    value: Any, names: Names | None = None, unit: str = "", channels: bool = False
+) -> Function:
     """A function of time from any of the ways to say it.
 
     Parameters
@@ -189,6 +115,8 @@ def read_function(value: Any, names: Names | None = None, unit: str = "") -> Fun
         Values of the parameters.
     unit : str
         SI unit of the value, ``""`` for a plain number.
+    channels : bool
+        Whether an expression may name channels; they stand for values in the scene's units.
 
     Raises
     ------
@@ -201,15 +129,15 @@ def read_function(value: Any, names: Names | None = None, unit: str = "") -> Fun
         return value
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit, time=True)
-        ops = parse(text, names).ops
+        ops = parse(text, names, channels=channels).ops
         return Function(value, Expression(value, _in_si(ops, factor * units.scale(unit), units)))
     if isinstance(value, Mapping):
         value = plain(value)
-        terms = Terms(names, units, slot=unit)
+        terms = Terms(names, units, slot=unit, folder=folder_of(names))
         form, problems = read_variant("function", FUNCTION_FORMS, value, terms)
         if form is None:
             raise SceneError.from_problems(problems)
-        return Function(value, Expression(given(value), form.ops()))
+        return Function(form.written(value, terms), Expression(given(value), form.ops()))
     if isinstance(value, Real) and not isinstance(value, bool):
         number = read_number(value, names)
         ops = _in_si((("const", number),), units.scale(unit), units)

@@ -9,11 +9,12 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
-__all__ = ["BINARY", "CHAIN", "Jet", "evaluate"]
+__all__ = ["BINARY", "CHAIN", "UNARY", "Jet", "evaluate"]
 
 Jet = tuple[float, float, float]
 
@@ -65,6 +66,47 @@ def _cubic_step(s: float) -> Jet:
     return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
 
+def _quintic_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and 10 s^3 - 15 s^4 + 6 s^5 between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    r = s * (1 - s)
+    return s**3 * (10 + s * (6 * s - 15)), 30 * r * r, 60 * r * (1 - 2 * s)
+
+
+def _haversine_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and (1 - cos(pi s))/2 between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    a = np.pi * s
+    return np.sin(a / 2) ** 2, np.pi / 2 * np.sin(a), np.pi**2 / 2 * np.cos(a)
+
+
+def _cycloidal_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1, and s - sin(2 pi s)/(2 pi) between."""
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    a = 2 * np.pi * s
+    return s - np.sin(a) / (2 * np.pi), 2 * np.sin(a / 2) ** 2, 2 * np.pi * np.sin(a)
+
+
+def _modified_sine_step(s: float) -> Jet:
+    """0 up to s = 0, 1 from s = 1; an eighth each of a fast sine at the ends, a slow one between.
+
+    Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), section 3.6.
+    """
+    if s <= 0 or s >= 1:
+        return float(s >= 1), 0.0, 0.0
+    unit = 1 / (4 + np.pi)
+    if 0.125 < s < 0.875:
+        a = 4 * np.pi * s / 3 - np.pi / 6
+        f = unit * (2 + np.pi * s - 2.25 * np.cos(a))
+        return f, np.pi * unit * (1 + 3 * np.sin(a)), 4 * np.pi**2 * unit * np.cos(a)
+    a = 4 * np.pi * s
+    f = unit * (np.pi * s - 0.25 * np.sin(a)) + (4 * unit if s > 0.5 else 0.0)
+    return f, 2 * np.pi * unit * np.sin(a / 2) ** 2, 4 * np.pi**2 * unit * np.sin(a)
+
+
 CHAIN: dict[str, Callable[[float], Jet]] = {
     "sin": lambda a: (np.sin(a), np.cos(a), -np.sin(a)),
     "cos": lambda a: (np.cos(a), -np.sin(a), -np.cos(a)),
@@ -81,6 +123,10 @@ CHAIN: dict[str, Callable[[float], Jet]] = {
     "abs": lambda a: (abs(a), np.sign(a), 0.0),
     "sign": lambda a: (np.sign(a), 0.0, 0.0),
     "cubicstep": _cubic_step,
+    "quinticstep": _quintic_step,
+    "haversinestep": _haversine_step,
+    "cycloidalstep": _cycloidal_step,
+    "modifiedsinestep": _modified_sine_step,
 }
 """Functions of one argument: name to (g, g', g'') at a."""
 
@@ -115,6 +161,13 @@ def _atan2(y: Jet, x: Jet) -> Jet:
     return np.arctan2(y[0], x[0]), f1, (n1 - 2 * f1 * (x[0] * x[1] + y[0] * y[1])) / d
 
 
+def _hypot(a: Jet, b: Jet) -> Jet:
+    f = np.hypot(a[0], b[0])
+    n = 1 / f if f > 0 else 0.0
+    f1 = (a[0] * a[1] + b[0] * b[1]) * n
+    return f, f1, (a[1] ** 2 + a[0] * a[2] + b[1] ** 2 + b[0] * b[2] - f1 * f1) * n
+
+
 BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "+": lambda a, b: (a[0] + b[0], a[1] + b[1], a[2] + b[2]),
     "-": lambda a, b: (a[0] - b[0], a[1] - b[1], a[2] - b[2]),
@@ -122,14 +175,30 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "/": _divide,
     "pow": _pow,
     "atan2": _atan2,
+    "hypot": _hypot,
     "min": lambda a, b: a if a[0] <= b[0] else b,
     "max": lambda a, b: a if a[0] >= b[0] else b,
 }
 """Functions of two jets. Where min or max are undecided (equal values) the first one counts."""
 
 
-def evaluate(ops: Iterable[tuple[str, float]], t: float) -> Jet:
+UNARY = {*CHAIN, "neg", "powc", "piecewise"}
+"""All operations on one jet."""
+
+
+def evaluate(
+    ops: Iterable[tuple[str, Any]], t: float, variables: Mapping[str, Jet] | None = None
+) -> Jet:
     """Run a postfix program at time ``t`` [s].
+
+    Parameters
+    ----------
+    ops : iterable of (str, float)
+        Operations with their arguments; ``@name`` loads a channel.
+    t : float
+        Time [s].
+    variables : mapping, optional
+        Jets of the channels that the program names.
 
     Returns
     -------
@@ -143,12 +212,19 @@ def evaluate(ops: Iterable[tuple[str, float]], t: float) -> Jet:
                 stack.append((np.float64(argument), np.float64(0.0), np.float64(0.0)))
             elif op == "t":
                 stack.append((np.float64(t), np.float64(1.0), np.float64(0.0)))
+            elif op.startswith("@"):
+                assert variables is not None  # whoever has no channels asks no such program
+                f, f1, f2 = variables[op[1:]]
+                stack.append((np.float64(f), np.float64(f1), np.float64(f2)))
             elif op == "neg":
                 a = stack.pop()
                 stack.append((-a[0], -a[1], -a[2]))
             elif op == "powc":
                 a = stack.pop()
                 stack.append(_chain(_power(argument, a[0]), a))
+            elif op == "piecewise":
+                a = stack.pop()
+                stack.append(_chain(argument.jet(a[0]), a))
             elif op in CHAIN:
                 a = stack.pop()
                 stack.append(_chain(CHAIN[op](a[0]), a))

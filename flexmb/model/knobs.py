@@ -14,7 +14,10 @@ from flexmb.model.dynamics import DynamicsSpec
 
 __all__ = ["knob_names", "resolve_knob"]
 
-_SECTIONS = ("parameters", "ground", "bodies", "joints", "drivers", "forces", "dynamics")
+_SECTIONS = (
+    "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
+    "controllers", "assembly", "dynamics",
+)  # fmt: skip
 _TOP = ("gravity",)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.bodies import BodySpec, FlexbodySpec, RigidBodySpec
+from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
@@ -171,6 +172,9 @@ def joint_frames(
     bent into the second; parallel axes give equal triads.
     """
     joint = model.joints[name]
+    if JOINT_TYPES[joint.type].curves:  # the curve lies in the axes of its marker
+        I, J = (placed(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
+        return I, J if joint.axis is None else _turned(model, J, triad(joint.axis))
     if joint.axis is None or joint.second_axis is None:
         return frames(model, joint.between, joint.axis, flexbodies)
     I, J = (placed(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
@@ -193,6 +197,11 @@ def _turned(model: Model, marker: PlacedMarker, R: Array) -> PlacedMarker:
     """The marker with its axes R (3, 3), global in the placed pose."""
     if marker.body != GROUND:
         R = rotation_matrix(model.bodies[marker.body].orientation).T @ R
+    return with_axes(marker, R)
+
+
+def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
+    """The marker with its axes R (3, 3) in the body's."""
     return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)
 
 

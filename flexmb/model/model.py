@@ -11,28 +11,31 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup, references, writing
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import BodySpec
 from flexmb.model.carriers import far_markers
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
-from flexmb.model.contacts import ContactSpec
+from flexmb.model.couplers import CouplerSpec
+from flexmb.model.coupling import repeated_couplers
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.parameters import resolve
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import Spec, Terms, read_entry, under
-from flexmb.model.sensors import AngleSensorSpec, MarkerSensorSpec, channel_unit, channels_of
+from flexmb.model.sensors import SensorSpec, channel_unit, channels_of
+from flexmb.model.states import ControllerSpec, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 from flexmb.units import UnitSystem, unit_system
@@ -41,6 +44,8 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 __all__ = ["Model", "Source"]
+
+S = TypeVar("S", bound=Spec)
 
 
 class Source(NamedTuple):
@@ -93,16 +98,19 @@ class Model:
         _raise(problems)
         self.ground = GroundSpec()
         self.bodies: dict[str, BodySpec] = {}
+        self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
+        self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[
-            str,
-            LoadSpec | SpringDamperSpec | JointSpringSpec | ContactSpec | JointFrictionSpec,
-        ] = {}
-        self.sensors: dict[str, MarkerSensorSpec | AngleSensorSpec] = {}
+        self.forces: dict[str, Spec] = {}
+        self.sensors: dict[str, SensorSpec] = {}
+        self.states: dict[str, StateSpec] = {}
+        self.controllers: dict[str, ControllerSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
+        self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
@@ -110,14 +118,14 @@ class Model:
     def __repr__(self) -> str:
         counts = ", ".join(
             f"{len(getattr(self, section))} {section}"
-            for section in ("bodies", "joints", "drivers", "forces", "sensors")
+            for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
 
     @property
     def terms(self) -> Terms:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units)
+        return Terms(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -153,11 +161,19 @@ class Model:
             self.ground = owner
         return spec
 
+    def add_curve(self, name: str, **fields: Any) -> Spec:
+        """Add the shape of a curve that joints slide along: ``points``, ``polar``, ..."""
+        return self._add("curves", name, fields)
+
     def add_joint(self, name: str, type: str, **fields: Any) -> JointSpec:
         """Add a joint: ``between=[I, J]``, ``axis``."""
         spec = self._add("joints", name, {"type": type, **fields})
         assert isinstance(spec, JointSpec)
         return spec
+
+    def add_coupler(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a gear, a rack and pinion, or a linear coupler of joint coordinates."""
+        return self._add("couplers", name, {"type": type, **fields})
 
     def add_driver(self, name: str, **fields: Any) -> DriverSpec:
         """Add a driver: ``joint`` and one of ``angle`` and ``stroke``."""
@@ -172,6 +188,14 @@ class Model:
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:
         """Add a sensor."""
         return self._add("sensors", name, {"type": type, **fields})
+
+    def add_state(self, name: str, **fields: Any) -> Spec:
+        """Add a state: ``rate``, an expression over channels and t, and its ``start``."""
+        return self._add("states", name, fields)
+
+    def add_controller(self, name: str, type: str, **fields: Any) -> Spec:
+        """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
+        return self._add("controllers", name, {"type": type, **fields})
 
     def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
@@ -192,26 +216,33 @@ class Model:
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
-        spec, problems = read_entry(DynamicsSpec, fields, self.terms)
-        _raise(under("dynamics", problems))
-        assert spec is not None
-        self.dynamics = spec
-        return spec
+        self.dynamics = self._single("dynamics", DynamicsSpec, fields)
+        return self.dynamics
+
+    def set_kinematics(self, **fields: Any) -> KinematicsSpec:
+        """Say how to run as a kinematic analysis: ``duration``, ``outputs``."""
+        self.kinematics = self._single("kinematics", KinematicsSpec, fields)
+        return self.kinematics
+
+    def set_assembly(self, **fields: Any) -> AssemblySpec:
+        """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
+        self.assembly = self._single("assembly", AssemblySpec, fields)
+        return self.assembly
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
-        spec, problems = read_entry(StudySpec, fields, self.terms)
-        _raise(under("study", problems))
-        assert spec is not None
-        self.study = spec
-        return spec
+        self.study = self._single("study", StudySpec, fields)
+        return self.study
 
     def set_view(self, **fields: Any) -> ViewSpec:
         """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""
-        spec, problems = read_entry(ViewSpec, fields, self.terms)
-        _raise(under("view", problems))
+        self.view = self._single("view", ViewSpec, fields)
+        return self.view
+
+    def _single(self, section: str, kind: type[S], fields: Any) -> S:
+        spec, problems = read_entry(kind, fields, self.terms)
+        _raise(under(section, problems))
         assert spec is not None
-        self.view = spec
         return spec
 
     def _add(self, section: str, name: str, data: Any) -> Spec:
@@ -225,18 +256,20 @@ class Model:
         return spec
 
     def channels(self) -> tuple[str, ...]:
-        """Names of all sensor channels, in order."""
+        """Names of all channels of sensors, states and controllers, in order."""
         pairs = self.sensors.items()
-        return tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        sensed = tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
+        return (*sensed, *self.states, *self.controllers)
 
     def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a sensor channel; None where there is no such sensor."""
-        return channel_unit({name: spec.type for name, spec in self.sensors.items()}, channel)
+        """SI unit of a channel; None where there is no such sensor, state or controller."""
+        owners = {**self.sensors, **self.states, **self.controllers}
+        return channel_unit({name: vars(spec) for name, spec in owners.items()}, channel)
 
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit)
+        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.Found:
         """Body, name and specification of ``"body.marker"``, automatic markers included.
@@ -265,10 +298,12 @@ class Model:
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
         """Raise a :class:`SceneError` with all problems, if there are any.
 
-        Warns of markers far away from the flexible body they are on, once the body is given.
+        Warns of markers far away from the flexible body they are on, once the body is given, and
+        of couplers that repeat others.
         """
         _raise(self.problems(flexbodies))
-        for sentence in far_markers(self, flexbodies or {}):
+        known = flexbodies or {}
+        for sentence in (*far_markers(self, known), *repeated_couplers(self, known)):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def to_scene_dict(

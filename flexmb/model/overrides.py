@@ -18,7 +18,12 @@ from flexmb.model.reading import given
 
 __all__ = ["override"]
 
-_MAKEABLE = ("dynamics", "view")  # tables whose fields all have defaults or will be missed
+_MAKEABLE = (
+    "assembly",
+    "dynamics",
+    "kinematics",
+    "view",
+)  # tables whose fields all have defaults or will be missed
 
 
 def override(

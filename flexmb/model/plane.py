@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planes import PLANES
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import BodySpec
-from flexmb.model.forces import LoadSpec
+from flexmb.model.drivers import DriverSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec
 from flexmb.model.functions import Function
+from flexmb.model.gearing import terms_of
 from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "across",
     "axis_of_joint",
+    "in_plane_triad",
     "keeps_plane",
     "normal_in_body",
     "plane_axes",
@@ -55,6 +58,12 @@ def plane_axes(plane: str) -> tuple[int, int, int]:
     """Global axes of a plane: two in it and its normal, right-handed (x, y, z = 0, 1, 2)."""
     n = int(np.argmax(PLANES[plane]))
     return (n + 1) % 3, (n + 2) % 3, n
+
+
+def in_plane_triad(plane: str) -> Array:
+    """Axes (3, 3) in columns: the two of the plane and its normal."""
+    triad: Array = np.eye(3)[:, list(plane_axes(plane))]
+    return triad
 
 
 def normal_in_body(spec: BodySpec, plane: str) -> Array:
@@ -101,6 +110,9 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
     for name, joint in model.joints.items():
         yield from _joint(model, name, joint, flexbodies, plane)
     yield from _coordinates(model, flexbodies, plane)
+    for name, driver in model.drivers.items():
+        if driver.marker is not None:
+            yield from _driver(model, f"drivers.{name}", driver, flexbodies, plane)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
             yield from _load(model, f"forces.{name}", force, plane)
@@ -131,6 +143,9 @@ def _joint(
         names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations is not None)
         yield Problem(f"{where}.type", f"a {joint.type} joint has no meaning in a plane", names)
         return
+    if JOINT_TYPES[joint.type].curves:
+        yield from curve_uses.in_plane(model, name, flexbodies, plane)
+        return
     if not JOINT_TYPES[joint.type].has_axis:
         return
     try:
@@ -148,11 +163,16 @@ def _joint(
 
 def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterator[Problem]:
     """A cylindrical joint keeps one of its two coordinates."""
-    used = [(f"drivers.{n}", d.joint, d.coordinate) for n, d in model.drivers.items()]
+    used = [
+        (f"drivers.{n}", d.joint, d.coordinate)
+        for n, d in model.drivers.items()
+        if d.joint is not None
+    ]
     for n, force in model.forces.items():
-        coordinate = getattr(force, "coordinate", None)
-        if coordinate is not None:
-            used.append((f"forces.{n}", force.joint, coordinate))  # type: ignore[union-attr]
+        if isinstance(force, JointSpringSpec):
+            used.append((f"forces.{n}", force.joint, force.coordinate))
+    for n, coupler in model.couplers.items():
+        used += [(f"couplers.{n}", *term) for term in terms_of(coupler)]
     for where, name, coordinate in used:
         joint = model.joints.get(name)
         if joint is None or joint.type != "cylindrical":
@@ -160,6 +180,24 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         about = across(axis_of_joint(model, name, flexbodies), plane)
         if coordinate != ("angle" if about else "stroke"):
             yield Problem(where, f'in the plane {plane} the joint "{name}" has no {coordinate}')
+
+
+def _driver(
+    model: Model, where: str, driver: DriverSpec, flexbodies: lookup.Bodies, plane: str
+) -> Iterator[Problem]:
+    """Coordinates of a marker: along the plane, and about its normal."""
+    if driver.axis is not None and not across(driver.axis, plane):
+        yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+    if driver.position is not None and len(driver.position) != 2:
+        what = f"a point has 2 coordinates in the plane {plane}, given {len(driver.position)}"
+        yield Problem(f"{where}.position", what)
+        return
+    I = lookup.placed(model, driver.ends[0], flexbodies)  # noqa: E741
+    A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
+    for coordinate, _ in driver.motions(plane):
+        if coordinate in "xyz" and not keeps_plane((A @ I.R)[:, "xyz".index(coordinate)], plane):
+            axis = f"{coordinate} of {driver.relative_to}" if driver.relative_to else coordinate
+            yield Problem(f"{where}.{coordinate}", f"{axis} leads out of the plane {plane}")
 
 
 def _load(model: Model, where: str, force: LoadSpec, plane: str) -> Iterator[Problem]:

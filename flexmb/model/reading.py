@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import (
@@ -32,6 +33,7 @@ __all__ = [
     "Terms",
     "Variant",
     "fail",
+    "folder_of",
     "given",
     "names_of",
     "read_entry",
@@ -42,6 +44,7 @@ __all__ = [
 
 S = TypeVar("S", bound="Spec")
 Names = Mapping[str, float]
+_HERE = Path()
 _LONGEST = 60  # characters of a value shown in a message
 
 
@@ -63,13 +66,19 @@ class Terms(dict[str, float]):
     slot : str, optional
         SI unit of values whose quantity depends on where they are used, such as those of a
         function of time; None where it is not known.
+    folder : Path, optional
+        What paths of files are relative to.
     """
 
     def __init__(
-        self, values: Names | None = None, units: UnitSystem = SI, slot: str | None = None
+        self,
+        values: Names | None = None,
+        units: UnitSystem = SI,
+        slot: str | None = None,
+        folder: Path = _HERE,
     ) -> None:
         super().__init__(values or {})
-        self.units, self.slot = units, slot
+        self.units, self.slot, self.folder = units, slot, folder
 
 
 def units_of(names: Names) -> UnitSystem:
@@ -80,6 +89,11 @@ def units_of(names: Names) -> UnitSystem:
 def slot_of(names: Names) -> str | None:
     """SI unit of values whose quantity depends on where they are used."""
     return names.slot if isinstance(names, Terms) else None
+
+
+def folder_of(names: Names) -> Path:
+    """What paths of files are relative to."""
+    return names.folder if isinstance(names, Terms) else _HERE
 
 
 def fail(*problems: Problem) -> PydanticCustomError:

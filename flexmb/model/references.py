@@ -6,26 +6,27 @@ all problems, with scene paths.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.model import lookup
+from flexmb.model import curve_uses, lookup
+from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
 from flexmb.model.contact_checks import contact_problems, joint_friction_problems
 from flexmb.model.contacts import ContactSpec
-from flexmb.model.forces import JointSpringSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.coupling import coupler_problems
+from flexmb.model.driver_problems import driver_problems, finite
+from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.friction import JointFrictionSpec
-from flexmb.model.functions import Function
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
-from flexmb.model.sensors import AngleSensorSpec
+from flexmb.model.signal_checks import sensor_problems, signal_problems
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -38,8 +39,9 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, _drivers, _forces, _sensors)
-    parts = (*named, _channels, _judged, _frequencies, _times)
+    named = (body_problems, _joints, coupler_problems, driver_problems, _forces)
+    further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
+    parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -50,19 +52,7 @@ def _joints(scope: Scope) -> Iterator[Problem]:
     yield from scope.markers("joints")
     for name, spec in scope.model.joints.items():
         yield from scope.pair(f"joints.{name}", spec.between, "a joint")
-
-
-def _drivers(scope: Scope) -> Iterator[Problem]:
-    driven: dict[tuple[str, str], str] = {}
-    for name, spec in scope.model.drivers.items():
-        where = f"drivers.{name}"
-        yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        yield from _finite(f"{where}.{spec.coordinate}", spec.function, derivatives=True)
-        key = (spec.joint, spec.coordinate)
-        if key in driven:
-            what = f'the {key[1]} of joint "{key[0]}" is driven by "{driven[key]}" already'
-            yield Problem(where, what)
-        driven.setdefault(key, name)
+        yield from curve_uses.of_joint(scope, name, spec)
 
 
 def _forces(scope: Scope) -> Iterator[Problem]:
@@ -71,7 +61,11 @@ def _forces(scope: Scope) -> Iterator[Problem]:
         where = f"forces.{name}"
         if isinstance(spec, SpringDamperSpec):
             yield from scope.pair(where, spec.between, "a spring-damper")
-            yield from _length(scope, where, spec)
+            yield from _length(scope, where, spec.between, "a spring")
+        elif isinstance(spec, LineForceSpec):
+            yield from scope.pair(where, spec.between, "a line-force")
+            yield from _length(scope, where, spec.between, "a force along a line")
+            yield from finite(f"{where}.value", spec.value)
         elif isinstance(spec, JointSpringSpec):
             yield from _joint_spring(scope, where, spec)
         elif isinstance(spec, ContactSpec):
@@ -80,7 +74,7 @@ def _forces(scope: Scope) -> Iterator[Problem]:
             yield from joint_friction_problems(scope, where, spec)
         elif isinstance(spec, LoadSpec):
             for i, function in enumerate(spec.value):
-                yield from _finite(f"{where}.value[{i}]", function)
+                yield from finite(f"{where}.value[{i}]", function)
             if split_reference(spec.at)[0] == GROUND:
                 yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
             yield from scope.material(f"{where}.at", spec.at)
@@ -89,16 +83,16 @@ def _forces(scope: Scope) -> Iterator[Problem]:
 def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
     yield from scope.coordinate(where, spec.joint, spec.coordinate)
     if spec.value is not None:
-        yield from _finite(f"{where}.value", spec.value)
+        yield from finite(f"{where}.value", spec.value)
     if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
         yield Problem(where, "does nothing: give stiffness, damping or value")
 
 
-def _length(scope: Scope, where: str, spec: SpringDamperSpec) -> Iterator[Problem]:
-    """A spring needs two points apart, as far as they are known."""
+def _length(scope: Scope, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
+    """A line needs two points apart, as far as they are known."""
     model = scope.model
     try:
-        ends = [lookup.placed(model, reference, scope.flexbodies) for reference in spec.between]
+        ends = [lookup.placed(model, reference, scope.flexbodies) for reference in between]
     except FlexmbError:
         return
     flexible = {m.body for m in ends if m.body != GROUND and model.bodies[m.body].flexible}
@@ -106,24 +100,23 @@ def _length(scope: Scope, where: str, spec: SpringDamperSpec) -> Iterator[Proble
         return
     points = [lookup.global_position(model, marker) for marker in ends]
     if np.linalg.norm(points[1] - points[0]) == 0:
-        what = "its markers coincide in the placed pose: a spring of length zero pulls nowhere"
+        what = f"its markers coincide in the placed pose: {noun} of length zero pulls nowhere"
         yield Problem(f"{where}.between", what)
 
 
-def _sensors(scope: Scope) -> Iterator[Problem]:
-    yield from scope.markers("sensors")
-    for name, spec in scope.model.sensors.items():
-        if isinstance(spec, AngleSensorSpec) and spec.joint is not None:
-            yield from scope.coordinate(f"sensors.{name}", spec.joint, "angle")
-
-
 def _channels(scope: Scope) -> Iterator[Problem]:
-    channels = scope.model.channels()
+    channels, broken = scope.model.channels(), _broken_channels(scope)
     asked = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
     asked += [(f"check[{i}].sensor", c.sensor) for i, c in enumerate(scope.model.checks)]
     for where, name in asked:
-        if name not in channels and name.partition(".")[0] not in scope.broken.get("sensors", {}):
+        if name not in channels and name.partition(".")[0] not in broken:
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def _broken_channels(scope: Scope) -> set[str]:
+    """Names of what would give channels but could not be read."""
+    sections = ("sensors", "states", "controllers")
+    return {name for section in sections for name in scope.broken.get(section, {})}
 
 
 def _frequencies(scope: Scope) -> Iterator[Problem]:
@@ -149,7 +142,7 @@ def _frequencies(scope: Scope) -> Iterator[Problem]:
 
 def _judged(scope: Scope) -> Iterator[Problem]:
     """Sensors or channels that a study judges by."""
-    study, broken = scope.model.study, scope.broken.get("sensors", {})
+    study, broken = scope.model.study, _broken_channels(scope)
     names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
     for i, name in enumerate(study.sensors if study is not None else ()):
         if name not in names and name.partition(".")[0] not in broken:
@@ -159,22 +152,13 @@ def _judged(scope: Scope) -> Iterator[Problem]:
 
 def _times(scope: Scope) -> Iterator[Problem]:
     model = scope.model
-    if model.dynamics is None:
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    if not spans:
         return
-    duration, units = model.dynamics.duration, model.units
+    duration, units = max(spans), model.units
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
     for where, time in times:
         if time > duration * (1 + 1e-12):
             after, end = units.say(time, "s"), units.say(duration, "s")
             yield Problem(where, f"{after} lies after the end of the run, {end}")
-
-
-def _finite(where: str, function: Function, derivatives: bool = False) -> Iterator[Problem]:
-    jet = function.value(0.0)
-    parts = ("value", "first derivative", "second derivative")
-    for part, value in zip(parts, jet if derivatives else jet[:1], strict=False):
-        if not math.isfinite(value):
-            text = function.expression.text
-            yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
-            return

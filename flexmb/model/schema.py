@@ -11,19 +11,24 @@ from collections.abc import Iterable
 from typing import Any
 
 from flexmb.flexbody.planes import PLANES
+from flexmb.model.assembly import AssemblySpec
 from flexmb.model.bodies import FlexbodySpec, RigidBodySpec
 from flexmb.model.building import TOP_KEYS
 from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.flexible import UnitsName
 from flexmb.model.forces import FORCE_TYPES
 from flexmb.model.forms import NUMBER, VECTOR, Form, described, fields_of, form_of, reference
 from flexmb.model.joints import JointSpec
+from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.markers import GroundSpec
 from flexmb.model.meshbody import MeshBodySpec
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import SENSOR_TYPES
+from flexmb.model.states import CONTROLLER_TYPES, StateSpec
 from flexmb.model.study import StudySpec
 from flexmb.model.view import ViewSpec
 
@@ -57,12 +62,18 @@ def _top() -> dict[str, Form]:
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),
         "bodies": _named(_one_of(_BODIES)),
+        "curves": _named(reference(CurveSpec)),
         "joints": _named(reference(JointSpec)),
+        "couplers": _named(_one_of(COUPLER_TYPES.values())),
         "drivers": _named(reference(DriverSpec)),
         "forces": _named(_one_of(FORCE_TYPES.values())),
         "sensors": _named(_one_of(SENSOR_TYPES.values())),
+        "states": _named(reference(StateSpec)),
+        "controllers": _named(_one_of(CONTROLLER_TYPES.values())),
         "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
+        "assembly": reference(AssemblySpec),
         "dynamics": reference(DynamicsSpec),
+        "kinematics": reference(KinematicsSpec),
         "study": reference(StudySpec),
         "view": reference(ViewSpec),
     }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Broken", "Scope"]
 
 Broken = Mapping[str, Mapping[str, Any]]
-_REFERENCES = ("between", "at", "of", "relative_to")
+_REFERENCES = ("between", "at", "of", "relative_to", "marker")
 
 
 @dataclass(frozen=True)

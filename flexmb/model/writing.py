@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import SceneError
 from flexmb.model.bodies import BodySpec, FlexbodySpec
+from flexmb.model.curves import CurveSpec, read_points
 from flexmb.model.reading import Spec, Terms
 
 if TYPE_CHECKING:
@@ -38,16 +39,18 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
             for name, spec in model.bodies.items()
         },
     }
-    for section in ("joints", "drivers", "forces", "sensors"):
+    if model.curves:
+        scene["curves"] = {name: _curve(model, spec) for name, spec in model.curves.items()}
+    for section in ("joints", "couplers", "drivers", "forces", "sensors", "states", "controllers"):
         scene[section] = {
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }
     scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
     scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
-    if model.dynamics is not None:
-        scene["dynamics"] = _plain(model.dynamics, model.terms)
-    if model.study is not None:
-        scene["study"] = _plain(model.study, model.terms)
+    for section in ("assembly", "dynamics", "kinematics", "study"):
+        spec = getattr(model, section)
+        if spec is not None:
+            scene[section] = _plain(spec, model.terms)
     scene["view"] = _plain(model.view, model.terms)
     return {key: value for key, value in scene.items() if value or key == "title"}
 
@@ -60,6 +63,16 @@ def _gravity(model: Model) -> Any:
 
 def _plain(spec: Spec, terms: Terms) -> dict[str, Any]:
     return spec.model_dump(mode="json", exclude_none=True, context=terms)
+
+
+def _curve(model: Model, spec: CurveSpec) -> dict[str, Any]:
+    """A curve; one from a file with the points of the file, so that the scene holds all of it."""
+    if spec.file is None:
+        table = _plain(spec, model.terms)
+        return {key: value for key, value in table.items() if key in spec.model_fields_set}
+    points = read_points(model.path(spec.file), model.units)
+    rows = [[model.units.written(value, "m") for value in point] for point in points]
+    return {"points": rows, "closed": spec.closed}
 
 
 def _body(

@@ -5,12 +5,13 @@ from __future__ import annotations
 from flexmb.results.extend import extend_file
 from flexmb.results.file import OutputBlock, ResultWriter
 from flexmb.results.layout import BodyColumns, Columns
-from flexmb.results.reactions import Reaction
+from flexmb.results.reactions import NOT_UNIQUE, Reaction
 from flexmb.results.read import file_format
 from flexmb.results.recovered import PeakStress, SectionForces, Stress
 from flexmb.results.result import Pose, Result, load_result
 
 __all__ = [
+    "NOT_UNIQUE",
     "BodyColumns",
     "Columns",
     "OutputBlock",

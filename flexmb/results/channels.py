@@ -67,9 +67,10 @@ def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Ch
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
-    types = {name: str(spec.get("type", "")) for name, spec in scene.get("sensors", {}).items()}
+    owners = ("sensors", "states", "controllers")
+    tables = {name: table for owner in owners for name, table in scene.get(owner, {}).items()}
     for i, name in enumerate(columns.channels):
-        yield Channel(name, "sensors", i, channel_unit(types, name) or "")
+        yield Channel(name, "sensors", i, channel_unit(tables, name) or "")
 
 
 def _reactions(found: tuple[Sides, ...]) -> Iterator[Channel]:
@@ -95,5 +96,8 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
             yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
     n = len(columns.coordinates)  # scalar ones stand behind the bodies
     for i, name in enumerate(columns.coordinates):
-        yield Channel(name, "q", columns.nq - n + i, "")
-        yield Channel(f"{name}.rate", "v", columns.nv - n + i, "")
+        state = name.startswith("states.")  # its velocity is the state
+        own, rate = (f"{name}.integral", name) if state else (name, f"{name}.rate")
+        units = ("m", "m/s") if name.endswith("position") else ("", "")  # along a curve
+        yield Channel(own, "q", columns.nq - n + i, units[0])
+        yield Channel(rate, "v", columns.nv - n + i, units[1])

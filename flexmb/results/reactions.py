@@ -1,11 +1,13 @@
-"""Reactions of joints and drivers: which two markers, which columns, on which body.
+"""Reactions of joints, couplers and drivers: which two markers, which columns, on which body.
 
 In: the columns of a result, its scene, the name of a joint or driver and a side. Out: force and
 moment over time. The table holds per joint or driver twelve columns: force and moment on marker J
 in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis, on J
 the second one of a joint with two; of what slides in a planar scene x is the axis, z the normal).
 The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
-the markers. A driver's are beside those of its joint, not in them.
+the markers. Those of drivers and couplers are beside those of their joints, not in them; a coupler
+has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a
+universal joint has the sides exchanged: its marker I is the joint's marker J.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.results.layout import Columns
 
-__all__ = ["Reaction", "Sides", "find_side", "sides"]
+__all__ = ["NOT_UNIQUE", "Reaction", "Sides", "find_side", "sides"]
 
 Array = NDArray[np.float64]
+NOT_UNIQUE = "reactions_not_unique"
+"""The statistic that names the joints and drivers whose reactions redundant equations share."""
 
 
 class Reaction(NamedTuple):
@@ -31,6 +35,7 @@ class Reaction(NamedTuple):
     moment: Array  # (n, 3) about the marker
     on: str  # the marker, such as "rod.big_end"
     by: str  # the marker on the other side
+    unique: bool = True  # False: redundant equations share it, and the least share is given
 
 
 class Sides(NamedTuple):
@@ -59,11 +64,27 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint = name if section == "joints" else str(drivers.get(name, {}).get("joint", ""))
-        between = joints.get(joint, {}).get("between", ("", ""))
+        joint, second = _acts_on(section, name, scene)
+        table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
+        between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in table:
+            between = table.get("relative_to", "ground.origin"), table["marker"]
+        between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
     return tuple(found)
+
+
+def _acts_on(section: str, name: str, scene: Mapping[str, Any]) -> tuple[str, bool]:
+    """The joint of a reaction, and whether it acts on the second angle."""
+    if section == "joints":
+        return name, False
+    if section == "couplers":
+        joint, _, coordinate = name.partition(".")[2].partition(".")
+        return joint, coordinate == "second_angle"
+    table = scene.get(section, {}).get(name, {})
+    second = "second_angle" in table or table.get("about") == "second_axis"
+    return str(table.get("joint", "")), second
 
 
 def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, Sides]:

@@ -22,7 +22,7 @@ from flexmb.results.copying import copy_result
 from flexmb.results.export import write_csv
 from flexmb.results.notebook import html
 from flexmb.results.pose import locate, slerp
-from flexmb.results.reactions import Reaction, find_side, sides
+from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, sides
 from flexmb.results.recovered import Recovered
 from flexmb.results.recovered_channels import asked, largest_stress_names, values_of
 
@@ -82,6 +82,12 @@ class Result(Recovered):
         """Names of the joints and drivers that have reactions."""
         return tuple(pair.name for pair in sides(self.layout, self.model))
 
+    @property
+    def reactions_not_unique(self) -> tuple[str, ...]:
+        """Names of those that redundant equations share: their least values are reported."""
+        paths = str(self.statistics.get(NOT_UNIQUE, "")).split(", ")
+        return tuple(pair.name for pair in sides(self.layout, self.model) if pair.path in paths)
+
     def reaction(self, name: str, on: str = "J") -> Reaction:
         """What a joint or driver does to one of its two bodies, over time.
 
@@ -101,7 +107,8 @@ class Result(Recovered):
         Returns
         -------
         Reaction
-            ``force`` and ``moment``, (n, 3) in the scene's units, on marker ``on``, by ``by``.
+            ``force`` and ``moment``, (n, 3) in the scene's units, on marker ``on``, by ``by``;
+            ``unique`` is False where redundant equations leave it undetermined.
 
         Raises
         ------
@@ -113,7 +120,7 @@ class Result(Recovered):
         table = self.table("reactions")[:, at : at + 6]
         there = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
         force, moment = self.told(table[:, :3], "N"), self.told(table[:, 3:], "N m")
-        return Reaction(force, moment, *there)
+        return Reaction(force, moment, *there, pair.name not in self.reactions_not_unique)
 
     def channels(self, what: str = "sensors") -> tuple[str, ...]:
         """Names that ``result[name]`` knows.

@@ -183,11 +183,14 @@ def _taken(body: dict[str, Any], key: str) -> Any:
     return {word: value.pop(word) for word in _FINENESS if word in value}
 
 
+_WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
+
+
 def _used(scene: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters in functions of time, which alone are not worked into numbers."""
     parameters = scene.get("parameters", {})
     used: dict[str, Any] = {}
-    texts = list(_texts([scene.get("drivers", {}), scene.get("forces", {})]))
+    texts = list(_texts([scene.get(section, {}) for section in _WITH_FUNCTIONS]))
     while texts:
         for name in _NAME.findall(texts.pop()):
             if name in parameters and name not in used:

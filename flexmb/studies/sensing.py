@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import SceneError
-from flexmb.model.sensors import channels_of
+from flexmb.model.reading import Spec
+from flexmb.model.sensors import channels_of, unit_of
 
 if TYPE_CHECKING:
     from flexmb.model import Model
@@ -23,11 +24,18 @@ __all__ = ["History", "check_sensors", "histories", "with_velocities"]
 
 Array = NDArray[np.float64]
 QUANTITIES = {
-    "position": "positions",
-    "angle": "positions",
-    "velocity": "velocities",
-    "acceleration": "accelerations",
+    "m": "positions",
+    "rad": "positions",
+    "m/s": "velocities",
+    "rad/s": "velocities",
+    "m/s^2": "accelerations",
+    "rad/s^2": "accelerations",
+    "N": "reactions",
+    "N m": "reactions",
 }
+"""What the channels of each unit are judged as; all others stand for themselves."""
+_OTHERS = "positions"  # a number that a state or an expression gives is judged as strictly
+_NOT_JUDGED = ("energy", "reaction")  # unless asked for: these a study has anyhow
 _ADDED = "_velocity"  # what the name of an added sensor ends with
 
 
@@ -68,7 +76,7 @@ def check_sensors(model: Model, asked: Sequence[str]) -> None:
         The scene has no sensors of positions or angles, or none of them was asked for.
     """
     chosen = _chosen(model, asked)
-    if any(QUANTITIES[model.sensors[name].type] == "positions" for name in chosen):
+    if any(_quantity(model, name) == "positions" for name in chosen):
         return
     if asked:
         raise SceneError(
@@ -81,11 +89,20 @@ def check_sensors(model: Model, asked: Sequence[str]) -> None:
     )
 
 
+def _quantity(model: Model, name: str) -> str:
+    """What the channels of a sensor, state or controller are judged as."""
+    owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
+    return QUANTITIES.get(unit_of(vars(owners[name])) or "", _OTHERS)
+
+
 def _chosen(model: Model, asked: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Channels by sensor; with a position its velocity is chosen too."""
     chosen: dict[str, tuple[str, ...]] = {}
-    for name, spec in model.sensors.items():
+    owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
+    for name, spec in owners.items():
         channels = channels_of(name, spec)
+        if not asked and getattr(spec, "type", "") in _NOT_JUDGED:
+            continue
         if asked and name not in asked:
             channels = tuple(channel for channel in channels if channel in asked)
         if channels:
@@ -96,8 +113,8 @@ def _chosen(model: Model, asked: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _rates(model: Model, name: str, channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    spec: Any = model.sensors[name]
-    if spec.type != "position":
+    spec: Any = model.sensors.get(name)
+    if spec is None or spec.type != "position":
         return {}
     axes = [channel.rpartition(".")[2] for channel in channels]
     for other, candidate in model.sensors.items():
@@ -111,9 +128,9 @@ def histories(model: Model, result: Result, asked: Sequence[str]) -> list[Histor
     """All that is judged, over the outputs of a run."""
     found = []
     for name, channels in _chosen(model, asked).items():
-        spec: Any = model.sensors[name]
+        unit = model.channel_unit(channels[0]) or ""
         values = np.stack([result[channel] for channel in channels], axis=1)
-        found.append(History(QUANTITIES[spec.type], name.removesuffix(_ADDED), spec.type, values))
+        found.append(History(_quantity(model, name), name.removesuffix(_ADDED), unit, values))
     return found + _reactions(model, result)
 
 
@@ -131,7 +148,8 @@ def _reactions(model: Model, result: Result) -> list[History]:
 
 
 def _unit(model: Model, owner: str, what: str) -> str:
-    if what == "driven":
+    if what.startswith("driven"):
         driver = model.drivers[owner.partition(".")[2]]
-        return "N" if driver.coordinate == "stroke" else "N m"
+        coordinate = driver.coordinate if what == "driven" else what.removeprefix("driven ")
+        return "N m" if coordinate == "angle" else "N"
     return "N" if what.startswith(("place", "offset")) else "N m"

@@ -6,11 +6,12 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
+from flexmb.workflow.mobility import mobility
 from flexmb.workflow.place import output_folder
 from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.resume import resume, resume_run
-from flexmb.workflow.run import run_model, run_scene, simulate
+from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
 from flexmb.workflow.templates import new_scene, templates
 from flexmb.workflow.warmup import Warmed, warmup
 
@@ -25,7 +26,9 @@ __all__ = [
     "Warmed",
     "check_scene",
     "flexible_bodies",
+    "kinematics",
     "listing",
+    "mobility",
     "new_scene",
     "output_folder",
     "reduce_mesh",

@@ -68,7 +68,7 @@ class Beginning:
 def beginning(
     model: Model, compiled: Compiled, bodies: Mapping[str, FlexBody], given: Result | str | Path
 ) -> Beginning:
-    """Match the bodies of a model with those of a result by name.
+    """Match the bodies, states and controllers of a model with those of a result by name.
 
     Parameters
     ----------
@@ -112,6 +112,11 @@ def beginning(
         v[body.iv : body.iv + 6 + m] = other.v[-1, old.iv : old.iv + 6 + m]
         if body.m > 0 and not same:
             undeformed.append(body.name)
+    n, before = len(compiled.layout.coordinates), len(other.layout.coordinates)
+    for k, name in enumerate(compiled.layout.coordinates):
+        if name.startswith("states.") and name in other.layout.coordinates:
+            old_at = other.layout.nv - before + other.layout.coordinates.index(name)
+            v[compiled.layout.nv - n + k] = other.v[-1, old_at]
     notes = [_told(other, matched, compiled)]
     if undeformed:
         notes.append(

@@ -6,9 +6,12 @@ A mistake in one body does not hide those of the others: all are told, each unde
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from flexmb.errors import (
     BodyFileError,
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
     from flexmb.model.bodies import FlexbodySpec
     from flexmb.model.meshbody import MeshBodySpec
 
-__all__ = ["flexible_bodies", "surveyed_bodies"]
+__all__ = ["bodies_of_surveys", "flexible_bodies", "surveyed_bodies"]
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
@@ -137,6 +140,31 @@ def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
                 found = list(error.problems)
         problems += _under(name, found)
     return surveys, problems
+
+
+def bodies_of_surveys(model: Model, surveys: Mapping[str, Survey]) -> dict[str, FlexBody]:
+    """The flexible bodies as far as they are known before meshes are reduced.
+
+    In place of a mesh stands a rigid body with its interfaces and nodes, which tells where joints
+    are and nothing of its inertia.
+    """
+    from flexmb.flexbody import Interface, rigid_body
+    from flexmb.flexbody.parts import NodeModes
+    from flexmb.model.bodies import FlexbodySpec
+
+    bodies = {}
+    for name, spec in model.bodies.items():
+        if isinstance(spec, FlexbodySpec):
+            bodies[name] = _held(model, spec)
+        elif name in surveys:
+            found = surveys[name]
+            none, n = np.zeros((3, 0)), len(found.points)
+            held = tuple(Interface(k, x, none, none) for k, x in found.interfaces.items())
+            modes = np.zeros((n, 3, 0))
+            nodes = NodeModes(np.arange(n), found.points, modes, modes)
+            stand_in = rigid_body(found.mass or 1.0, inertia=found.mass or 1.0, name=name)
+            bodies[name] = replace(stand_in, interfaces=held, nodes=nodes)
+    return bodies
 
 
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:

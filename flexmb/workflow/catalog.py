@@ -64,6 +64,13 @@ def _joints() -> Listing:
     )
 
 
+def _curves() -> Listing:
+    from flexmb.model.curves import CurveSpec
+
+    about = {"a curve, in the axes of the marker that carries it": CurveSpec}
+    return Listing("curves that joints slide along: [curves.name]", fields_tables(about))
+
+
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
     from flexmb.engine.compile.joint_rows import JOINT_ROWS
@@ -82,6 +89,17 @@ def _free_motions(joint: str, count: int) -> str:
     return "; ".join(told) or "nothing"
 
 
+def _couplers() -> Listing:
+    from flexmb.model.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+
+    about = "Each relates the coordinates of two or three joints by one equation:"
+    terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
+    return Listing(
+        "couplers: [couplers.name]",
+        ((about, Table((), [])), *fields_tables({**COUPLER_TYPES, **terms})),
+    )
+
+
 def _forces() -> Listing:
     from flexmb.model.forces import FORCE_TYPES
 
@@ -94,6 +112,15 @@ def _sensors() -> Listing:
     return Listing("sensors: [sensors.name]", fields_tables(SENSOR_TYPES))
 
 
+def _controllers() -> Listing:
+    from flexmb.model.states import CONTROLLER_TYPES, StateSpec
+
+    kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
+    return Listing(
+        "states and controllers: [states.name], [controllers.name]", fields_tables(kinds)
+    )
+
+
 def _shapes() -> Listing:
     from flexmb.model.shapes import SHAPES
 
@@ -101,19 +128,30 @@ def _shapes() -> Listing:
 
 
 def _drivers() -> Listing:
-    from flexmb.model.drivers import DriverSpec
-    from flexmb.model.joints import COORDINATES, JOINT_TYPES
+    from flexmb.model.drivers import DRIVEN, DriverSpec
+    from flexmb.model.joints import JOINT_TYPES
 
-    rows = [
-        (name, ", ".join(row.name for row in JOINT_TYPES.values() if name in row.coordinates))
-        for name in COORDINATES
-    ]
-    about = "One coordinate of a joint as a function of time; its multiplier is the actuator's:"
+    rows = []
+    for target, coordinates in DRIVEN.items():
+        for name in coordinates:
+            joints = ", ".join(j.name for j in JOINT_TYPES.values() if name in j.coordinates)
+            rows.append((target, name, joints if target == "joint" else _DRIVEN_WORDS[name]))
+    about = "Coordinates as functions of time; the multiplier is the actuator's force or torque:"
     return Listing(
         "drivers: [drivers.name]",
-        ((about, Table(("coordinate", "joints that have it"), rows)),)
+        ((about, Table(("driver of", "coordinate", "what it is, or joints that have it"), rows)),)
         + fields_tables({"a driver": DriverSpec}),
     )
+
+
+_DRIVEN_WORDS = {
+    "x": "place of the marker along x, global or of relative_to",
+    "y": "place along y",
+    "z": "place along z",
+    "angle": "from x of relative_to (or ground) to x of the marker, about z or axis",
+    "position": "x, y and z together, two of them in a plane: the path of a point",
+    "distance": "length between two markers: the stroke of a cylinder without mass",
+}
 
 
 def _functions() -> Listing:
@@ -136,12 +174,14 @@ def _functions() -> Listing:
 
 def _methods() -> Listing:
     from flexmb.model.dynamics import DynamicsSpec
+    from flexmb.model.kinematics import KinematicsSpec
 
     names = get_args(DynamicsSpec.model_fields["method"].annotation)
     rows = [(name, METHODS.get(name, "")) for name in names]
+    kinds = {"[dynamics]": DynamicsSpec, "[kinematics]": KinematicsSpec}
     return Listing(
         "methods: dynamics.method",
-        (("", Table(("method", "what it is"), rows)), *fields_tables({"[dynamics]": DynamicsSpec})),
+        (("", Table(("method", "what it is"), rows)), *fields_tables(kinds)),
     )
 
 
@@ -188,8 +228,10 @@ def _templates() -> Listing:
 
 TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     "joints": ("what they hold and leave free, which drivers they take", _joints),
+    "couplers": ("gears, racks and linear relations of joint coordinates", _couplers),
+    "curves": ("shapes that pins and cam followers slide along", _curves),
     "forces": ("forces, torques, springs and dampers", _forces),
-    "drivers": ("joint coordinates as functions of time", _drivers),
+    "drivers": ("coordinates of joints and markers as functions of time", _drivers),
     "functions": ("functions of time and what expressions know", _functions),
     "elements": ("finite elements of flexible bodies", body_listings.elements),
     "meshes": ("simple shapes that need no mesh file", body_listings.meshes),
@@ -200,6 +242,7 @@ TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
     ),
     "methods": ("integrators and the settings of a run", _methods),
     "sensors": ("what a run can record", _sensors),
+    "controllers": ("states with a rate, PID controllers, transfer functions", _controllers),
     "materials": ("built-in materials, their values and sources", body_listings.materials),
     "units": ("unit systems", _units),
     "shapes": ("shapes of rigid bodies", _shapes),

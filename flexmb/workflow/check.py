@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexmb.errors import SceneError
+from flexmb.errors import AssemblyError, SceneError
 from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
@@ -18,17 +18,33 @@ if TYPE_CHECKING:
 __all__ = ["check_scene"]
 
 
-def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) -> CheckReport:
-    """Validate a scene, the groups of its meshes too, and count what it holds.
+def check_scene(
+    path: str | Path, overrides: Mapping[str, str] | None = None, *, tables: bool = False
+) -> CheckReport:
+    """Validate a scene, the groups of its meshes too; count what it holds and what can move.
+
+    Parameters
+    ----------
+    path : path
+        The scene.
+    overrides : mapping of str to str, optional
+        Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
+    tables : bool
+        Whether to write out the tables that define the model.
 
     Raises
     ------
     SceneError
         All that is wrong with it.
+    AssemblyError
+        It cannot be assembled, or its drivers contradict each other or the joints.
     """
+    from flexmb.analysis.mobility import LARGEST
     from flexmb.model import load_scene
     from flexmb.model.counts import count
-    from flexmb.workflow.bodies import surveyed_bodies
+    from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
+    from flexmb.workflow.definition import definition_tables
+    from flexmb.workflow.mobility import mobility
 
     model = load_scene(Path(path), dict(overrides or {}))
     surveys, problems = surveyed_bodies(model)
@@ -40,18 +56,37 @@ def check_scene(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         "rigid bodies": counts.rigid_bodies,
         "flexible bodies": counts.flexible_bodies,
         **{f"{row.type} joints": row.joints for row in counts.joints},
+        **({"couplers": counts.couplers} if counts.couplers else {}),
         "drivers": counts.drivers,
         "forces": counts.forces,
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
-        "equations of the joints": counts.equations,
-        "freedoms left by joints and drivers": counts.mobility,
+        "equations of the joints" + (" and couplers" if counts.couplers else ""): counts.equations,
+        "coordinates less equations": counts.mobility,
     }
     notes = _notes(model, counts)
     for name, found in surveys.items():
         notes += [f"{name}: {finding.sentence}" for finding in found.findings]
     bodies = {name: _told(found, model.units) for name, found in surveys.items()}
-    return CheckReport(model.title or str(path), told, notes, bodies)
+    known = bodies_of_surveys(model, surveys)
+    moves = None
+    if counts.rigid_coordinates > LARGEST:
+        notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
+    elif model.joints or model.dynamics is not None:
+        try:
+            moves = mobility(model, known)
+            notes += moves.notes
+        except AssemblyError as error:
+            if not surveys:
+                raise
+            notes += [f"if the flexible bodies do not give way: {p}" for p in error.problems]
+    if moves is not None and surveys:
+        notes.append(
+            f"counted as rigid until reduced: {', '.join(surveys)}; modes add coordinates, and may "
+            "take up redundant equations"
+        )
+    definition = definition_tables(model, known) if tables else ()
+    return CheckReport(model.title or str(path), told, notes, bodies, moves, definition)
 
 
 def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
@@ -78,9 +113,4 @@ def _notes(model: Model, counts: Counts) -> list[str]:
         )
     if model.units is not SI:
         notes.append(f"units: {model.units.name}, for all numbers in and out")
-    if counts.mobility < 0:
-        notes.append(
-            "joints and drivers hold more than rigid bodies can move: flexible bodies must give "
-            "way, or reactions are not unique"
-        )
     return notes

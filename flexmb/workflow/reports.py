@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexmb.analysis.mobility import Mobility
+    from flexmb.workflow.listings import Table
 
 __all__ = ["CheckOutcome", "CheckReport", "RunReport"]
 
@@ -46,6 +50,7 @@ class RunReport:
     statistics: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     checks: list[CheckOutcome] = field(default_factory=list)
+    resumable: bool = True
 
 
 @dataclass(frozen=True)
@@ -57,3 +62,7 @@ class CheckReport:
     notes: list[str]
     bodies: dict[str, dict[str, str]] = field(default_factory=dict)
     """What the reduction of each flexible body will keep, in words."""
+    mobility: Mobility | None = None
+    """Coordinates, equations, rank and what follows; None for what is too large or never moves."""
+    definition: tuple[tuple[str, Table], ...] = ()
+    """The tables that define the model, each with its title, if they were asked for."""

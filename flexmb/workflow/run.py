@@ -1,4 +1,4 @@
-"""Running a scene or a model: bodies, system, integration, files, pictures."""
+"""Running a scene or a model: bodies, system, analysis, files, pictures."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import copy
 import time
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import FlexmbWarning, SceneError, SolverError
+from flexmb.errors import FlexmbWarning, SolverError
 from flexmb.progress import Progress, silent
 from flexmb.workflow.begin import beginning
 from flexmb.workflow.bodies import flexible_bodies
@@ -17,12 +18,13 @@ from flexmb.workflow.finish import finish
 from flexmb.workflow.origin import ORIGIN, origin_text
 from flexmb.workflow.place import output_folder, writable_folder
 from flexmb.workflow.reports import RunReport
+from flexmb.workflow.task import chosen_analysis, prepared_task
 
 if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-__all__ = ["run_model", "run_scene", "simulate"]
+__all__ = ["kinematics", "run_model", "run_scene", "simulate"]
 
 
 def run_scene(
@@ -30,6 +32,7 @@ def run_scene(
     *,
     output: str | Path | None = None,
     overrides: Mapping[str, str] | None = None,
+    analysis: str | None = None,
     start_from: Result | str | Path | None = None,
     fresh: bool = False,
     pictures: bool = True,
@@ -45,6 +48,8 @@ def run_scene(
         Folder of the results; `out/<name of the scene's folder>` by default.
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
+    analysis : {"dynamics", "kinematics"}, optional
+        Which one; that of the scene's section, if it has one of them only.
     start_from : Result or path, optional
         Another run whose last row this one begins with, bodies matched by name, at time 0.
     fresh : bool
@@ -68,6 +73,7 @@ def run_scene(
     return run_model(
         model,
         output,
+        analysis=analysis,
         start_from=start_from,
         fresh=fresh,
         pictures=pictures,
@@ -79,45 +85,44 @@ def run_model(
     model: Model,
     output: str | Path,
     *,
+    analysis: str | None = None,
     start_from: Result | str | Path | None = None,
     fresh: bool = False,
     pictures: bool = True,
     progress: Progress = silent,
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
-    from flexmb.analysis.dynamics import integrate, prepare
     from flexmb.engine.compile import compile_system
     from flexmb.results import Result, ResultWriter
 
     model.validate()
-    if model.dynamics is None:
-        raise SceneError("the scene has no [dynamics]: give its duration")
+    chosen = chosen_analysis(model, analysis, start_from is not None)
     folder = writable_folder(Path(output))
     started = time.perf_counter()
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     other = beginning(model, compiled, bodies, start_from) if start_from is not None else None
-    prepared = prepare(
-        compiled, model, begin=other.begin if other is not None else None, progress=progress
-    )
-    if other is not None:
-        notes += [*other.notes, *other.changes(compiled, prepared.run.state, model.units)]
+    task = prepared_task(chosen, compiled, model, other, progress)
     names = {name: file.name for name, file in files.items()}
     texts = {"scene": model.source.text} if model.source is not None else {}
     texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
     with ResultWriter(
         folder / "result.h5",
         compiled.layout,
-        model.dynamics.outputs + 1,
-        scene=model.to_scene_dict(folder, names),
+        task.outputs + 1,
+        scene=task.scene(model.to_scene_dict(folder, names)),
         flexbodies=names,
         texts=texts,
     ) as writer:
-        outcome = integrate(prepared, writer, progress=progress)
+        outcome = task.run(writer)
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
         writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
-    return finish(model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress)
+    notes += task.notes
+    report = finish(
+        model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
+    )
+    return replace(report, resumable=chosen == "dynamics")
 
 
 def simulate(
@@ -150,8 +155,6 @@ def simulate(
         Whatever is wrong, in one message.
     """
     from flexmb.model.dynamics import INSTEAD
-    from flexmb.results import Result
-    from flexmb.results.scratch import Scratch
 
     if dynamics:
         spec = model.dynamics
@@ -160,10 +163,64 @@ def simulate(
             given.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
         model.set_dynamics(**{**given, **dynamics})
+    return _opened(model, "dynamics", output, start_from, progress)
+
+
+def kinematics(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
+) -> Result:
+    """Find the motion that the joints and drivers of a model fix, and open its result.
+
+    Positions, velocities, accelerations at each output, exact to round-off, and the reactions and
+    driving forces of that motion (inverse dynamics). Flexible bodies are held undeformed.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder to keep the files in; as in :func:`simulate`.
+    progress : Progress
+        Told every phase.
+    **fields
+        Fields of `[kinematics]`, such as `duration=1.0, outputs=400`, in the model's units.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: motions without driver, drivers that contradict each
+        other, singular poses.
+    """
+    if fields:
+        spec = model.kinematics
+        given = {} if spec is None else spec.model_dump(context=model.terms)
+        model = copy.copy(model)
+        model.set_kinematics(**{**given, **fields})
+    return _opened(model, "kinematics", output, None, progress)
+
+
+def _opened(
+    model: Model,
+    analysis: str,
+    output: str | Path | None,
+    start_from: Result | str | Path | None,
+    progress: Progress,
+) -> Result:
+    """Run a model without pictures and open its result; notes become warnings."""
+    from flexmb.results import Result
+    from flexmb.results.scratch import Scratch
+
     scratch = None if output is not None else Scratch()
     folder = scratch.path if scratch is not None else Path(output or ".")
     try:
-        report = run_model(model, folder, start_from=start_from, pictures=False, progress=progress)
+        report = run_model(
+            model, folder, analysis=analysis, start_from=start_from, pictures=False,
+            progress=progress,
+        )  # fmt: skip
     except SolverError:  # its sentence says where the rows until then are
         if scratch is not None:
             scratch.keep_until_the_end()

@@ -10,18 +10,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from curvekit import on_curve
 from enginekit import Bench, slope
 from generators import cloud, interface, random_rotation
 
 from flexmb.model import Model
 from flexmb.model.joints import JOINT_TYPES
 
-# The difference rules leave 1e-12 of the size of the numbers here, which are below 1000.
-DIFFERENCES = 1e-9
+# The difference rules leave 1e-12 of the size of the numbers here, which are below 1000 (on curves
+# they run over pieces of high degree).
+DIFFERENCES = 5e-9
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ACROSS = np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
 SECOND = {"revolute-revolute": AXIS}  # parallel; the others take one across
-IN_PLANE = ("prismatic", "in-line", "in-plane", "prismatic-spherical")
+IN_PLANE = ("prismatic", "in-line", "in-plane", "prismatic-spherical", "cam-flat")
 CARRIERS = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": (3, 4)}
 
 
@@ -49,11 +51,13 @@ def joined(kind, carriers, planar=False):
     model = Model(kind, plane="xy" if planar else None)
     for name, m in zip("ab", CARRIERS[carriers], strict=True):
         carrier(model, name, rng, m, planar)
-    fields = {}
+    fields = on_curve(model, kind, planar)
     if JOINT_TYPES[kind].axes > 0:
         fields["axis"] = [0.8, 0.6, 0.0] if planar and kind in IN_PLANE else list(AXIS)
         if planar and kind not in IN_PLANE:
             fields["axis"] = [0.0, 0.0, 1.0]
+    if kind == "screw":
+        fields["pitch"] = 0.7
     if JOINT_TYPES[kind].axes > 1:
         fields["second_axis"] = fields["axis"] if planar else list(SECOND.get(kind, ACROSS))
     model.add_joint("joint", kind, between=["a.end", "b.end"], **fields)

@@ -134,7 +134,9 @@ def test_rows_vanish_on_all_motions_that_the_joint_allows(case):
 
 
 def test_the_table_of_joints_is_whole():
-    assert {case.split(",")[0] for case in CASES} == set(JOINT_TYPES)
+    elsewhere = {"screw"}  # its turn and slide are one motion: test_couplers
+    elsewhere |= {name for name, row in JOINT_TYPES.items() if row.curves}
+    assert {case.split(",")[0] for case in CASES} | elsewhere == set(JOINT_TYPES)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +217,9 @@ def test_planar_rows_vanish_on_all_motions_that_the_joint_allows(case):
 
 def test_the_table_of_planar_joints_is_whole():
     assert set(PLANAR) == {
-        name for name, row in JOINT_TYPES.items() if row.planar_equations is not None
+        name
+        for name, row in JOINT_TYPES.items()
+        if row.planar_equations is not None and not row.curves
     }
 
 

@@ -1,7 +1,9 @@
 """Table of scalar coordinates beside the bodies; None where the model has none.
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
-counts turns, and its damper and spring are linear in it.
+counts turns, and its damper and spring are linear in it. A force along a line has one that follows
+the distance. Couplers have those that tell how their joints move together. Each state has one with
+mass one, whose velocity is the state.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
 from flexmb.model.contact_checks import friction_coordinate
-from flexmb.model.forces import JointSpringSpec
+from flexmb.model.forces import JointSpringSpec, LineForceSpec
 from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.model import Model
+from flexmb.model.signals import State
 
 __all__ = [
     "Scalar",
@@ -24,6 +28,7 @@ __all__ = [
     "followers",
     "joint_coordinate",
     "joint_springs",
+    "line_forces",
     "scalars",
 ]
 
@@ -39,6 +44,7 @@ class Scalar:
     free: float = 0.0
     function: int = -1
     angular: bool = True  # counted in radians, else in metres
+    size: float = 0.0  # of a state: from where on it is large; 0: a motion
 
 
 def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
@@ -59,26 +65,47 @@ def joint_coordinate(model: Model, spec: JointSpringSpec | JointFrictionSpec) ->
     return spec.coordinate
 
 
-def scalars(model: Model, functions: Functions) -> list[Scalar]:
-    """The scalar coordinates of a model."""
-    found = []
-    for name, spec in followers(model).items():
-        angular = joint_coordinate(model, spec) == "angle"
-        if isinstance(spec, JointFrictionSpec):
-            found.append(Scalar(f"forces.{name}", angular=angular))
-            continue
-        function = -1 if spec.value is None else functions.add(spec.value.expression)
-        found.append(
-            Scalar(
-                f"forces.{name}",
-                damping=spec.damping,
-                stiffness=spec.stiffness,
-                free=spec.free,
-                function=function,
-                angular=angular,
-            )
-        )
-    return found
+def line_forces(model: Model) -> dict[str, LineForceSpec]:
+    """The forces along lines, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, LineForceSpec)}
+
+
+def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
+    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
+    joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
+    lines = [
+        Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
+        for name, spec in line_forces(model).items()
+    ]
+    coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
+    own = [
+        Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
+        for s in states
+    ]
+    return [*joints, *lines, *coupled, *own]
+
+
+def _follower(
+    model: Model, name: str, spec: JointSpringSpec | JointFrictionSpec, functions: Functions
+) -> Scalar:
+    angular = joint_coordinate(model, spec) == "angle"
+    if isinstance(spec, JointFrictionSpec):
+        return Scalar(f"forces.{name}", angular=angular)
+    return Scalar(
+        f"forces.{name}",
+        damping=spec.damping,
+        stiffness=spec.stiffness,
+        free=spec.free,
+        function=-1 if spec.value is None else functions.add(spec.value.expression),
+        angular=angular,
+    )
+
+
+def unit_weight(scalar: Scalar, length: float) -> float:
+    """What one unit of a scalar coordinate counts for: radians, metres over the model size."""
+    if scalar.size > 0.0:
+        return 1.0 / scalar.size
+    return 1.0 if scalar.angular else 1.0 / length
 
 
 def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:
@@ -86,7 +113,7 @@ def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] 
     if not found:
         return None
     rows = [
-        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1)
+        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
         for k, s in enumerate(found)
     ]
     return np.array(rows, COORDINATE)

@@ -1,4 +1,4 @@
-"""Tables of springs (None where the model has none), of loads and of sensors."""
+"""Tables of springs (None where the model has none) and of loads."""
 
 from __future__ import annotations
 
@@ -7,27 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.joint_rows import driver_row
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.tables import (
-    ACCELERATION,
-    ANGLE_SENSOR,
-    LOAD,
-    POSITION,
-    SENSOR,
-    SPRING,
-    VELOCITY,
-)
+from flexmb.engine.tables import LOAD, SPRING
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.forces import LoadSpec, SpringDamperSpec
 from flexmb.model.model import Model
-from flexmb.model.sensors import AngleSensorSpec
 
 Bodies = Mapping[str, FlexBody]
 Table = NDArray[np.void]
-_MARKER_SENSORS = {"position": POSITION, "velocity": VELOCITY, "acceleration": ACCELERATION}
 
 
 def spring_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table | None:
@@ -54,29 +43,3 @@ def load_table(model: Model, flexbodies: Bodies, markers: Markers, functions: Fu
             programs = tuple(functions.add(f.expression) for f in spec.value)
             rows.append((marker, spec.type == "torque", spec.axes == "body", programs))
     return np.array(rows, LOAD)
-
-
-def sensor_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table:
-    """SENSOR rows, channels in the order of `Model.channels`."""
-    rows: list[tuple[object, ...]] = []
-    channel = 0
-    for spec in model.sensors.values():
-        if isinstance(spec, AngleSensorSpec):
-            axis = 0
-            if spec.joint is not None:
-                frames = lookup.joint_frames(model, spec.joint, flexbodies)
-                axis = driver_row(model.joints[spec.joint].type, "angle")[2]
-            else:
-                assert spec.between is not None  # one of the two is given
-                frames = lookup.frames(model, spec.between, spec.axis, flexbodies)
-            i, j = (markers.add(marker) for marker in frames)
-            rows.append((ANGLE_SENSOR, i, j, channel, axis))
-            channel += 1
-            continue
-        j = markers.add(lookup.placed(model, spec.of, flexbodies))
-        i = -1
-        if spec.relative_to is not None:
-            i = markers.add(lookup.placed(model, spec.relative_to, flexbodies))
-        rows.append((_MARKER_SENSORS[spec.type], i, j, channel, 0))
-        channel += 3
-    return np.array(rows, SENSOR)

@@ -9,6 +9,8 @@ Computer Aided Kinematics and Dynamics, 1989, ch. 3, 9.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +31,16 @@ from flexmb.model.model import Model
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
 
-__all__ = ["DRIVER_ROWS", "JOINT_ROWS", "Row", "composite_rows", "measured", "signs_of_axes"]
+__all__ = [
+    "DRIVER_ROWS",
+    "JOINT_ROWS",
+    "SECOND_TURN",
+    "Row",
+    "composite_rows",
+    "driver_row",
+    "measured",
+    "signs_of_axes",
+]
 
 Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]
@@ -49,6 +60,7 @@ JOINT_ROWS: dict[str, tuple[Row, ...]] = {
     "fixed": _TOGETHER + _SAME_AXES,
     "revolute": _TOGETHER + _SAME_AXIS,
     "prismatic": _SAME_AXES + _ON_AXIS,
+    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `couplers.screw_rows`
     "cylindrical": _SAME_AXIS + _ON_AXIS,
     "spherical": _TOGETHER,
     "universal": _TOGETHER + _ACROSS,
@@ -70,6 +82,9 @@ JOINT_ROWS: dict[str, tuple[Row, ...]] = {
 
 DRIVER_ROWS = {"angle": (ANGLE, X, X), "stroke": (DOT2, Z, Z)}
 _CROSS_ANGLE = (ANGLE, X, Z)  # of the second axis of a universal joint about the first
+SECOND_TURN = np.diag([-1.0, 1.0, -1.0])
+"""Turns the triad of marker J so that, seen from it, the first axis of a universal joint stands at
+the second angle: of J about its own axis against the cross, 0 where the first angle is 0 too."""
 
 
 def driver_row(joint: str, coordinate: str) -> tuple[int, int, int]:
@@ -130,8 +145,12 @@ def measured(
     h = xj - xi
     if kind == DOT1:
         return float(Ri[:, a] @ Rj[:, b])
+    if kind == ANGLE:
+        return math.atan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b])
     if kind == DOT2:
         return float(Ri[:, a] @ h)
+    if kind == ANGLE:
+        return float(np.arctan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b]))
     if kind == MOMENT:
         return float(h @ np.cross(Ri[:, Z], Rj[:, Z]))
     if kind == RADIAL:
@@ -159,4 +178,4 @@ def signs_of_axes(kind: str) -> tuple[int, ...]:
     """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
     if kind in ("fixed", "prismatic", "orientation"):
         return (X, Y, Z)
-    return (Z,) if kind in ("revolute", "cylindrical", "planar", "parallel") else ()
+    return (Z,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()

@@ -1,20 +1,20 @@
-"""Joints and drivers as groups of constraint rows.
+"""The groups of constraint rows of a model: joints, drivers, couplers, springs on joints.
 
-Each joint type is a list of primitives between its two triads (`joint_rows`); a driver is one more
-row on the same triads.
+Each joint type is a list of primitives between its two triads (`joint_rows`); a driver is more
+rows, on the same triads or on markers of its own; what follows a joint coordinate measures it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from flexmb.engine.compile import coordinates
+from flexmb.engine.compile import coordinates, couplers, drivers
+from flexmb.engine.compile.curve_joints import curve_joint
+from flexmb.engine.compile.groups import Entry, Groups
 from flexmb.engine.compile.joint_rows import (
     JOINT_ROWS,
+    SECOND_TURN,
     Row,
     composite_rows,
     driver_row,
@@ -23,123 +23,126 @@ from flexmb.engine.compile.joint_rows import (
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.tables import (
-    ANGLE,
-    DISTANCE,
-    DOT1,
-    DOT2,
-    FOLLOW,
-    MOMENT,
-    POINT,
-    RADIAL,
-    ROW,
-    TWIST,
-)
+from flexmb.engine.tables import DISTANCE
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
 
-ANGULAR = (DOT1, ANGLE, TWIST)
-"""Kinds of rows that measure no length."""
+__all__ = ["joint_groups"]
 
-_ROW_WORDS = {
-    POINT: "place {a}",
-    DOT1: "axes {a} and {b}",
-    DOT2: "offset {a}",
-    DISTANCE: "length",
-    ANGLE: "angle",
-    TWIST: "twist",
-    RADIAL: "distance from the axis",
-    MOMENT: "distance of the axes",
-}
-
-
-class Entry(NamedTuple):
-    """One row on two markers, as `tables.ROW` says."""
-
-    kind: int
-    a: int
-    b: int
-    offset: float = 0.0
-    fun: int = -1
-    follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
-
-
-class PlacedEntry(NamedTuple):
-    """A row with its markers."""
-
-    entry: Entry
-    I: int  # noqa: E741
-    J: int
-
-
-@dataclass
-class Groups:
-    """Constraint rows, group by group."""
-
-    rows: list[PlacedEntry] = field(default_factory=list)
-    groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
-    names: list[str] = field(default_factory=list)  # of the rows
-    owners: list[str] = field(default_factory=list)  # scene path of each group
-
-    def add(self, name: str, markers: Markers, I: int, J: int, rows: list[Entry]) -> None:  # noqa: E741
-        """Append a group of rows between I and J."""
-        self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
-        self.owners.append(name)
-        for row in rows:
-            self.rows.append(PlacedEntry(row, I, J))
-            what = _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
-            what = "driven" if row.fun >= 0 else "coordinate" if row.follows else what
-            self.names.append(f"{name}: {what}")
-
-    def in_group(self, k: int) -> list[PlacedEntry]:
-        """The rows of a group."""
-        row, n, _, _ = self.groups[k]
-        return self.rows[row : row + n]
+Ends = tuple[PlacedMarker, PlacedMarker]
+"""Markers I and J."""
 
 
 def joint_groups(
-    model: Model, flexbodies: Mapping[str, FlexBody], markers: Markers, functions: Functions
+    model: Model,
+    flexbodies: Mapping[str, FlexBody],
+    markers: Markers,
+    functions: Functions,
+    scalars: list[coordinates.Scalar],
 ) -> Groups:
-    """All joints, all drivers, then what follows a joint with a coordinate of its own."""
-    groups = Groups()
-    ends: dict[str, tuple[int, int]] = {}
-    for name, joint in model.joints.items():
-        I, J = lookup.joint_frames(model, name, flexbodies)  # noqa: E741
+    """All joints, all drivers, then what follows joints with coordinates of its own."""
+    place = {scalar.name: k for k, scalar in enumerate(scalars)}
+    rows = _Rows(model, flexbodies, markers, place)
+    for name in model.joints:
+        rows.joint(name)
+    for name in model.drivers:
+        rows.driver(name, functions)
+    for name, force in coordinates.followers(model).items():
+        coordinate = coordinates.joint_coordinate(model, force)
+        rows.follower(f"forces.{name}", force.joint, coordinate)
+    for name, line in coordinates.line_forces(model).items():
+        rows.line(f"forces.{name}", line.between)
+    for coupled in couplers.coupled_rows(model, flexbodies):
+        entry, between = rows.coupled(coupled)
+        rows.add(coupled.owner, between, [entry])
+    return rows.groups
+
+
+@dataclass
+class _Rows:
+    """Adds the rows of what the model says, one after the other."""
+
+    model: Model
+    flexbodies: Mapping[str, FlexBody]
+    markers: Markers
+    place: Mapping[str, int]  # scalar coordinates by name
+    groups: Groups = field(default_factory=Groups)
+    ends: dict[str, Ends] = field(default_factory=dict)  # triads of the joints
+
+    def add(self, owner: str, between: Ends, rows: list[Entry], words: Sequence[str] = ()) -> None:
+        I, J = (self.markers.add(marker) for marker in between)  # noqa: E741
+        self.groups.add(owner, self.markers, I, J, rows, words)
+
+    def joint(self, name: str) -> None:
+        model, joint = self.model, self.model.joints[name]
+        I, J = lookup.joint_frames(model, name, self.flexbodies)  # noqa: E741
+        if joint.curves:
+            self._on_curve(name, (I, J))
+            return
         if model.plane is not None:
             I, J, kept = planar_joint(model, joint, I, J)  # noqa: E741
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
-        ends[name] = markers.add(I), markers.add(J)
-        rows = [Entry(*row[:3], _constant(model, name, row, I, J)) for row in kept]
-        groups.add(f"joints.{name}", markers, *ends[name], rows)
-    for name, driver in model.drivers.items():
-        row = _driven(model, driver.joint, driver.coordinate)
-        fun = functions.add(driver.function.expression)
-        groups.add(f"drivers.{name}", markers, *ends[driver.joint], [Entry(*row, fun=fun)])
-    for k, (name, force) in enumerate(coordinates.followers(model).items()):
-        row = _driven(model, force.joint, coordinates.joint_coordinate(model, force))
-        entry = Entry(*row, follows=((k, 1.0),))
-        groups.add(f"forces.{name}", markers, *ends[force.joint], [entry])
-    return groups
+        self.ends[name] = I, J
+        rows = [Entry(*row[:3], _constant(model, name, row, (I, J))) for row in kept]
+        rows += [self.coupled(thread)[0] for thread in couplers.screw_rows(model, name)]
+        self.add(f"joints.{name}", (I, J), rows)
+
+    def _on_curve(self, name: str, frames: Ends) -> None:
+        groups, at = self.groups, (len(self.groups.groups), len(self.groups.rows))
+        made = curve_joint(self.model, name, frames, self.markers, groups.sliders, at)
+        if made.reversed:
+            groups.reversed.add(at[0])
+        rows = [Entry(*row) for row in made.rows]
+        groups.add(f"joints.{name}", self.markers, made.I, made.J, rows)
+
+    def driver(self, name: str, functions: Functions) -> None:
+        driver = self.model.drivers[name]
+        if driver.joint is not None:
+            row, (I, J) = self._measured(driver.joint, driver.coordinate)  # noqa: E741
+            kinds, words = [row], ["driven"]
+        else:
+            I, J, kinds = drivers.marker_rows(self.model, driver, self.flexbodies)  # noqa: E741
+            words = [f"driven {motion.coordinate}" for motion in driver.motions(self.model.plane)]
+        programs = drivers.driver_functions(self.model, name, (I, J), kinds)
+        pairs = zip(kinds, programs, strict=True)
+        rows = [Entry(*kind, fun=functions.add(program)) for kind, program in pairs]
+        self.add(f"drivers.{name}", (I, J), rows, words)
+
+    def follower(self, owner: str, joint: str, coordinate: str) -> None:
+        """A row by which the scalar coordinate of that name follows a joint coordinate."""
+        row, between = self._measured(joint, coordinate)
+        self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
+
+    def line(self, owner: str, between: tuple[str, str]) -> None:
+        """A row by which the scalar coordinate of that name follows a distance."""
+        I, J = (lookup.placed(self.model, end, self.flexbodies) for end in between)  # noqa: E741
+        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
+
+    def coupled(self, coupled: couplers.CoupledRow) -> tuple[Entry, Ends]:
+        """A row that follows scalar coordinates, and its markers."""
+        row, between = self._measured(coupled.joint, coupled.coordinate)
+        offset = coupled.offset
+        if coupled.relative:
+            offset += measured(self.model, (*row, True), *between)
+        follows = tuple((self.place[name], factor) for name, factor in coupled.follows)
+        return Entry(*row, offset, follows=follows), between
+
+    def _measured(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
+        """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
+        I, J = self.ends[joint]  # noqa: E741
+        if self.model.plane is not None and coordinate == "stroke":
+            return STROKE, (I, J)
+        row = driver_row(self.model.joints[joint].type, coordinate)
+        if coordinate == "second_angle":
+            return row, (replace(J, R=J.R @ SECOND_TURN), I)
+        return row, (I, J)
 
 
-def _driven(model: Model, joint: str, coordinate: str) -> tuple[int, int, int]:
-    """Kind and axes of the row that measures a coordinate of a joint."""
-    if model.plane is not None and coordinate == "stroke":
-        return STROKE
-    return driver_row(model.joints[joint].type, coordinate)
-
-
-def _constant(
-    model: Model,
-    name: str,
-    row: Row,
-    I: PlacedMarker,  # noqa: E741
-    J: PlacedMarker,
-) -> float:
+def _constant(model: Model, name: str, row: Row, between: Ends) -> float:
     """The constant of a row of a joint.
 
     Raises
@@ -151,58 +154,8 @@ def _constant(
     if row[0] == DISTANCE and length is not None:
         return length
     try:
-        return measured(model, row, I, J)
+        return measured(model, row, *between)
     except ZeroDivisionError:
         what = "the link has no length in the placed pose, so its direction is not known"
         cure = "place the markers apart, or use a joint that holds them together"
         raise SceneError.from_problems([Problem(f"joints.{name}", f"{what}; {cure}")]) from None
-
-
-def couples(groups: Groups) -> list[tuple[int, int]]:
-    """Pairs of bodies whose tangents a group couples: all but mere coincidence."""
-    pairs = []
-    for k, (_, _, i, j) in enumerate(groups.groups):
-        curved = any(row.entry.kind != POINT for row in groups.in_group(k))
-        if curved and i >= 0 and j >= 0:
-            pairs.append((i, j))
-    return pairs
-
-
-def check_ends(groups: Groups) -> list[str]:
-    """Names of groups whose two markers are on the same body."""
-    return [groups.names[row] for row, _, i, j in groups.groups if i == j]
-
-
-def row_weights(groups: Groups, length: float) -> np.ndarray:
-    """(nc,) size of one unit of every row: metres over the model size, radians."""
-    return np.array([1.0 if row.entry.kind in ANGULAR else 1.0 / length for row in groups.rows])
-
-
-def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray:
-    """ROW rows with the places of their Jacobian rows; `sizes` is 6 + m of each body.
-
-    What a row follows stands behind the functions of time, a slot for each such row.
-    """
-    table = np.zeros(len(groups.rows), ROW)
-    at, slot = 0, n_functions
-    for row, n, i, j in groups.groups:
-        for r in range(n):
-            (kind, a, b, offset, fun, follows), I, J = groups.rows[row + r]  # noqa: E741
-            jac = []
-            for body in (i, j):
-                jac.append(at if body >= 0 else -1)
-                at += int(sizes[body]) if body >= 0 else 0
-            if follows:
-                fun, slot = slot, slot + 1
-            table[row + r] = (kind, I, J, a, b, fun, *jac, r, len(follows), offset)
-    return table
-
-
-def follow_table(groups: Groups) -> np.ndarray:
-    """FOLLOW rows in the order of the rows; links are filled in later."""
-    entries = [
-        (k, coordinate, -1, n == 0, factor)
-        for k, row in enumerate(groups.rows)
-        for n, (coordinate, factor) in enumerate(row.entry.follows)
-    ]
-    return np.array(entries, FOLLOW)

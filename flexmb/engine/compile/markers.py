@@ -26,17 +26,25 @@ class Markers:
 
     def add(self, marker: PlacedMarker) -> int:
         """Index of the marker."""
-        body = -1 if marker.body == GROUND else self.bodies.index(marker.body)
-        modes = self._modes(marker)
-        rho, arm = marker.rho, marker.arm
-        if modes < 0:  # what no mode moves is one rigid place
-            rho, arm = marker.position, np.zeros(3)
-        row = (body, modes, rho, arm, marker.R)
+        row = self._row(marker)
         key = b"".join(np.asarray(part).tobytes() for part in row)
         if key not in self.known:
             self.known[key] = len(self.rows)
             self.rows.append(row)
         return self.known[key]
+
+    def own(self, marker: PlacedMarker) -> int:
+        """Index of a row for this marker that no other shares: one that slides along a curve."""
+        self.rows.append(self._row(marker))
+        return len(self.rows) - 1
+
+    def _row(self, marker: PlacedMarker) -> tuple[Any, ...]:
+        body = -1 if marker.body == GROUND else self.bodies.index(marker.body)
+        modes = self._modes(marker)
+        rho, arm = marker.rho, marker.arm
+        if modes < 0:  # what no mode moves is one rigid place
+            rho, arm = marker.position, np.zeros(3)
+        return body, modes, rho, arm, marker.R
 
     def body(self, marker: int) -> int:
         """Body of a marker, -1 for ground."""

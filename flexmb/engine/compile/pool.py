@@ -1,7 +1,8 @@
-"""The pool of numbers whose size depends on the number of modes, and the functions of time."""
+"""The pool of numbers whose size depends on the number of modes, and the functions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,12 +33,20 @@ class Pool:
 
 @dataclass
 class Functions:
-    """Functions of time by index; equal programs share one."""
+    """Functions of time and of channels by index; equal programs share one.
 
+    `resolve` puts in what stands behind the names of channels.
+    """
+
+    resolve: Callable[[Expression], Expression]
     programs: list[Expression] = field(default_factory=list)
 
     def add(self, expression: Expression) -> int:
-        """Index of the function."""
+        """Index of a function as the scene gives it."""
+        return self.put(self.resolve(expression))
+
+    def put(self, expression: Expression) -> int:
+        """Index of a function over measured channels and states in SI."""
         for k, known in enumerate(self.programs):
             if known.ops == expression.ops:
                 return k

@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import contacts, coordinates, elements, joints
+from flexmb.engine.compile import contacts, coordinates, elements, joints, sensors, signals
+from flexmb.engine.compile.curves import Contact
+from flexmb.engine.compile.groups import (
+    Groups,
+    check_ends,
+    couples,
+    follow_table,
+    row_table,
+    row_weights,
+)
+from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
@@ -22,19 +32,29 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
+from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
+from flexmb.model.signals import resolved, states_of
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies."""
+    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+
+    `functions` are the functions of time as expressions, by the index that the tables use.
+    `contacts` are the joints that can only push, cams with their followers.
+    """
 
     system: System
     layout: Layout
     placed: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    functions: tuple[Expression, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    starts: tuple[signals.Start, ...] = ()  # of the states
+    numbers: tuple[str, ...] = ()  # names of all channels and states by their number
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -65,43 +85,64 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     model.validate(known)
     if not model.bodies:
         raise SceneError("the model has no bodies")
-    pool, functions = Pool(), Functions()
+    pool, functions = Pool(), Functions(lambda expression: resolved(model, expression))
     markers = Markers(list(model.bodies), pool)
     table = body_tables.body_table(model, known, pool)
-    groups = joints.joint_groups(model, known, markers, functions)
-    scalars = coordinates.scalars(model, functions)
+    states = states_of(model)
+    scalars = coordinates.scalars(model, functions, states)
+    groups = joints.joint_groups(model, known, markers, functions, scalars)
+    before, sliders = len(scalars), groups.sliders
+    scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
     touching = contacts.contact_table(model, known, markers)
     kept = 1 + sum(contacts.memory_of(row) for row in _rows(touching))
     frictions = contacts.joint_friction_table(model, groups, kept)
     loads = elements.load_table(model, known, markers, functions)
-    sensors = elements.sensor_table(model, known, markers)
-    length = _length(model, known)
-    sizes, n_functions = 6 + table["m"], len(functions.programs)
+    length, sizes = _length(model, known), 6 + table["m"]
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
+    ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
+    starts = signals.starts(states, ivs, functions)
+    sensor_tables, numbers = sensors.sensor_tables(model, known, markers, groups, ivs)
+    n_functions = len(functions.programs)
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
-    rows, follows = joints.row_table(groups, sizes, n_functions), joints.follow_table(groups)
+    rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    symbolic = analyse(_blocks(columns, groups, len(scalars), (springs, touching), markers))
+    acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
+    blocks = _blocks(columns, groups, before, (springs, touching), markers)
+    if acting is not None:
+        blocks.couples.extend(acting.couples)
+    symbolic = analyse(blocks)
+    if acting is not None:
+        acting.place(symbolic)
     group_table = _place(table, groups, (springs, touching), markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
-        parts=Parts(table, pool.array(), markers.table(), gravity, scalar_table),
+        parts=Parts(
+            table,
+            pool.array(),
+            markers.table(),
+            gravity,
+            scalar_table,
+            sliders.table(groups.groups, len(table), symbolic, before),
+        ),
         rows=rows,
         follows=follows,
         groups=group_table,
         kkt=symbolic.kkt,
         weights=np.append(
-            _weights(model, known, length), [1.0 if s.angular else 1.0 / length for s in scalars]
+            _weights(model, known, length), [coordinates.unit_weight(s, length) for s in scalars]
         ),
-        row_weights=joints.row_weights(groups, length),
+        row_weights=row_weights(groups, length),
         lines=np.zeros(1) if any(row.entry.kind in LINES for row in groups.rows) else None,
-        functions=lower(functions.programs),
+        functions=lower(functions.programs, numbers),
         springs=springs,
         loads=loads,
-        sensors=sensors,
+        kinks=kink_table(functions.programs, model.dynamics),
+        sensors=sensor_tables,
+        further=None if acting is None and sensors.is_basic(sensor_tables) else np.zeros(1),
+        signals=None if acting is None else acting.signals,
         contacts=touching,
         frictions=frictions,
     )
@@ -120,14 +161,25 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )
-    placed = np.append(body_tables.placed_positions(model, table), np.zeros(len(scalars)))
-    return Compiled(system, layout, placed, length, known)
+    begin = np.append(np.zeros(before), sliders.starts())
+    placed = np.append(body_tables.placed_positions(model, table), begin)
+    return Compiled(
+        system,
+        layout,
+        placed,
+        length,
+        known,
+        functions=tuple(functions.programs),
+        contacts=tuple(sliders.contacts),
+        starts=tuple(starts),
+        numbers=tuple(numbers),
+    )
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system."""
+    """Hash of all tables of a system that do not depend on how long it runs."""
     digest = hashlib.sha256()
-    for part in _flatten(system):
+    for part in _flatten(system._replace(kinks=None)):
         digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
@@ -138,8 +190,8 @@ def _flatten(part: object) -> list[object]:
     return [part]
 
 
-def _refuse_loops(groups: joints.Groups) -> None:
-    names = joints.check_ends(groups)
+def _refuse_loops(groups: Groups) -> None:
+    names = check_ends(groups)
     if names:
         raise SceneError.from_problems(
             [Problem(name.split(":")[0], "connects a body with itself") for name in names]
@@ -156,19 +208,24 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
 
 
 def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) -> Blocks:
-    pairs = joints.couples(groups)
+    pairs = couples(groups)
     for found in elements:  # between two markers each
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in _rows(found)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
     ]
+    sliders, first = groups.sliders, len(bodies) + n_scalars
+    pairs += sliders.couples(groups.groups, first)
     return Blocks(
-        columns=bodies + [[0]] * n_scalars,
+        columns=bodies + [[0]] * (n_scalars + len(sliders.found)),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
+        group_sliders=[
+            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
+        ],
     )
 
 
@@ -184,7 +241,8 @@ def _place(table, groups, elements, markers, symbolic: Symbolic) -> NDArray[np.v
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple)
+        turned = k in groups.reversed
+        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
     for found in elements:
         for row in _rows(found):
             pair = markers.body(row["I"]), markers.body(row["J"])

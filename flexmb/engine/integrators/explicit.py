@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine import control
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.motion import normalise, position_rate
 from flexmb.engine.kernels.projection import (
-    UNSETTLED,
     accelerations,
     project_positions,
     project_velocity,
@@ -27,8 +27,6 @@ from flexmb.engine.method import (
     NO_METHOD,
     NOT_FINITE,
     RESIDUALS,
-    SELF_LOCKING,
-    ZERO_LENGTH,
 )
 
 _MAX_PROJECTIONS = 10
@@ -50,9 +48,9 @@ def step(sys, tableau, settings, st, wk, h):
         st.count[RESIDUALS] += 1
         st.count[FACTORISATIONS] += 1
         t = st.t[0] + tableau.c[s] * h
-        found = accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0)
-        if found < 0:
-            return SELF_LOCKING if found == UNSETTLED else ZERO_LENGTH
+        code = accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0)
+        if code < 0:
+            return control.failure(code)
         position_rate(sys.parts, tr.q, tr.v, tr.stages[s])
         for i in range(st.v.shape[0]):
             tr.stages[s, nq + i] = tr.vd[i]

@@ -2,8 +2,9 @@
 
 A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
 then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
-mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. Values
-and rates of the sums stand beside those of the functions in Constraints.fun.
+mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. States
+beside the bodies have mass one and no row, ṡ is the state and u its rate; they have no energy.
+Values and rates of the sums stand beside those of the functions in Constraints.fun.
 """
 
 from __future__ import annotations
@@ -72,6 +73,14 @@ def add_tangents(coordinates, kkt, cv, cp, low, up):
 
 
 @kernel
+def put_metric(coordinates, kkt, metric, low):
+    """The metric of all coordinates on the diagonal."""
+    if coordinates is not None:
+        for k in range(coordinates.shape[0]):
+            low[kkt.panels[coordinates[k]["panel"]]["at"]] = metric[coordinates[k]["iv"]]
+
+
+@kernel
 def put_rows(sys, coordinates, factor):
     """−f of the rows that follow coordinates in the Jacobian."""
     if coordinates is not None:
@@ -106,7 +115,8 @@ def kinetic(coordinates, v):
     e = 0.0
     if coordinates is not None:
         for k in range(coordinates.shape[0]):
-            e += 0.5 * coordinates[k]["m"] * v[coordinates[k]["iv"]] ** 2
+            if coordinates[k]["state"] == 0:
+                e += 0.5 * coordinates[k]["m"] * v[coordinates[k]["iv"]] ** 2
     return e
 
 
@@ -137,7 +147,7 @@ def force_power(coordinates, fun, v):
     p = 0.0
     if coordinates is not None:
         for k in range(coordinates.shape[0]):
-            if coordinates[k]["fun"] >= 0:
+            if coordinates[k]["fun"] >= 0 and coordinates[k]["state"] == 0:
                 p += fun[coordinates[k]["fun"], 0] * v[coordinates[k]["iv"]]
     return p
 

@@ -58,26 +58,34 @@ def _add_levers(parts, kkt, wk, i, j, f):
 
 
 @kernel
+def put_group_tangent(sys, wk, lam, k):
+    """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
+    rows, group, d = sys.rows, sys.groups[k], wk.dense
+    g, w = d.g[0], d.g[1]
+    i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
+    mi, mj = wk.now.marker[i], wk.now.marker[j]
+    curved = False
+    clear(d.H, d.H.shape[0], d.H.shape[1])
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
+        primitive.gradient(sys.lines, kind, a, b, mi, mj, g)
+        for c in range(12):
+            w[c] += lam[r] * g[c]
+        if kind != POINT:
+            curved = True
+            row_tangent.add_row_tangent(sys.lines, kind, a, b, mi, mj, lam[r], g, d.H)
+    return curved
+
+
+@kernel
 def group_tangents(sys, wk, lam, cp):
     """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
-    rows, markers, d = sys.rows, wk.now.marker, wk.dense
-    g, w = d.g[0], d.g[1]
     for k in range(sys.groups.shape[0]):
         group = sys.groups[k]
-        i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
-        mi, mj = markers[i], markers[j]
-        curved = False
-        clear(d.H, d.H.shape[0], d.H.shape[1])
-        for c in range(12):
-            w[c] = 0.0
-        for r in range(group["row"], group["row"] + group["n"]):
-            kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
-            primitive.gradient(sys.lines, kind, a, b, mi, mj, g)
-            for c in range(12):
-                w[c] += lam[r] * g[c]
-            if kind != POINT:
-                curved = True
-                row_tangent.add_row_tangent(sys.lines, kind, a, b, mi, mj, lam[r], g, d.H)
+        i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
+        curved = put_group_tangent(sys, wk, lam, k)
         _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
         if curved:
             _add_pair(sys.parts, sys.kkt, wk, i, j, group["couple"], cp)

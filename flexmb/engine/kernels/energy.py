@@ -14,11 +14,19 @@ def kinetic(parts, now, v, B):
     """½ vᵀ M v, J; after a position stage. B is scratch for one body's M."""
     e = coordinate.kinetic(parts.coordinates, v)
     for i in range(parts.bodies.shape[0]):
-        o, n = parts.bodies[i]["iv"], 6 + parts.bodies[i]["m"]
-        mass_block(parts.bodies[i], now.body[i], parts.pool, now.Z, B)
-        for r in range(n):
-            for c in range(n):
-                e += 0.5 * v[o + r] * B[r, c] * v[o + c]
+        e += body_kinetic(parts, now, v, i, B)
+    return e
+
+
+@kernel
+def body_kinetic(parts, now, v, i, B):
+    """½ vᵀ M v of one body, J."""
+    e = 0.0
+    o, n = parts.bodies[i]["iv"], 6 + parts.bodies[i]["m"]
+    mass_block(parts.bodies[i], now.body[i], parts.pool, now.Z, B)
+    for r in range(n):
+        for c in range(n):
+            e += 0.5 * v[o + r] * B[r, c] * v[o + c]
     return e
 
 
@@ -27,25 +35,37 @@ def strain(parts, q):
     """½ ηᵀ K η, J."""
     e = 0.0
     for i in range(parts.bodies.shape[0]):
-        body = parts.bodies[i]
-        m, o = body["m"], body["iq"] + 7
-        at = body["flex"] + 12 * m + 13 * m * m
-        for r in range(m):
-            e += 0.5 * q[o + r] * dot(parts.pool, at + r * m, q, o, m)
+        e += body_strain(parts, q, i)
+    return e
+
+
+@kernel
+def body_strain(parts, q, i):
+    """½ ηᵀ K η of one body, J."""
+    body, e = parts.bodies[i], 0.0
+    m, o = body["m"], body["iq"] + 7
+    at = body["flex"] + 12 * m + 13 * m * m
+    for r in range(m):
+        e += 0.5 * q[o + r] * dot(parts.pool, at + r * m, q, o, m)
     return e
 
 
 @kernel
 def gravitational(parts, now, q):
     """−Σ g·(m r + A c), J."""
-    g = parts.gravity
     e = 0.0
     for i in range(parts.bodies.shape[0]):
-        o, m = parts.bodies[i]["iq"], parts.bodies[i]["mass"]
-        c = now.body[i]["c"]
-        x, y, z = transform(now.body[i]["A"], c[0], c[1], c[2])
-        e -= g[0] * (m * q[o] + x) + g[1] * (m * q[o + 1] + y) + g[2] * (m * q[o + 2] + z)
+        e += body_weight(parts, now, q, i)
     return e
+
+
+@kernel
+def body_weight(parts, now, q, i):
+    """−g·(m r + A c) of one body, J."""
+    g, o, m = parts.gravity, parts.bodies[i]["iq"], parts.bodies[i]["mass"]
+    c = now.body[i]["c"]
+    x, y, z = transform(now.body[i]["A"], c[0], c[1], c[2])
+    return -g[0] * (m * q[o] + x) - g[1] * (m * q[o + 1] + y) - g[2] * (m * q[o + 2] + z)
 
 
 @kernel

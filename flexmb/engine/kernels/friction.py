@@ -4,8 +4,8 @@
 Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristle: an elastic-plastic
 spring s, the state of which is kept from step to step and carried by the surface; with
 T = k s + c v the force is −T while |T| ≤ μ N and −μ N T/|T| beyond, when s shrinks in the same
-ratio (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787; return mapping as in plasticity). So
-what sticks does not creep.
+ratio (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787; return mapping as in plasticity).
+So what sticks does not creep.
 Smooth: −μ N v/√(v² + v₀²), which creeps at any load. In a step of length h the trial bristle
 is s₀ + h v with the velocity of the end (backward Euler), so that stiff bristles come to rest.
 """

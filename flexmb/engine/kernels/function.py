@@ -1,7 +1,9 @@
-"""Functions of time: one small stack machine for all of them.
+"""Functions of time and of measured channels: one small stack machine for all of them.
 
-In: a table of postfix programs and a time t. Out: value, first and second derivative in t, by
-second-order jets (chain rule), exact to round-off and without allocation. Outside the domain of a
+In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and
+second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
+partial derivative is the first derivative with one variable's rate set to 1, less that with all at
+0. Outside the domain of a
 function (logarithm of a negative number, division by zero) the result is not finite; the caller
 reports it. The readable reference is ``flexmb.model.jets``. Stack row: (f, df/dt, d2f/dt2).
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
@@ -14,9 +16,11 @@ import numpy as np
 from flexmb.engine.jit import kernel
 
 CONST, TIME, NEG, POWC = 0, 1, 2, 3
-ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX = 4, 5, 6, 7, 8, 9, 10, 11
+ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX, HYPOT = 4, 5, 6, 7, 8, 9, 10, 11, 12
+VAR = 15
 SIN, COS, TAN, ASIN, ACOS, ATAN = 20, 21, 22, 23, 24, 25
 SINH, COSH, TANH, EXP, LOG, SQRT, ABS, SIGN, CUBICSTEP = 26, 27, 28, 29, 30, 31, 32, 33, 34
+QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP, PIECEWISE = 35, 36, 37, 38, 40
 _UNARY = SIN  # from here on: functions of one argument
 
 OPCODES = {
@@ -32,6 +36,7 @@ OPCODES = {
     "atan2": ATAN2,
     "min": MIN,
     "max": MAX,
+    "hypot": HYPOT,
     "sin": SIN,
     "cos": COS,
     "tan": TAN,
@@ -47,6 +52,11 @@ OPCODES = {
     "abs": ABS,
     "sign": SIGN,
     "cubicstep": CUBICSTEP,
+    "quinticstep": QUINTICSTEP,
+    "haversinestep": HAVERSINESTEP,
+    "cycloidalstep": CYCLOIDALSTEP,
+    "modifiedsinestep": MODIFIEDSINESTEP,
+    "piecewise": PIECEWISE,
 }
 """Names of the operations (those of ``flexmb.model.expression``) to their codes here."""
 
@@ -55,9 +65,11 @@ class FunctionTable(NamedTuple):
     """Programs of all functions of a system, one after the other."""
 
     ops: np.ndarray  # (n,) int32 operation codes
-    args: np.ndarray  # (n,) float64 argument of CONST and POWC, else 0
+    args: np.ndarray  # (n,) float64 argument of CONST and POWC, place of PIECEWISE, number of VAR
     start: np.ndarray  # (k + 1,) int32 where program k begins and ends
     depth: int  # rows of stack that the deepest program needs
+    data: np.ndarray  # (m,) float64 piecewise polynomials, one after the other
+    live: np.ndarray  # (k,) int32 1: it has variables, and is evaluated where they are known
 
 
 @kernel
@@ -102,11 +114,64 @@ def _unary(op, a):
         return np.abs(a), np.sign(a), 0.0
     if op == SIGN:
         return np.sign(a), 0.0, 0.0
-    if a <= 0.0:  # CUBICSTEP
+    return _rise(op, a)
+
+
+@kernel
+def _rise(op, s):
+    """(g, g', g'') at s of the functions that lead from 0 at s = 0 to 1 at s = 1."""
+    if s <= 0.0:
         return 0.0, 0.0, 0.0
-    if a >= 1.0:
+    if s >= 1.0:
         return 1.0, 0.0, 0.0
-    return a * a * (3.0 - 2.0 * a), 6.0 * a * (1.0 - a), 6.0 - 12.0 * a
+    if op == CUBICSTEP:
+        return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s), 6.0 - 12.0 * s
+    if op == QUINTICSTEP:
+        r = s * (1.0 - s)
+        f = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+        return f, 30.0 * r * r, 60.0 * r * (1.0 - 2.0 * s)
+    if op == HAVERSINESTEP:
+        half = np.sin(0.5 * np.pi * s)
+        a = np.pi * s
+        return half * half, 0.5 * np.pi * np.sin(a), 0.5 * np.pi * np.pi * np.cos(a)
+    if op == CYCLOIDALSTEP:
+        half, wave = np.sin(np.pi * s), np.sin(2.0 * np.pi * s)
+        return s - wave / (2.0 * np.pi), 2.0 * half * half, 2.0 * np.pi * wave
+    unit = 1.0 / (4.0 + np.pi)  # MODIFIEDSINESTEP
+    if s > 0.125 and s < 0.875:
+        a = np.pi * (4.0 * s / 3.0 - 1.0 / 6.0)
+        wave, slope = np.cos(a), 1.0 + 3.0 * np.sin(a)
+        f = unit * (2.0 + np.pi * s - 2.25 * wave)
+        return f, np.pi * unit * slope, 4.0 * np.pi * np.pi * unit * wave
+    half, wave = np.sin(2.0 * np.pi * s), np.sin(4.0 * np.pi * s)
+    f = unit * (np.pi * s - 0.25 * wave)
+    if s > 0.5:
+        f += 4.0 * unit
+    return f, 2.0 * np.pi * unit * half * half, 4.0 * np.pi * np.pi * unit * wave
+
+
+@kernel
+def _piecewise(data, at, x):
+    """(g, g', g'') at x of the piecewise polynomial at a place in the data."""
+    n, p, period = int(data[at]), int(data[at + 1]), data[at + 2]
+    at += 3
+    if period > 0.0:
+        x -= np.floor((x - data[at]) / period) * period
+    row, high = 0, n + 1  # the row is the number of knots up to x
+    while row < high:
+        middle = (row + high) // 2
+        if data[at + middle] <= x:
+            row = middle + 1
+        else:
+            high = middle
+    u = x - data[at + max(row - 1, 0)]
+    at += n + 1 + p * row
+    f, f1, f2 = 0.0, 0.0, 0.0
+    for k in range(p - 1, -1, -1):
+        f2 = f2 * u + f1
+        f1 = f1 * u + f
+        f = f * u + data[at + k]
+    return f, f1, 2.0 * f2
 
 
 @kernel
@@ -129,6 +194,18 @@ def _chain(g, g1, g2, row):
     if a2 != 0.0:
         second += g1 * a2
     row[0], row[1], row[2] = g, first, second
+
+
+@kernel
+def _hypot(a, b):
+    """Replace the jet a by √(a² + b²); of two zeros the slope is taken as zero."""
+    a0, a1, a2 = a[0], a[1], a[2]
+    b0, b1, b2 = b[0], b[1], b[2]
+    f = np.hypot(a0, b0)
+    n = 1.0 / f if f > 0.0 else 0.0
+    f1 = (a0 * a1 + b0 * b1) * n
+    a[0], a[1] = f, f1
+    a[2] = (a1 * a1 + a0 * a2 + b1 * b1 + b0 * b2 - f1 * f1) * n
 
 
 @kernel
@@ -156,15 +233,18 @@ def _binary(op, a, b):
         f1 = (b0 * a1 - a0 * b1) / d
         second = (b0 * a2 - a0 * b2 - 2.0 * f1 * (b0 * b1 + a0 * a1)) / d
         a[0], a[1], a[2] = np.arctan2(a0, b0), f1, second
+    elif op == HYPOT:
+        _hypot(a, b)
     elif (op == MIN and b0 < a0) or (op == MAX and b0 > a0):
         a[0], a[1], a[2] = b0, b1, b2
 
 
 @kernel
-def evaluate(table, k, t, stack):
+def evaluate(table, k, t, variables, stack):
     """Value, first and second derivative of function k at time t [s].
 
-    ``stack`` is (depth, 3) float64 scratch, at least ``table.depth`` rows.
+    ``variables`` (n, 3) are the jets that the operation VAR loads; ``stack`` is (depth, 3)
+    float64 scratch, at least ``table.depth`` rows.
     """
     begin, end = table.start[k], table.start[k + 1]
     if end - begin == 1 and table.ops[begin] == CONST:
@@ -177,6 +257,10 @@ def evaluate(table, k, t, stack):
             stack[top, 0] = t if op == TIME else table.args[i]
             stack[top, 1] = 1.0 if op == TIME else 0.0
             stack[top, 2] = 0.0
+        elif op == VAR:
+            top += 1
+            x = variables[int(table.args[i])]
+            stack[top, 0], stack[top, 1], stack[top, 2] = x[0], x[1], x[2]
         elif op == NEG:
             stack[top, 0], stack[top, 1], stack[top, 2] = (
                 -stack[top, 0],
@@ -185,6 +269,9 @@ def evaluate(table, k, t, stack):
             )
         elif op == POWC:
             g, g1, g2 = _power(table.args[i], stack[top, 0])
+            _chain(g, g1, g2, stack[top])
+        elif op == PIECEWISE:
+            g, g1, g2 = _piecewise(table.data, int(table.args[i]), stack[top, 0])
             _chain(g, g1, g2, stack[top])
         elif op >= _UNARY:
             g, g1, g2 = _unary(op, stack[top, 0])

@@ -15,7 +15,7 @@ import math
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.friction import along
-from flexmb.engine.kernels.reaction import put_wrench
+from flexmb.engine.kernels.reaction import add_wrenches
 from flexmb.engine.kernels.rotation import transform_back
 from flexmb.engine.tables import SLIDES
 
@@ -37,7 +37,9 @@ def put_grips(sys, frictions, wk, lam):
 @kernel
 def _normal_force(sys, f, wk, lam):
     group, w = sys.groups[f["group"]], wk.dense.g[1]
-    put_wrench(sys, wk.now.marker, group, lam, wk.dense.g[0], w)
+    for c in range(12):
+        w[c] = 0.0
+    add_wrenches(sys.lines, sys.rows, group, wk.now.marker, lam, wk.dense.g[0], w)
     R = wk.now.marker[sys.rows[group["row"]]["I"]]["R"]
     F = transform_back(R, w[6], w[7], w[8])
     M = transform_back(R, w[9], w[10], w[11])
@@ -70,17 +72,6 @@ def put_forces(sys, frictions, wk, q, v):
             force, _, _, _, _, _ = _surface(f, coordinates, grip[k, 0], wk.now.kept, q, v)
             grip[k, 1] = force
             wk.trial.res[coordinates[f["coordinate"]]["iv"]] -= f["radius"] * force
-
-
-@kernel
-def renew_forces(frictions, coordinates, now, q, v, Q):
-    """Q += what friction changed by since it was evaluated last, normal forces renewed since."""
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f, grip = frictions[k], now.grip
-            force, _, _, _, _, _ = _surface(f, coordinates, grip[k, 0], now.kept, q, v)
-            Q[coordinates[f["coordinate"]]["iv"]] += f["radius"] * (force - grip[k, 1])
-            grip[k, 1] = force
 
 
 @kernel

@@ -10,6 +10,7 @@ Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import slider
 from flexmb.engine.kernels.rotation import (
     compose,
     cross,
@@ -57,6 +58,7 @@ def position(parts, now, q):
             s = mn["s"]
             x, y, z = transform(now.body[mk["body"]]["A"], s[0], s[1], s[2])
             put(mn["x"], 0, q[iq] + x, q[iq + 1] + y, q[iq + 2] + z)
+    slider.place(parts.sliders, parts, now, q)
 
 
 @kernel
@@ -128,6 +130,7 @@ def velocity(parts, now, v):
         put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
         wx, wy, wz = transform(A, wx, wy, wz)
         put(mn["om"], 0, wx, wy, wz)
+    slider.add_velocities(parts.sliders, parts, now, v)
 
 
 @kernel
@@ -157,6 +160,7 @@ def bias(parts, now, v):
         put(mn["bx"], 0, ax, ay, az)
         ex, ey, ez = transform(A, ex, ey, ez)
         put(mn["bom"], 0, ex, ey, ez)
+    slider.add_bias(parts.sliders, parts, now, v)
 
 
 @kernel

@@ -17,10 +17,13 @@ from flexmb.engine.kernels import (
     joint_friction,
     kinematics,
     ldl,
+    slider,
 )
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.contact_tangent import contact_tangents
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
+from flexmb.engine.kernels.signal_tangent import signal_tangents
+from flexmb.engine.kernels.slider_tangent import slider_tangents
 
 _REGULARISATION = 1e-9
 
@@ -43,16 +46,20 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
+        slider_tangents(sys, sys.parts.sliders, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
         contact_tangents(sys, sys.contacts, wk, v, cv, cp)
         joint_friction.add_tangents(sys, sys.frictions, wk, v, cv, cp)
+    if cv != 0.0:
+        signal_tangents(sys.signals, sys, wk, v, cv, cp)
     if symmetric:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
     _keep_diagonal(sys.kkt.panels, wk.factor)
     _jacobian_blocks(sys, wk.dense.jac, wk.factor)
     coordinate.put_rows(sys, sys.parts.coordinates, wk.factor)
+    slider.put_rows(sys, sys.parts.sliders, wk)
     for i in range(low.shape[0]):
         wk.factor.low0[i] = low[i]
     if not symmetric:
@@ -120,3 +127,52 @@ def permute(kkt, top, bottom, out):
         out[kkt.place[i]] = top[i]
     for i in range(bottom.shape[0]):
         out[kkt.place[n + i]] = bottom[i]
+
+
+@kernel
+def factorise_metric(sys, wk, metric):
+    """Assemble and factor [[W, Cqᵀ], [Cq, −ε]], W a diagonal metric (nv), for kinematics.
+
+    Modal coordinates stay out of Cq: flexible bodies keep their shape. Returns pivots replaced.
+    """
+    factor, kkt = wk.factor, sys.kkt
+    low = factor.low
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+    factor.symmetric[0] = 1
+    put_metric(sys.parts, kkt, metric, low)
+    constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
+    _hold_shapes(sys.parts, sys.rows, wk.dense.jac)
+    _jacobian_blocks(sys, wk.dense.jac, factor)
+    coordinate.put_rows(sys, sys.parts.coordinates, factor)
+    slider.put_rows(sys, sys.parts.sliders, wk)
+    for i in range(low.shape[0]):
+        factor.low0[i] = low[i]
+    factor.replaced[0] = ldl.factor(kkt, factor)
+    return factor.replaced[0]
+
+
+@kernel
+def put_metric(parts, kkt, metric, low):
+    """The metric of bodies and scalar coordinates on the diagonal."""
+    for i in range(parts.bodies.shape[0]):
+        body = parts.bodies[i]
+        panel, o = kkt.panels[body["panel"]], body["iv"]
+        for c in range(6 + body["m"]):
+            pc = kkt.column[o + c]
+            if pc >= 0:
+                low[panel["at"] + pc * panel["nc"] + pc] = metric[o + c]
+    coordinate.put_metric(parts.coordinates, kkt, metric, low)
+
+
+@kernel
+def _hold_shapes(parts, rows, jac):
+    """No modal coordinate in the Jacobian rows."""
+    for k in range(rows.shape[0]):
+        for side in range(2):
+            at = rows[k]["jac_I"] if side == 0 else rows[k]["jac_J"]
+            if at >= 0:
+                marker = rows[k]["I"] if side == 0 else rows[k]["J"]
+                m = parts.bodies[parts.markers[marker]["body"]]["m"]
+                for c in range(6, 6 + m):
+                    jac[at + c] = 0.0

@@ -10,16 +10,21 @@ alone fix the motion, it is M.
 
 from __future__ import annotations
 
+import math
+
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, joint_friction, kinematics
+from flexmb.engine.kernels import constraint, joint_friction, kinematics, signal
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.ldl import solve, solve_refined
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import forces, position_stage, velocity_stage
-from flexmb.engine.kernels.vector import largest, weighted_size
+from flexmb.engine.kernels.vector import copy, largest, weighted_size
 
 _ROUNDS = 3
 _REFINEMENTS = 2
+# Forces that depend on accelerations or reactions: rounds until they settle, relative.
+_LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
+LOOP = -1 << 40
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
 # Rounds in which friction in joints and the reactions that cause it agree, to this share of the
@@ -86,11 +91,13 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
     q and v are.
 
-    Returns the number of replaced pivots, −1 − k for spring k of no length, or `UNSETTLED`.
+    Returns the number of replaced pivots, −1 − k for spring k of no length, LOOP where forces that
+    depend on accelerations or reactions find none that fit, or UNSETTLED where friction does not.
     """
-    tr, fac = wk.trial, wk.factor
+    fac = wk.factor
     position_stage(sys, wk, t, q)
     velocity_stage(sys, wk, v)
+    signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     joint_friction.put_grips(sys, sys.frictions, wk, lam)
     fac.symmetric[0] = 1
     fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
@@ -99,41 +106,60 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     if project > 0:
         project_velocity(sys, wk, v)
         velocity_stage(sys, wk, v)
+        signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
+    kinematics.bias(sys.parts, wk.now, v)
+    constraint.right_side(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+    bad = _solve(sys, wk, q, v, vd, lam)
+    if bad >= 0:
+        return -1 - bad
+    if not _settled(sys.signals, sys.frictions, sys, wk, t, q, v, vd, lam):
+        return LOOP if sys.frictions is None else UNSETTLED
+    return fixes
+
+
+@kernel
+def _solve(sys, wk, q, v, vd, lam):
+    """(v̇; λ) from (Q; γ) with the present factor; returns a spring of no length, or −1."""
+    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
     for i in range(lam.shape[0]):
         lam[i] = 0.0
     bad = forces(sys, wk, q, v, tr.zero, lam)
-    if bad >= 0:
-        return -1 - bad
-    kinematics.bias(sys.parts, wk.now, v)
-    constraint.right_side(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
     for i in range(v.shape[0]):
         tr.res[i] = -tr.res[i]
-    _solve(sys, wk, vd, lam)
-    return fixes if _settle(sys, sys.frictions, wk, q, v, vd, lam) else UNSETTLED
-
-
-@kernel
-def _solve(sys, wk, vd, lam):
-    """(v̇; λ) for the forces in wk.trial.res."""
-    fac, place, nv = wk.factor, sys.kkt.place, vd.shape[0]
-    permute(sys.kkt, wk.trial.res, wk.con.gamma, fac.rhs)
+    permute(sys.kkt, tr.res, wk.con.gamma, fac.rhs)
     solve_refined(sys.kkt, fac, _REFINEMENTS)
-    for i in range(nv):
+    for i in range(v.shape[0]):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
-        lam[i] = fac.sol[place[nv + i]]
+        lam[i] = fac.sol[place[v.shape[0] + i]]
+    return bad
 
 
 @kernel
-def _settle(sys, frictions, wk, q, v, vd, lam):
-    """Solve on with the friction of the multipliers found, until they agree; whether they do."""
+def _settled(signals, frictions, sys, wk, t, q, v, vd, lam):
+    """Solve again while forces depend on what was found; whether that came to an end."""
     if frictions is not None:
-        for _ in range(_FRICTION_ROUNDS):
-            change = joint_friction.put_grips(sys, frictions, wk, lam)
-            if change <= _SETTLED * max(largest(wk.trial.res), largest(lam)):
-                return True
-            coordinates = sys.parts.coordinates
-            joint_friction.renew_forces(frictions, coordinates, wk.now, q, v, wk.trial.res)
-            _solve(sys, wk, vd, lam)
-        return False
+        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
+    if signals is not None and signals.implicit[0] == 1:
+        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
     return True
+
+
+@kernel
+def _repeat(signals, frictions, sys, wk, t, q, v, vd, lam):
+    before = wk.trial.jerk
+    for _ in range(_LOOP_ROUNDS):
+        copy(vd, before)
+        grip = joint_friction.put_grips(sys, frictions, wk, lam)
+        signal.stage(signals, sys, wk, t, q, v, vd, lam)
+        at_rest = grip <= _SETTLED * max(largest(wk.trial.res), largest(lam))
+        _solve(sys, wk, q, v, vd, lam)
+        size = weighted_size(vd, sys.weights)
+        for i in range(v.shape[0]):
+            before[i] -= vd[i]
+        change = weighted_size(before, sys.weights)
+        if not math.isfinite(change):
+            return False
+        if at_rest and change <= _LOOP_CLOSED * size:
+            return True
+    return False

@@ -9,30 +9,31 @@ from flexmb.engine.kernels.vector import put
 
 
 @kernel
-def put_wrench(sys, markers, group, lam, g, w):
-    """w (12): the wrenches −Σ λ_k ∂C_k/∂(motion) of a group on I and J, global axes; g: scratch."""
-    for c in range(12):
-        w[c] = 0.0
+def add_wrenches(lines, rows, group, markers, lam, g, w):
+    """Add the wrenches on markers I and J of one group to w (12), global; g (12) is scratch."""
     for r in range(group["row"], group["row"] + group["n"]):
-        row = sys.rows[r]
+        row = rows[r]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
         for c in range(12):
             w[c] -= lam[r] * g[c]
 
 
 @kernel
 def read(sys, markers, lam, g, out):
-    """out (12 groups): force and moment on marker J in its axes, then on marker I in its axes.
+    """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I.
 
     g (2, 12) is scratch.
     """
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]
         i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        put_wrench(sys, markers, group, lam, g[0], w)
+        for c in range(12):
+            w[c] = 0.0
+        add_wrenches(sys.lines, sys.rows, group, markers, lam, g[0], w)
         for part in range(4):
-            R = markers[j]["R"] if part < 2 else markers[i]["R"]
-            at = 6 + 3 * part if part < 2 else 3 * part - 6
+            of_J = (part < 2) != (group["reversed"] == 1)
+            R = markers[j]["R"] if of_J else markers[i]["R"]
+            at = 3 * (part % 2) + (6 if of_J else 0)
             x, y, z = transform_back(R, w[at], w[at + 1], w[at + 2])
             put(out, 12 * k + 3 * part, x, y, z)

@@ -12,6 +12,8 @@ from flexmb.engine.kernels import (
     joint_friction,
     kinematics,
     memory,
+    signal,
+    slider,
 )
 from flexmb.engine.kernels.time_function import evaluate_all
 
@@ -19,7 +21,7 @@ from flexmb.engine.kernels.time_function import evaluate_all
 @kernel
 def position_stage(sys, wk, t, q):
     """Functions of time, body rotations, markers and deformation integrals at (t, q)."""
-    evaluate_all(sys.functions, t, wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, t, wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
@@ -44,6 +46,7 @@ def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
     _velocities_for_forces(sys.springs, sys.contacts, sys.parts, wk.now, v)
+    signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     joint_friction.put_grips(sys, sys.frictions, wk, lam)
     return forces(sys, wk, q, v, vd, lam)
@@ -51,9 +54,10 @@ def residual(sys, wk, t, q, v, vd, lam):
 
 @kernel
 def forces(sys, wk, q, v, vd, lam):
-    """res = M v̇ − Q + Cqᵀ λ after the position (and, with springs, the velocity) stage.
+    """res = M v̇ − Q + Cqᵀ λ after the stages of position (with springs: velocity) and signals.
 
-    Friction in joints is that of the normal forces in wk.now.grip."""
+    Friction in joints is that of the normal forces in wk.now.grip.
+    """
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
@@ -62,5 +66,6 @@ def forces(sys, wk, q, v, vd, lam):
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
+    slider.subtract_forces(sys.parts.sliders, sys.parts, wk.now, wk.trial.res)
     joint_friction.put_forces(sys, sys.frictions, wk, q, v)
     return bad

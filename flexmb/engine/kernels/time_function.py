@@ -7,7 +7,8 @@ from flexmb.engine.kernels.function import evaluate
 
 
 @kernel
-def evaluate_all(functions, t, stack, out):
-    """Value, first and second derivative at t of every function, into out (functions, 3)."""
+def evaluate_all(functions, t, variables, stack, out):
+    """Value and two derivatives at t of every function of time alone, into out (functions, 3)."""
     for k in range(functions.start.shape[0] - 1):
-        out[k, 0], out[k, 1], out[k, 2] = evaluate(functions, k, t, stack)
+        if functions.live[k] == 0:
+            out[k, 0], out[k, 1], out[k, 2] = evaluate(functions, k, t, variables, stack)

@@ -56,6 +56,10 @@ class Survey:
         Kept coordinates and how they are counted.
     mass : float
         kg.
+    interfaces : dict of str to (3,) float
+        Places of the interfaces, mesh frame [m].
+    points : (n, 3) float
+        Nodes of the mesh [m].
     """
 
     problems: list[Problem]
@@ -64,6 +68,8 @@ class Survey:
     dofs: int = 0
     coordinates: str = ""
     mass: float = 0.0
+    interfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +129,9 @@ def survey(
         mass = nominal_mass(blocks, read.points) + point_mass(masses)
     kept = {"modes": modes, "reduction": reduction}
     coordinates = _coordinates(6 if plane is None else 3, len(held), kept, loads or {})
-    return Survey([], findings, _counts(blocks), model.numbering.n, coordinates, mass)
+    places = {part.name: part.position for part in held}
+    counts, n = _counts(blocks), model.numbering.n
+    return Survey([], findings, counts, n, coordinates, mass, places, read.points)
 
 
 def mesh_problems(

@@ -82,7 +82,12 @@ class Workflow(types.ModuleType):
         self._call(*given, **named)
         rod = {"kept coordinates": "11 = 6*2 interfaces + 5 modes - 6"}
         return types.SimpleNamespace(
-            title="A scene", counts={"bodies": 3}, notes=["none"], bodies={"rod": rod}
+            title="A scene",
+            counts={"bodies": 3},
+            notes=["none"],
+            bodies={"rod": rod},
+            mobility=None,
+            definition=(),
         )
 
 

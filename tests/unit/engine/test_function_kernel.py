@@ -7,8 +7,9 @@ import pytest
 
 from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels.function import OPCODES, evaluate
+from flexmb.engine.kernels.function import OPCODES, VAR, evaluate
 from flexmb.model.expression import parse
+from flexmb.model.functions import read_function
 
 TEXTS = (
     "3.0",
@@ -27,32 +28,73 @@ TEXTS = (
     "sqrt(max(t - 1, 0))",
     "log(t - 5)",
     "1/(t - t)",
+    "step5(t, 0.2, 1, 0.9, 3)*havsin(t, 0.2, 1, 0.9, 3)",
+    "cycloidal(t, 0.2, 1, 0.9, 3)",
+    "modsine(t, 0.2, 1, 1.9, 3) + modsine(t, 0.36, 1, 0.5, 3) + modsine(t, 0.35, 1, 1.9, 3)",
+    "hypot(t, 2 - t) + hypot(gap - 0.4, 0*t)",
+    "gap**2*tip.x + sin(tip.x*t)",
 )
+POINTS = [[0, 1], [0.2, 3], [0.5, 2], [0.9, 2], [1.1, -1]]
+FORMS = (
+    {"type": "trapezoidal", "y1": 3, "speed": 4, "acceleration": 9},
+    {"type": "spline", "points": POINTS, "beyond": "extrapolate"},
+    {"type": "akima", "points": POINTS, "beyond": "repeat"},
+    {"type": "table", "points": POINTS, "beyond": "hold"},
+    {"type": "table", "points": POINTS},
+)
+FUNCTIONS = [parse(text, channels=True) for text in TEXTS]
+FUNCTIONS += [read_function(form).expression for form in FORMS]
+NUMBERS = {"gap": 1, "tip.x": 0}
+VARIABLES = {"gap": (0.4, -0.3, 0.2), "tip.x": (1.7, 0.6, -1.1)}
+JETS = np.array([VARIABLES["tip.x"], VARIABLES["gap"]])
 LAST_DIGITS = 1e-13  # other order of sums; elementary functions differ by an ulp
 
 
 @entry
-def evaluated(table, k, t, stack):
-    return evaluate(table, k, t, stack)
+def evaluated(table, k, t, variables, stack):
+    return evaluate(table, k, t, variables, stack)
 
 
 @pytest.fixture(scope="module")
 def table():
-    return lower([parse(text) for text in TEXTS])
+    return lower(FUNCTIONS, NUMBERS)
 
 
-@pytest.mark.parametrize("k", range(len(TEXTS)), ids=TEXTS)
+@pytest.mark.parametrize("k", range(len(FUNCTIONS)), ids=[f.text for f in FUNCTIONS])
 def test_kernel_agrees_with_jets(table, k):
     stack = stack_for(table)
-    for t in (0.0, 0.37, 0.5, 1.3):
+    for t in (0.0, 0.37, 0.5, 1.1, 1.3):
         with np.errstate(all="ignore"):
-            found = np.array(evaluated(table, k, t, stack))
-        wanted = np.array(parse(TEXTS[k]).value(t))
+            found = np.array(evaluated(table, k, t, JETS, stack))
+        wanted = np.array(FUNCTIONS[k].value(t, VARIABLES))
         np.testing.assert_allclose(found, wanted, rtol=LAST_DIGITS, atol=1e-15)
 
 
 def test_every_operation_is_exercised(table):
-    assert set(table.ops) == set(OPCODES.values())
+    assert set(table.ops) == {*OPCODES.values(), VAR}
+
+
+def test_partial_derivatives_come_from_seeding_one_variable():
+    """∂/∂gap of gap² x + sin(gap t) is 2 gap x + t cos(gap t): the rate with that of gap alone one,
+    less the rate with none."""
+    table = lower([parse("gap**2*tip.x + sin(gap*t)", channels=True)], NUMBERS)
+    t, (x, gap) = 0.8, (1.7, 0.4)
+    rates = [
+        evaluated(table, 0, t, np.array([[x, 0.0, 0.0], [gap, seed, 0.0]]), stack_for(table))[1]
+        for seed in (0.0, 1.0)
+    ]
+    wanted = 2 * gap * x + t * np.cos(gap * t)
+    assert rates[1] - rates[0] == pytest.approx(wanted, rel=LAST_DIGITS)
+
+
+def test_functions_with_channels_are_told_apart():
+    table = lower([parse("t"), parse("gap*t", channels=True)], NUMBERS)
+    assert table.live.tolist() == [0, 1]
+
+
+def test_equal_piecewise_polynomials_are_stored_once(table):
+    twice = lower([*FUNCTIONS, read_function(FORMS[1]).expression], NUMBERS)
+    assert len(twice.data) == len(table.data)
 
 
 def test_the_stack_is_as_deep_as_needed():

@@ -21,7 +21,7 @@ def blocks(rng, n, extra=0, drivers=0, coupled=0.7):
         rows.append(1)
     columns = [list(range(6 + int(x))) for x in rng.integers(0, 5, n)]
     couples = [p for p in pairs if p[0] >= 0 and rng.random() < coupled]
-    return Blocks(columns, rows, pairs, [() for _ in pairs], couples)
+    return Blocks(columns, rows, pairs, [() for _ in pairs], couples, [() for _ in pairs])
 
 
 def sizes(b):
@@ -123,9 +123,9 @@ def ring(n):
 def test_storage_and_work_grow_linearly(shape):
     def cost(n):
         pairs = shape(n)
-        couples = [p for p in pairs if p[0] >= 0]
+        couples, free = [p for p in pairs if p[0] >= 0], [()] * len(pairs)
         kkt = analyse(
-            Blocks([list(range(6))] * n, [3] * len(pairs), pairs, [()] * len(pairs), couples)
+            Blocks([list(range(6))] * n, [3] * len(pairs), pairs, free, couples, free)
         ).kkt
         stored = ((kkt.panels["nc"] + kkt.panels["nr"]) * kkt.panels["nc"]).sum()
         return np.array([stored, len(kkt.updates)])

@@ -21,6 +21,28 @@ FORMS = [
         "1 + 2*sin(6*pi*t + pi/6)",
     ),
     ({"type": "step", "t1": 2, "y1": 5}, "step(t, 0, 0, 2, 5)"),
+    (
+        {"type": "fourier", "frequency": 0.5, "cosine": [1, 3], "sine": [2], "offset": 4},
+        "4 + cos(pi*t) + 3*cos(2*pi*t) + 2*sin(pi*t)",
+    ),
+    (
+        {"type": "fourier", "frequency": 2, "sine": [0, 1], "phase": "20 deg"},
+        "sin(8*pi*t + pi/9)",
+    ),
+    ({"type": "step5", "t1": 2, "y1": 5}, "step5(t, 0, 0, 2, 5)"),
+    ({"type": "step5", "t1": 4, "y1": 5}, "5*(t/4)**3*(10 - 15*t/4 + 6*(t/4)**2)"),
+    ({"type": "havsin", "t0": 0.5, "y0": 1, "t1": 2, "y1": 5}, "havsin(t, 0.5, 1, 2, 5)"),
+    ({"type": "havsin", "t0": -1, "t1": 4, "y1": 1}, "(1 - cos(pi*(t + 1)/5))/2"),
+    ({"type": "cycloidal", "t0": 0.1, "t1": 2, "y1": 5}, "cycloidal(t, 0.1, 0, 2, 5)"),
+    ({"type": "cycloidal", "t1": 4, "y1": 1}, "t/4 - sin(pi*t/2)/(2*pi)"),
+    ({"type": "modified-sine", "t1": 2, "y1": 5}, "modsine(t, 0, 0, 2, 5)"),
+    (
+        {"type": "trapezoidal", "t0": -1, "t1": 5, "y1": 16},
+        "(t + 1)**2 - max(t - 1, 0)**2 - max(t - 3, 0)**2",
+    ),
+    ({"type": "spline", "points": [[0, 2], [4, 10]]}, "2 + 2*t"),
+    ({"type": "akima", "points": [[0, 2], [1, 4], [4, 10]]}, "2 + 2*t"),
+    ({"type": "table", "points": [[0, 2], [1, 3], [5, -1]]}, "2 + min(t, 2 - t)"),
 ]
 
 

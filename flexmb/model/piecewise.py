@@ -1,0 +1,141 @@
+"""Piecewise polynomials of one variable: what splines, tables and trapezoidal profiles are.
+
+In: knots and the coefficients of every piece. Out: a :class:`Piecewise`, which gives value, first
+and second derivative, its antiderivative, the knots where one of them jumps, and the numbers that
+the compiled kernel reads. Beyond the knots one polynomial each goes on, or everything repeats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Piecewise", "shifted"]
+
+Array = NDArray[np.float64]
+
+# Jumps of a derivative below this share of its size are round-off of the construction.
+_JUMP = 1e-7
+_FACTORIALS = (1.0, 1.0, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """A piecewise polynomial; a knot belongs to the piece that begins there.
+
+    Parameters
+    ----------
+    knots : (n + 1,) array
+        Increasing; piece k lies between knots k and k + 1.
+    coefficients : (n + 2, p) array
+        Row 0 holds before the first knot, row k between knots k - 1 and k, the last row after the
+        last knot. Powers of the distance from the knot to the left (row 0: from the first knot),
+        lowest first. Rows that are not a number: there is no value there.
+    period : float
+        The function repeats after this; 0 if it does not.
+    """
+
+    knots: Array
+    coefficients: Array
+    period: float = 0.0
+
+    @classmethod
+    def between(cls, knots: ArrayLike, coefficients: ArrayLike, beyond: str) -> Piecewise:
+        """From the n pieces between n + 1 knots; `beyond` says how they go on.
+
+        ``"hold"`` keeps the values at both ends, ``"extrapolate"`` the polynomials, ``"repeat"``
+        begins anew, ``"error"`` has no value there.
+        """
+        x, c = np.asarray(knots, dtype=float), np.asarray(coefficients, dtype=float)
+        before, after = c[0].copy(), shifted(c[-1], x[-1] - x[-2])
+        if beyond == "error":
+            # Round-off of the time may lie past an end: the polynomials go on a little.
+            slack = 1e-9 * (x[-1] - x[0])
+            nothing = np.full_like(before, np.nan)
+            rows = np.vstack([nothing, shifted(before, -slack), c, after, nothing])
+            return cls(np.concatenate([[x[0] - slack], x, [x[-1] + slack]]), rows)
+        if beyond == "hold":
+            before[1:], after[1:] = 0.0, 0.0
+        period = float(x[-1] - x[0]) if beyond == "repeat" else 0.0
+        return cls(x, np.vstack([before, c, after]), period)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Piecewise) and self.data.tobytes() == other.data.tobytes()
+
+    def __hash__(self) -> int:
+        return hash(self.data.tobytes())
+
+    @cached_property
+    def data(self) -> Array:
+        """Pieces, coefficients per piece, period, knots and coefficients in one row."""
+        n, p = len(self.knots) - 1, self.coefficients.shape[1]
+        return np.concatenate([[n, p, self.period], self.knots, self.coefficients.ravel()])
+
+    def jet(self, x: float) -> tuple[float, float, float]:
+        """Value, first and second derivative at x."""
+        if self.period > 0.0:
+            x = x - np.floor((x - self.knots[0]) / self.period) * self.period
+        row = int(np.searchsorted(self.knots, x, side="right")) if x == x else 0
+        u = x - self.knots[max(row - 1, 0)]
+        f = f1 = f2 = np.float64(0.0)
+        for c in self.coefficients[row][::-1]:
+            f, f1, f2 = f * u + c, f1 * u + f, f2 * u + f1
+        return f, f1, 2.0 * f2
+
+    def antiderivative(self) -> Piecewise:
+        """The antiderivative that is zero at the first knot; of one that does not repeat."""
+        assert self.period == 0.0  # see `without_mean`
+        x, c = self.knots, self.coefficients
+        rows = np.hstack([np.zeros((len(c), 1)), c / np.arange(1, c.shape[1] + 1)])
+        widths = np.diff(x).astype(np.longdouble)  # a long sum keeps its digits
+        parts = np.zeros(len(widths), dtype=np.longdouble)
+        for coefficient in rows[1:-1].T[::-1]:
+            parts = parts * widths + coefficient
+        rows[1:, 0] = np.concatenate([[0.0], np.cumsum(parts)])
+        return Piecewise(x, rows)
+
+    def without_mean(self) -> tuple[float, Piecewise]:
+        """The mean of one that repeats, and what is left without it, which repeats as well."""
+        once = Piecewise(self.knots, self.coefficients).antiderivative()
+        mean = float(once.coefficients[-1, 0]) / self.period
+        rows = self.coefficients.copy()
+        rows[:, 0] -= mean
+        return mean, Piecewise(self.knots, rows, self.period)
+
+    def repeated_antiderivative(self) -> Piecewise:
+        """An antiderivative of mean zero of one that repeats and has the mean zero."""
+        once = Piecewise(self.knots, self.coefficients).antiderivative()
+        return Piecewise(once.knots, once.coefficients, self.period).without_mean()[1]
+
+    def jumps(self) -> Array:
+        """The knots where the value, the first or the second derivative jumps."""
+        c, known = self.coefficients, min(3, self.coefficients.shape[1])
+        right = np.zeros((len(self.knots), 3))
+        right[:, :known] = c[1:, :known] * _FACTORIALS[:known]
+        u = np.append(0.0, np.diff(self.knots))[:, None]
+        left = np.zeros((len(self.knots), 3))
+        for coefficient in c[:-1].T[::-1]:  # Horner's scheme with derivatives
+            left[:, 1:] = left[:, 1:] * u + left[:, :-1]
+            left[:, :1] = left[:, :1] * u + coefficient[:, None]
+        left *= _FACTORIALS
+        if self.period > 0.0:  # the last knot is the first one again
+            left[0], right[-1] = left[-1], right[0]
+        inside = np.isfinite(left) & np.isfinite(right)
+        size = np.max(np.abs(np.where(inside, right, 0.0)), axis=0)
+        for k in (1, 2):  # what a change over the whole length would be
+            size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
+        jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMP * size
+        found: Array = self.knots[jump.any(axis=1)]
+        return found
+
+
+def shifted(coefficients: ArrayLike, u: float) -> Array:
+    """Coefficients of the same polynomial about the point u (Taylor shift)."""
+    c = np.array(coefficients, dtype=float)
+    for i in range(len(c) - 1):
+        for k in range(len(c) - 2, i - 1, -1):
+            c[k] += u * c[k + 1]
+    return c

@@ -1,0 +1,188 @@
+"""The tables that define a model: bodies, joints, drivers, force elements, initial values.
+
+In: a model. Out: tables of text in its units, in the order and with the contents of the
+"Definition of the model" sections of Hong & Liu 2011 (1.5, 2.5, 3.5): body frames and inertia,
+joints with the body-fixed places and axes of their markers, drivers with their functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from flexmb.model.names import GROUND
+from flexmb.workflow.listings import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
+    from flexmb.units import UnitSystem
+
+__all__ = ["definition_tables"]
+
+Titled = tuple[str, Table]
+_ROUND_OFF = 1e-12
+_OWN = ("bodies", "joints", "drivers", "sensors")  # sections told in columns, or not at all
+
+
+def definition_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> tuple[Titled, ...]:
+    """All tables of a model that have rows, each with its title.
+
+    Parameters
+    ----------
+    model : Model
+        A valid model.
+    flexbodies : mapping of str to FlexBody
+        Its flexible bodies.
+    """
+    tables = (
+        _places(model),
+        _inertia(model, flexbodies),
+        _joints(model),
+        _markers(model, flexbodies),
+        _drivers(model),
+        *_other_elements(model),
+        _velocities(model),
+    )
+    return tuple((title, table) for title, table in tables if table.rows)
+
+
+def _places(model: Model) -> Titled:
+    length = model.units.label("m")
+    rows = [
+        (name, _vector(model.units, spec.position, "m"), _vector(model.units, spec.orientation, ""))
+        for name, spec in model.bodies.items()
+    ]
+    columns = ("body", f"origin r [{length}]", "Euler parameters, scalar first")
+    return "bodies: frames in the placed pose, global axes", Table(columns, rows)
+
+
+def _inertia(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
+    units = model.units
+    rows = []
+    for name, spec in model.bodies.items():
+        if spec.flexible and name not in flexbodies:
+            continue
+        if spec.flexible:
+            body = flexbodies[name]
+            mass, center, J, m = body.mass, body.center, body.inertia_about_center, str(body.m)
+        else:
+            of = spec.mass_properties  # type: ignore[attr-defined]
+            mass, center, J, m = of.mass, of.center, of.inertia, ""
+        products = (J[0, 1], J[0, 2], J[1, 2])
+        rows.append(
+            (
+                name,
+                f"{units.outward(mass, 'kg'):.6g}",
+                _vector(units, center, "m"),
+                _vector(units, J.diagonal(), "kg m^2"),
+                _vector(units, products, "kg m^2", float(abs(J).max())),
+                m,
+            )
+        )
+    columns = (
+        "body",
+        f"mass [{units.label('kg')}]",
+        f"centre [{units.label('m')}]",
+        f"about it xx, yy, zz [{units.label('kg m^2')}]",
+        "xy, xz, yz",
+        "modes",
+    )
+    return "bodies: inertia, body axes", Table(columns, rows)
+
+
+def _joints(model: Model) -> Titled:
+    from flexmb.model.joints import JOINT_TYPES
+
+    rows = []
+    for name, joint in model.joints.items():
+        row = JOINT_TYPES[joint.type]
+        count = row.equations if model.plane is None else row.planar_equations or 0
+        axes = (_vector(model.units, axis or (), "") for axis in (joint.axis, joint.second_axis))
+        rows.append((name, joint.type, *joint.between, str(count), *axes))
+    columns = ("joint", "type", "marker I", "marker J", "equations", "axis", "second axis")
+    return "joints: axes global, in the placed pose", Table(columns, rows)
+
+
+def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
+    """Both markers of every joint with their triads, as the equations use them."""
+    from flexmb.engine.compile import compile_system
+
+    compiled = compile_system(model, flexbodies)
+    bodies = (*model.bodies, GROUND)  # the last for index -1
+    rows = []
+    for path, group in zip(compiled.layout.reactions, compiled.system.groups, strict=True):
+        section, _, name = path.partition(".")
+        first = compiled.system.rows[group["row"]]
+        for side in "IJ" if section == "joints" else "":
+            marker = compiled.system.parts.markers[first[side]]
+            axes = (_vector(model.units, marker["R"][:, k], "") for k in (0, 2))
+            place = _vector(model.units, marker["rho"] + marker["arm"], "m")
+            rows.append((name, side, bodies[marker["body"]], place, *axes))
+    columns = ("joint", "", "body", f"place [{model.units.label('m')}]", "x axis", "z axis")
+    return "markers of the joints, body axes", Table(columns, rows)
+
+
+def _drivers(model: Model) -> Titled:
+    rows = []
+    for name, driver in model.drivers.items():
+        words = driver.model_dump(mode="json", exclude_none=True, context=model.terms)
+        rows.append((name, *_in_words(words, apart=("joint",))))
+    return "drivers", Table(("driver", "joint", "coordinate = function of t"), rows)
+
+
+def _other_elements(model: Model) -> Iterator[Titled]:
+    """Forces, couplers and whatever else the model has by name, by the words of the scene."""
+    from flexmb.model.reading import Spec
+
+    for section, entries in vars(model).items():
+        if section in _OWN or not isinstance(entries, dict) or not entries:
+            continue
+        rows = []
+        for name, spec in entries.items():
+            if isinstance(spec, Spec):
+                words = spec.model_dump(mode="json", exclude_none=True, context=model.terms)
+                rows.append((name, *_in_words(words, apart=("type",))))
+        yield section, Table((section.removesuffix("s"), "type", "values"), rows)
+
+
+def _in_words(words: dict[str, Any], apart: Iterable[str]) -> tuple[str, ...]:
+    """Some words of an entry in columns of their own, the others in one."""
+    first = tuple(str(words.pop(key, "")) for key in apart)
+    return *first, ", ".join(f"{key} = {_told(value)}" for key, value in words.items())
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_told(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_told(item) for item in value)}]"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _velocities(model: Model) -> Titled:
+    units, rows = model.units, []
+    for name, spec in model.bodies.items():
+        for marker, asked in spec.asked_velocities.items():
+            told = (
+                _vector(units, given or (), unit)
+                for given, unit in ((asked.velocity, "m/s"), (asked.angular_velocity, "rad/s"))
+            )
+            rows.append((f"{name}.{marker}", *told, asked.axes))
+    columns = (
+        "marker",
+        f"velocity [{units.label('m/s')}]",
+        f"angular velocity [{units.label('rad/s')}]",
+        "axes",
+    )
+    return "initial velocities asked for", Table(columns, rows)
+
+
+def _vector(units: UnitSystem, values: Any, unit: str, scale: float = 0.0) -> str:
+    """Components of an SI vector in the model's units; round-off is shown as 0."""
+    values = [float(value) for value in values]
+    least = _ROUND_OFF * max([scale, *(abs(value) for value in values)], default=0.0)
+    kept = (value if abs(value) > least else 0.0 for value in values)
+    return ", ".join(f"{units.outward(value, unit) if unit else value:.6g}" for value in kept)

@@ -1,0 +1,142 @@
+"""Drivers that cannot be: each is told with its place, before anything runs."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexmb.engine.compile import compile_system
+from flexmb.errors import SceneError
+from flexmb.model import Model
+
+
+def arm(plane="xy"):
+    model = Model("arm", plane=plane)
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        markers = {"tip": {"position": [0.8, 0, 0]}, "side": {"orientation": {"axis": "x",
+                   "angle": "30 deg"}}}  # fmt: skip
+        model.add_body(name, mass=1, inertia=[1, 1, 1], position=[x, 0, 0], markers=markers)
+    model.add_joint("shoulder", "revolute", between=["ground", "a"], axis="z")
+    model.set_dynamics(duration=2.0)
+    return model
+
+
+def problems(plane="xy", *drivers):
+    """Everything that is wrong with these drivers."""
+    model = arm(plane)
+    try:
+        for k, fields in enumerate(drivers):
+            model.add_driver(f"d{k}", **fields)
+    except SceneError as error:
+        return error.problems
+    return model.problems()
+
+
+@pytest.mark.parametrize(
+    ("fields", "where", "sentence"),
+    [
+        ({"x": 1}, ".joint", 'say what is driven by "joint", "marker" or "between"'),
+        ({"marker": "b.tip"}, "", "prescribes nothing; give one of these"),
+        ({"marker": "b.tip", "joint": "shoulder", "x": 1}, "", "drives one thing; given: joint, m"),
+        ({"joint": "shoulder"}, "", "given neither"),
+        ({"joint": "shoulder", "angle": 1, "stroke": 1}, "", "given both"),
+        ({"joint": "shoulder", "stroke": 1}, ".stroke", "has no stroke; it has: angle"),
+        ({"joint": "shoulder", "x": 1}, ".x", 'a driver of "joint" has no x'),
+        ({"joint": "sholder", "angle": 1}, ".joint", 'unknown joint "sholder"'),
+        ({"marker": "b.top", "x": 1}, ".marker", 'body "b" has no marker "top"'),
+        ({"marker": "ground", "x": 1}, ".marker", "a marker of ground does not move"),
+        ({"marker": "b.tip", "relative_to": "b", "x": 1}, ".relative_to", "both markers are on"),
+        ({"marker": "b.tip", "z": 1}, ".z", "z leads out of the plane xy"),
+        ({"marker": "b.tip", "relative_to": "a.side", "y": 1}, ".y", "y of a.side leads out of"),
+        ({"marker": "b.tip", "position": [1, 2, 3]}, ".position", "2 coordinates in the plane xy"),
+        ({"marker": "b.tip", "position": [1]}, ".position", "a point has 3 coordinates"),
+        ({"marker": "b.tip", "position": [1, 2], "y": 1}, ".position", "give one of them"),
+        ({"marker": "b.tip", "angle": 1, "axis": "x"}, ".axis", "must be normal to the plane xy"),
+        ({"marker": "b.tip", "angle": 1, "x": 1, "axis": "z"}, ".axis", "the angle of a marker"),
+        ({"joint": "shoulder", "angle": 1, "axis": "z"}, ".axis", "the angle of a marker"),
+        ({"between": ["a", "b"], "distance": 1, "relative_to": "a"}, ".relative_to", "of a marker"),
+        ({"between": ["a", "a.tip"], "distance": 1}, ".between", 'both markers are on "a"'),
+        ({"between": ["a", "b"], "distance": "t"}, ".distance", "the distance is 0 m at 0 s"),
+        ({"between": ["a", "b"], "distance": "1 - t"}, ".distance", "the distance is 0 m at 1 s"),
+        ({"marker": "b.tip", "x": "sqrt(t)"}, ".x", "first derivative"),
+        ({"marker": "b.tip", "x": "t m"}, ".x", None),
+        ({"marker": "b.tip", "x": "t m/s"}, ".x", "a length"),
+        ({"marker": "b.tip", "x": "t m", "prescribes": "velocity"}, ".x", "a velocity"),
+        ({"marker": "b.tip", "x": 1, "start": 2}, ".start", "begins by itself"),
+        ({"marker": "b.tip", "x": 1, "prescribes": "velocity", "start_velocity": 2},
+         ".start_velocity", "prescribes the velocity and begins by itself"),
+        ({"marker": "b.tip", "position": [1, 2], "prescribes": "velocity", "start": 2},
+         ".start", "2 values are expected, one for each coordinate"),
+        ({"marker": "b.tip", "angle": 1, "prescribes": "velocity", "start": "2 mm"},
+         ".start", "an angle"),
+        ({"marker": "b.tip", "x": 1, "prescribes": "speed"}, ".prescribes", "unknown choice"),
+    ],
+)  # fmt: skip
+def test_one_driver_that_cannot_be(fields, where, sentence):
+    found = problems("xy", fields)
+    if sentence is None:
+        assert not found
+        return
+    (problem,) = found
+    assert problem.where == f"drivers.d0{where}" and sentence in problem.what
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "sentence"),
+    [
+        ({"joint": "shoulder", "angle": 1}, {"joint": "shoulder", "angle": 1, "prescribes":
+         "velocity"}, 'the angle of joint "shoulder" is driven by "d0" already'),
+        ({"marker": "b.tip", "x": 1}, {"marker": "b.tip", "x": "t", "prescribes": "acceleration"},
+         'the x of marker "b.tip" is driven by "d0" already'),
+        ({"marker": "b.tip", "position": [1, "t"]}, {"marker": "b.tip", "y": 1},
+         'the y of marker "b.tip" is driven by "d0" already'),
+        ({"marker": "b.tip", "relative_to": "a", "x": 1}, {"marker": "b.tip", "relative_to": "a",
+         "x": 1}, 'the x of marker "b.tip" relative to "a" is driven by "d0" already'),
+        ({"between": ["a", "b"], "distance": 1}, {"between": ["b", "a"], "distance": 2},
+         'the distance between "a" and "b" is driven by "d0" already'),
+    ],
+)  # fmt: skip
+def test_two_drivers_of_one_coordinate(first, second, sentence):
+    (problem,) = problems("xy", first, second)
+    assert problem.where == "drivers.d1" and problem.what == sentence
+
+
+def test_different_coordinates_do_not_conflict():
+    assert not problems(
+        "xy", {"marker": "b.tip", "x": 1}, {"marker": "b.tip", "y": 1},
+        {"marker": "b", "x": 1}, {"marker": "b.tip", "relative_to": "a", "x": 1},
+    )  # fmt: skip
+
+
+def test_a_point_in_space_has_three_coordinates():
+    (problem,) = problems(None, {"marker": "b.tip", "position": [1, 2]})
+    assert problem.what == "a point has 3 coordinates, given 2"
+
+
+def test_what_needs_a_length_of_the_run_says_so():
+    model = arm()
+    model.dynamics = None
+    model.add_driver("d", joint="shoulder", angle="sin(t**2)", prescribes="velocity")
+    with pytest.raises(SceneError, match=r"drivers\.d\.angle: .* give dynamics\.duration"):
+        compile_system(model)
+
+
+def test_a_distance_that_starts_at_zero_has_no_direction():
+    model = arm()
+    model.add_marker("b.near", position=[-1, 0, 0])
+    model.add_driver("d", between=["a", "b.near"], distance="1", prescribes="velocity")
+    with pytest.raises(SceneError, match=r"drivers\.d\.distance: the distance begins with zero"):
+        compile_system(model)
+
+
+def test_a_distance_that_comes_to_zero_by_its_velocity():
+    model = arm()
+    model.add_driver("d", between=["a", "b"], distance="-2*t", prescribes="velocity")
+    with pytest.raises(SceneError, match=r"drivers\.d\.distance: the distance is .* at 1 s"):
+        compile_system(model)
+
+
+def test_a_rate_without_a_value_is_told():
+    model = arm()
+    model.add_driver("d", joint="shoulder", angle="log(1.5 - t)", prescribes="velocity")
+    with pytest.raises(SceneError, match=r"drivers\.d\.angle: the value is .* not finite"):
+        compile_system(model)

@@ -1,0 +1,190 @@
+"""Motions under expressions over channels, states and controllers against closed forms and SciPy.
+
+Besides what can be integrated by hand: the period of the van der Pol oscillator, 6.6632868593 for
+mu = 1 (Andersen & Geer, SIAM J. Appl. Math. 42 (1982) 678; Urabe, computed to ten digits), which is
+in no other table of these tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+from scipy.integrate import solve_ivp
+from truthkit import order, run
+
+from flexmb.model import Model
+
+VAN_DER_POL = 6.6632868593
+
+
+def slider(**fields):
+    """A body of 1 kg on a rail along x, with its position and velocity."""
+    model = Model("slider")
+    model.add_body("mass", mass=1, inertia=[0.1, 0.1, 0.1], **fields)
+    model.add_joint("rail", "prismatic", between=["ground", "mass"], axis="x")
+    model.add_sensor("x", "position", of="mass")
+    model.add_sensor("v", "velocity", of="mass")
+    model.add_sensor("s", "stroke", joint="rail")
+    return model
+
+
+def push(model, value):
+    model.add_force("push", "force", at="mass", value=[value, 0, 0])
+    return model
+
+
+def test_the_period_of_the_van_der_pol_oscillator():
+    """Upward crossings of zero once on the cycle, by cubic interpolation between the outputs."""
+    model = push(slider(position=[2, 0, 0]), "(1 - x.x**2)*v.x - x.x")
+    found = run(model, duration=30.0, accuracy=1e-5, outputs=3000)
+    x, v, t = found["x.x"], found["v.x"], found.t
+    k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    h, times = t[1] - t[0], []
+    for i in k:
+        a, b, c = x[i], h * v[i], 3 * (x[i + 1] - x[i]) - h * (2 * v[i] + v[i + 1])
+        d = 2 * (x[i] - x[i + 1]) + h * (v[i] + v[i + 1])
+        roots = np.roots([d, c, b, a])
+        share = roots[(np.abs(roots.imag) < 1e-9) & (roots.real >= 0) & (roots.real <= 1)].real[0]
+        times.append(t[i] + share * h)
+    # phase errors of 1e-5 of the motion, and what is left of the first swing after two cycles
+    assert times[-1] - times[-2] == pytest.approx(VAN_DER_POL, abs=2e-4)
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_a_spring_by_expression_swings_as_a_spring_damper(method):
+    """Damped oscillation, closed form; force by expression on the body."""
+    model = push(slider(position=[0.4, 0, 0]), "-9*x.x - 0.6*v.x")
+    knobs = {"duration": 4.0, "accuracy": 1e-5, "outputs": 40, "method": method}
+    found = run(model, **knobs)
+    w, decay = np.sqrt(9 - 0.09), 0.3
+    wanted = (
+        0.4 * np.exp(-decay * found.t) * (np.cos(w * found.t) + decay / w * np.sin(w * found.t))
+    )
+    np.testing.assert_allclose(found["x.x"], wanted, atol=4e-5)
+    assert found.mismatch() < 1e-3 * 0.5 * 9 * 0.16
+
+
+def test_forces_along_lines_and_on_joints_by_expression():
+    """The same oscillator by a line force, which pushes where positive, and by an actuator."""
+    knobs = {"duration": 2.0, "step": 5e-3, "outputs": 20}
+    plain = run(push(slider(position=[1.4, 0, 0]), "-9*(x.x - 1) - 0.6*v.x"), **knobs)
+    line = slider(position=[1.4, 0, 0])
+    line.add_sensor("d", "distance", between=["ground", "mass"])
+    line.add_sensor("r", "distance", between=["ground", "mass"], derivative=1)
+    line.add_force("line", "line-force", between=["ground", "mass"], value="-9*(d - 1) - 0.6*r")
+    joint = slider(position=[1.4, 0, 0])
+    joint.add_force(
+        "motor", "translational-spring-damper", joint="rail", value="-9*(x.x - 1) - 0.6*v.x"
+    )
+    for model in (line, joint):
+        found = run(model, **knobs)
+        np.testing.assert_allclose(found["x.x"], plain["x.x"], atol=1e-8)
+        applied = [one.stored("applied_work")[-1] for one in (found, plain)]
+        assert applied[0] == pytest.approx(applied[1], abs=1e-6)
+
+
+def wheel():
+    """A wheel of 0.5 kg m² on a hinge, its angle sensed; at rest at zero."""
+    model = Model("servo")
+    model.add_body("wheel", mass=1, inertia=[0.3, 0.3, 0.5])
+    model.add_joint("hinge", "revolute", between=["ground", "wheel"], axis="z")
+    model.add_sensor("angle", "angle", joint="hinge")
+    return model
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_a_servo_follows_a_step_as_the_linear_system_does(method):
+    """J φ'' = u, u = PID(2 − φ): against the closed loop's transfer function; through 2 rad, past
+    any wrap of the angle where it is scaled by three."""
+    model = wheel()
+    kp, ki, kd, T, J = 20.0, 8.0, 6.0, 0.02, 0.5
+    model.add_controller("pid", "pid", input="6 - angle", kp=kp, ki=ki, kd=kd, filter=T, unit="N m")
+    model.add_force("motor", "rotational-spring-damper", joint="hinge", value="pid")
+    found = run(model, duration=4.0, accuracy=1e-5, outputs=80, method=method)
+    # The filter starts at the first error: its rate is that of −φ. With E = 6/s − Φ,
+    # J s² Φ = kp E + ki E/s − kd s Φ/(1 + T s).
+    s = [1.0, 0.0]
+    lag = [T, 1.0]
+    numerator = np.polymul(np.polymul([kp, ki], lag), [6.0])
+    denominator = np.polyadd(
+        np.polymul(np.polymul([J, 0, 0, 0], lag), [1.0]),
+        np.polyadd(np.polymul([kp, ki], lag), np.polymul([kd, 0], s)),
+    )
+    _, wanted = signal.step((numerator, denominator), T=found.t)
+    np.testing.assert_allclose(found["angle"], wanted, atol=6 * 1e-4)
+    assert np.abs(found["pid"][0] - kp * 6) < 1e-9
+
+
+def test_a_limited_output_does_not_wind_up():
+    """Output within its limits, and the overshoot a fraction of that without back-calculation."""
+    found = []
+    for tracking in (0.05, 1e6):
+        model = wheel()
+        model.add_controller(
+            "pid", "pid", input="6 - angle", kp=8, ki=6, kd=6, filter=0.02, limits=[-1.5, 1.5],
+            tracking=tracking, unit="N m",
+        )  # fmt: skip
+        model.add_force("motor", "rotational-spring-damper", joint="hinge", value="pid")
+        made = run(model, duration=20.0, step=5e-3, outputs=200)
+        assert np.abs(made["pid"]).max() <= 1.5
+        found.append(made["angle"].max() - 6.0)
+    assert found[0] < 0.5 * found[1]
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_transfer_functions_against_scipy(method):
+    """First-order lag in closed form; third order with a direct part against lsim."""
+    model = push(slider(), "sin(3*t)")
+    model.add_controller(
+        "lag", "transfer-function", input="1", numerator=[2], denominator=[0.25, 1]
+    )
+    given = [1, 4, 3, 2], [1, 2, 6, 5]
+    model.add_controller(
+        "third", "transfer-function", input="x.x", numerator=given[0], denominator=given[1]
+    )
+    found = run(model, duration=3.0, accuracy=1e-5, outputs=300, method=method)
+    np.testing.assert_allclose(found["lag"], 2 * (1 - np.exp(-4 * found.t)), atol=1e-4)
+    # x'' = sin 3t from rest
+    x = found.t / 3 - np.sin(3 * found.t) / 9
+    _, wanted, _ = signal.lsim(given, x, found.t)
+    # lsim holds its input straight between the outputs: (0.01)² x''/8 of error
+    np.testing.assert_allclose(found["third"], wanted, atol=1e-4)
+
+
+def test_a_state_converges_at_second_order_and_keeps_its_start():
+    """z' = −2 z + x with x = cos t; fixed steps, slope 2; the start is not projected away."""
+    runs = []
+    for h in (0.04, 0.02, 0.01):
+        model = push(slider(position=[1, 0, 0]), "-x.x")
+        model.add_state("z", rate="-2*z + x.x", start="0.7", unit="m")
+        runs.append(run(model, duration=2.0, step=h, outputs=10))
+    assert runs[0]["z"][0] == 0.7
+    t = runs[0].t
+    wanted = solve_ivp(
+        lambda s, y: [-2 * y[0] + np.cos(s)], (0, 2), [0.7], t_eval=t, rtol=1e-11, atol=1e-12
+    ).y[0]
+    errors = [np.abs(one["z"] - wanted).max() for one in runs]
+    assert 1.8 < order([4.0, 2.0, 1.0], errors) < 2.2
+    assert errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_a_force_that_follows_acceleration_is_a_mass(method):
+    """1 kg pushed with 1 N − ½ kg ẍ accelerates as 1.5 kg: an algebraic loop, iterated."""
+    model = push(slider(), "1 - 0.5*a.x")
+    model.add_sensor("a", "acceleration", of="mass")
+    found = run(model, duration=1.0, accuracy=1e-6, outputs=4, method=method)
+    np.testing.assert_allclose(found["a.x"], 1 / 1.5, rtol=1e-9)
+    np.testing.assert_allclose(found["x.x"], found.t**2 / 3.0, atol=1e-6)
+
+
+def test_a_force_that_follows_a_reaction():
+    """Friction without stiction by the rail's own reaction: decelerates at 0.2 g."""
+    model = slider(velocity=[3, 0, 0])
+    model.set_gravity([0, 0, -10])
+    model.add_sensor("n", "reaction", joint="rail", axes="global")
+    push(model, "-0.2*n.z*tanh(v.x/1e-3)")
+    found = run(model, duration=1.0, accuracy=1e-5, outputs=10)
+    np.testing.assert_allclose(found["n.z"], 10.0, rtol=1e-9)
+    np.testing.assert_allclose(found["x.x"], 3 * found.t - found.t**2, atol=1e-4)

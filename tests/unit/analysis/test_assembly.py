@@ -1,0 +1,180 @@
+"""Assembly: branches by guesses, bodies that may and may not move, what stays open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import interpreted
+from linkages import four_bar
+
+from flexmb.errors import SceneError
+from flexmb.model import Model
+
+CODE = """
+import numpy as np
+from flexmb.analysis.assembly import assemble, assembly_report
+from flexmb.engine.compile import compile_system
+from flexmb.errors import AssemblyError
+from flexmb.model import Model
+from linkages import bar, four_bar, four_bar_angles, swept
+
+BARS = (1.0, 2.0, 1.5, 2.2)
+
+def angles(made):
+    compiled = compile_system(made)
+    q = assemble(compiled, made).state.q
+    return np.array([2 * np.arctan2(q[b.iq + 6], q[b.iq + 3]) for b in compiled.layout.bodies])
+
+def driven(placed):
+    made = four_bar(BARS, (0.6, *four_bar_angles(BARS, 0.6, placed)))
+    made.add_driver("motor", joint="left", angle=0)
+    return made
+
+for placed in (1, -1):
+    for wanted in (1, -1):
+        turn = four_bar_angles(BARS, 0.6, wanted)[1] - four_bar_angles(BARS, 0.6, placed)[1]
+        made = driven(placed)
+        made.set_assembly(guess={"right": {"angle": float(turn + 0.2)}})
+        found[f"bars {placed} {wanted}"] = angles(made)
+        if placed == 1:  # a kinematic analysis begins there too
+            outcome, rows, _ = swept(made, duration=1e-3, outputs=1)
+            q = rows["q"][0]
+            found[f"swept {wanted}"] = np.array(
+                [2 * np.arctan2(q[7 * b + 6], q[7 * b + 3]) for b in range(3)]
+            )
+
+def arm(guess):
+    "Hand held at (1, 0.5): elbow up or down."
+    made = Model("arm", plane="xy")
+    bar(made, "upper", 1.0, (0, 0), 0.0)
+    bar(made, "fore", 0.8, (1, 0), 0.0)
+    made.add_marker("ground.hand", position=[1.0, 0.5, 0])
+    made.add_joint("shoulder", "revolute", between=["ground", "upper"], axis="z")
+    made.add_joint("elbow", "revolute", between=["upper.end", "fore"], axis="z")
+    made.add_joint("grip", "revolute", between=["fore.end", "ground.hand"], axis="z")
+    made.set_assembly(guess={"elbow": {"angle": guess}})
+    return made
+
+for name, guess in (("up", "-100*deg"), ("down", "100*deg")):
+    found["elbow " + name] = angles(arm(guess))
+
+def weighed(**weights):
+    made = four_bar(BARS, (0.7, 0.3, 1.9))
+    made.set_assembly(weights=weights)
+    try:
+        report = assembly_report(compile_system(made), made)
+    except AssemblyError as error:
+        return np.array([str(error)])
+    found["gap"] = np.array([report.gaps[0].where, str(report.gaps[0].distance)])
+    turned = {body.name: body.angle for body in report.moved}
+    return np.array([turned.get(name, 0.0) for name in made.bodies])
+
+made = four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s")
+report = assembly_report(compile_system(made), made)
+found["told"] = np.array(report.sentences(made.units))
+made = driven(1)
+found["closed"] = np.array(assembly_report(compile_system(made), made).sentences(made.units))
+
+found["free"], found["heavy"] = weighed(), weighed(crank=100)
+found["fixed"] = weighed(crank="fixed")
+found["both"] = weighed(crank="fixed", rocker="fixed")
+
+made = four_bar((100.0, 500.0, 100.0, 200.0), (0.7, 0.3, 1.9), units="mm-t-s")
+try:
+    assembly_report(compile_system(made), made)
+except AssemblyError as error:
+    found["open"] = np.array(str(error).splitlines())
+"""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    return interpreted(CODE, tmp_path_factory.mktemp("runs"))
+
+
+def same_angles(found, expected):
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * np.array(expected)), atol=1e-9)
+
+
+@pytest.mark.parametrize("placed", [1, -1])
+@pytest.mark.parametrize("wanted", [1, -1])
+def test_a_four_bar_begins_open_or_crossed_as_guessed(runs, placed, wanted):
+    from linkages import four_bar_angles
+
+    expected = (0.6, *four_bar_angles((1.0, 2.0, 1.5, 2.2), 0.6, wanted))
+    same_angles(runs[f"bars {placed} {wanted}"], expected)
+    if placed == 1:
+        same_angles(runs[f"swept {wanted}"], expected)
+
+
+def test_an_arm_begins_with_its_elbow_as_guessed(runs):
+    """Law of cosines: reach² = 1 + 0.8² + 1.6 cos(elbow)."""
+    elbow = np.arccos((1.25 - 1.64) / 1.6)
+    for name, sign in (("up", -1.0), ("down", 1.0)):
+        upper, fore = runs[f"elbow {name}"]
+        assert np.sin(fore - upper) == pytest.approx(sign * np.sin(elbow), abs=1e-9)
+        assert np.cos(upper) + 0.8 * np.cos(fore) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_heavier_bodies_move_less_and_fixed_ones_not_at_all(runs):
+    free, heavy, fixed = runs["free"], runs["heavy"], runs["fixed"]
+    assert free[0] > 0.05 and heavy[0] < 0.1 * free[0] and fixed[0] == 0.0
+    assert fixed[2] > free[2]
+    end = np.array([np.cos(0.7) + 2 * np.cos(0.3), np.sin(0.7) + 2 * np.sin(0.3)])
+    other = np.array([2.2 + 1.5 * np.cos(1.9), 1.5 * np.sin(1.9)])
+    assert tuple(runs["gap"]) == ("joints.rocker_pin", str(float(np.linalg.norm(end - other))))
+
+
+def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene(runs):
+    told, closed = runs["told"], runs["closed"]
+    assert (
+        told[0].startswith("open as placed: joints.rocker_pin by ") and " mm and 0 deg" in told[0]
+    )
+    assert told[1].startswith("closed with least change; moved: rocker by 0 mm and 33")
+    assert list(closed) == ["the placed pose is closed: no body is moved"]
+
+
+def test_fixed_bodies_that_would_have_to_move_are_named(runs):
+    lines = runs["both"][0].splitlines()
+    assert [line.split(":")[0] for line in lines] == [
+        "assembly.weights.crank", "assembly.weights.rocker",
+    ]  # fmt: skip
+    assert all("close only if it moves by 0 m and" in line for line in lines)
+
+
+def test_what_stays_open_is_told_in_the_units_of_the_scene(runs):
+    lines = runs["open"]
+    assert "cannot be assembled" in lines[0] and "assembly.guess" in lines[0]
+    assert lines[1].startswith("joints.") and " mm and 0 deg" in lines[1]
+    assert lines[-1].startswith("assembly: moved in vain: ")
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"weights": {"cranc": 1}}, 'weights.cranc: unknown body "cranc"; nearest: crank'),
+        ({"weights": {"crank": -1}}, "weights.crank: must be positive"),
+        ({"weights": {"crank": "fix"}}, 'given "fix"; allowed: fixed'),
+        ({"guess": {"lefty": {"angle": 1}}}, 'guess.lefty: unknown joint "lefty"; nearest: left'),
+        ({"guess": {"left": {"stroke": 1}}}, 'joint "left" has no stroke'),
+        ({"guess": {"left": {}}}, 'give "angle", "stroke" or both'),
+        ({"guess": {"right": {"angle": 1}}}, 'angle is driven by "motor"'),
+        ({"wieght": {}}, 'unknown key "wieght"; nearest: weights'),
+    ],
+)
+def test_mistakes_are_named(told, words):
+    made = four_bar((1.0, 2.0, 1.5, 2.2), (0.7, 0.3, 1.9))
+    made.add_driver("motor", joint="right", angle=0)
+    with pytest.raises(SceneError) as caught:
+        made.set_assembly(**told)
+        made.validate()
+    assert "assembly." in str(caught.value) and words in str(caught.value)
+
+
+def test_sections_are_written_and_read_back():
+    made = four_bar((100.0, 200.0, 150.0, 220.0), (0.7, 0.3, 1.9), units="mm-t-s")
+    made.set_assembly(weights={"crank": "fixed", "rocker": 3}, guess={"left": {"angle": "30*deg"}})
+    made.set_kinematics(duration=2, outputs=7)
+    again = Model.from_scene_dict(made.to_scene_dict())
+    assert again.assembly == made.assembly and again.kinematics == made.kinematics
+    assert again.assembly.guess["left"].angle == pytest.approx(np.pi / 6, rel=1e-15)

@@ -1,0 +1,153 @@
+"""Kinks of functions of time as events: steps end at them, and begin anew on the far side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import interpreted
+
+from flexmb.engine.compile import compile_system
+from flexmb.model import Model
+
+CODE = '''
+from flexmb.analysis.dynamics import prepare
+from flexmb.analysis.run import Run
+from flexmb.engine.work import new_state
+from flexmb.engine.compile import compile_system
+from flexmb.model import Model
+from dataclasses import replace
+
+def cart(force=None, stroke=None):
+    """A cart of 1 kg on a spring, pushed; or led."""
+    model = Model("cart")
+    model.add_body("cart", mass=1.0, inertia=[1, 1, 1])
+    model.add_joint("rail", "prismatic", between=["ground", "cart"], axis="x")
+    if stroke is not None:
+        model.add_driver("lead", joint="rail", stroke=stroke)
+    else:
+        model.add_force("push", "force", at="cart.origin", value=[force, 0, 0])
+        model.add_force("spring", "translational-spring-damper", joint="rail", stiffness=40.0)
+    model.add_sensor("place", "position", of="cart.origin")
+    return model
+
+def ready(model, kinks=True, **knobs):
+    model.set_dynamics(**knobs)
+    made = compile_system(model)
+    if not kinks:
+        made = replace(made, system=made.system._replace(kinks=None))
+    return prepare(made, model).run
+
+def whole(run, name):
+    """All rows of a run."""
+    rows = []
+    while not run.finished:
+        assert run.march(40) == 0
+        rows.append(run.block())
+    found[name + ".t"] = np.concatenate([b.t for b in rows])
+    found[name + ".x"] = np.concatenate([b.sensors for b in rows])[:, 0]
+    found[name + ".steps"] = run.state.count[0]
+    found[name + ".balance"] = run.balance.relative
+
+PULSE = {"type": "table", "points": [[0, 0], [1, 0], [1.001, 1000], [1.002, 0], [1.4, 0]],
+         "beyond": "hold"}
+for chosen, kinks in (
+    ("generalized-alpha", True), ("generalized-alpha", False), ("explicit-rk", True)
+):
+    run = ready(cart(PULSE), kinks, duration=1.4, outputs=28, accuracy=1e-2, method=chosen)
+    whole(run, f"{chosen} {kinks}")
+
+STEPS = "step(t, 0.1, 0, 0.3, 5) - step(t, 0.35, 0, 0.4, 9)"
+def stepped(n):
+    """All times and the last state of a run in chunks of n steps, each from a copied state."""
+    run, times = ready(cart(STEPS), duration=0.6, outputs=12, accuracy=1e-2), []
+    while not run.finished:
+        kept = [part.copy() for part in run.state]
+        run = Run(run.compiled, run.method, run.settings, new_state(run.compiled.system, 3))
+        for part, value in zip(run.state, kept):
+            part[:] = value
+        assert run.march(n) == 0
+        times.append(run.state.t[0])
+    return times, np.concatenate([part.ravel() for part in run.state])
+
+found["times"], _ = stepped(1)
+_, found["in chunks"] = stepped(7)
+run = ready(cart(STEPS), duration=0.6, outputs=12, accuracy=1e-2)
+while not run.finished:
+    run.march(7)
+found["whole"] = np.concatenate([part.ravel() for part in run.state])
+found["kinks"] = run.compiled.system.kinks
+
+LED = {"type": "table", "points": [[0, 0], [0.5, 0.2], [1, 0.1], [1.5, 0.5]]}
+whole(ready(cart(stroke=LED), duration=1.5, outputs=10, accuracy=1e-2), "led")
+'''
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return interpreted(CODE, tmp_path_factory.mktemp("kinks"))
+
+
+def pulse_answer(t):
+    """Spring and mass under a triangle of force: Duhamel's integral over its corners."""
+    w, top, rise = np.sqrt(40.0), 1000.0, 0.001
+
+    def ramp(s):  # answer to a force that grows by 1 N/s from s = 0 on
+        s = np.maximum(s, 0.0)
+        return (s - np.sin(w * s) / w) / w**2
+
+    return top / rise * (ramp(t - 1) - 2 * ramp(t - 1.001) + ramp(t - 1.002))
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_a_pulse_is_met_however_short(found, method):
+    """Without its kinks as events the steps of a scene at rest pass over it."""
+    wanted = pulse_answer(found[f"{method} True.t"])
+    assert np.abs(found[f"{method} True.x"] - wanted).max() < 1e-2 * np.ptp(wanted)
+    without = found["generalized-alpha False.x"]
+    assert not without.any()
+
+
+def test_a_step_ends_just_before_each_kink_and_the_next_begins_after_it(found):
+    times, kinks = found["times"], found["kinks"]
+    np.testing.assert_allclose(kinks.mean(axis=1), [0.1, 0.3, 0.35, 0.4], rtol=1e-14)
+    lengths = np.diff(np.concatenate([[0.0], times]))
+    for before, after in kinks:
+        assert before in times and before < after
+        k = int(np.flatnonzero(times == before)[0])
+        assert lengths[k + 1] < 0.5 * lengths[: k + 1].max()
+
+
+def test_a_run_in_pieces_is_the_same_to_the_bit(found):
+    np.testing.assert_array_equal(found["in chunks"], found["whole"])
+
+
+def test_a_jump_of_a_prescribed_speed_is_an_impulse_that_does_work(found):
+    t = found["led.t"]
+    wanted = np.interp(t, [0, 0.5, 1, 1.5], [0, 0.2, 0.1, 0.5])
+    np.testing.assert_allclose(found["led.x"], wanted, atol=1e-12)
+    assert found["led.balance"] < 1e-10
+
+
+def pushed(value, **dynamics):
+    model = Model("box")
+    model.add_body("b", mass=1.0, inertia=[1, 1, 1])
+    model.add_force("push", "force", at="b.origin", value=[value, 0, 0])
+    model.set_dynamics(duration=2.0, **dynamics)
+    return compile_system(model)
+
+
+def test_only_error_control_and_functions_with_kinks_have_the_table():
+    assert pushed("sin(t)").system.kinks is None
+    assert pushed("step(t, 0, 0, 1, 1)", step=1e-3).system.kinks is None
+    kinks = pushed("step(t, 0, 0, 1, 1)").system.kinks
+    assert kinks.shape == (1, 2) and kinks[0, 0] < 1.0 < kinks[0, 1]
+
+
+def test_kinks_at_one_time_or_at_the_ends_are_no_events():
+    text = "step(t, 0, 0, 0.7, 1) + step(t, 0.7*(1 + 1e-13), 0, 2, 1)"
+    assert len(pushed(text).system.kinks) == 1
+
+
+def test_how_long_a_run_is_does_not_change_the_fingerprint_of_its_tables():
+    long, short = pushed("step(t, 0, 0, 1, 1)"), pushed("step(t, 0, 0, 1, 1)", step=1e-3)
+    assert long.layout.fingerprint == short.layout.fingerprint

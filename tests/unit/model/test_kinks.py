@@ -1,0 +1,45 @@
+"""Times of kinks, read off programs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexmb.model.functions import read_function
+
+TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("3*t**2 + sin(t)", ()),
+        ("step(t, 1, 0, 2, 5)", (1.0, 2.0)),
+        ("2 - 3*step(2*t - 1, 1, 0, 2, 5)/4", (1.0, 1.5)),
+        ("step(5 - t, 1, 0, 2, 5)", (3.0, 4.0)),
+        ("step(t, 1, 0, 20, 5)", (1.0,)),
+        ("step(sin(t), 0, 0, 1, 1)", ()),  # not linear in time
+        ("havsin(t, 1, 0, 2, 5) + step(t, 2, 0, 4, 1)", (1.0, 2.0, 4.0)),
+        ("step5(t, 1, 0, 2, 5) + cycloidal(t, 1, 0, 2, 5)", ()),  # two smooth derivatives
+        ("abs(t - 1)", ()),  # not known
+        ({"type": "table", "points": TABLE, "beyond": "hold"}, (2.0, 3.0)),
+        ({"type": "table", "points": TABLE, "beyond": "repeat"}, (2.0, 3.0, 5.0)),
+        ({"type": "spline", "points": TABLE, "beyond": "hold"}, (3.0,)),
+        ({"type": "spline", "points": TABLE, "beyond": "extrapolate"}, ()),
+        ({"type": "akima", "points": [[0, 1], [0.7, 1.7], [2.1, 3.1], [9, 10]]}, ()),  # a line
+        ({"type": "trapezoidal", "t0": 1, "t1": 4, "y1": 1}, (1.0, 2.0, 3.0, 4.0)),
+    ],
+    ids=str,
+)
+def test_kinks_are_found(given, wanted):
+    assert read_function(given).kinks(6.0) == pytest.approx(wanted, rel=1e-14)
+
+
+def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
+    points = [[0, 1], [0.7, 3], [1.6, 2], [2.9, 2.5], [4, 1]]
+    for form in ("akima", "spline", "table"):
+        function = read_function({"type": form, "points": points, "beyond": "repeat"})
+        kinks = function.kinks(7.0)
+        for t in {*kinks, *(p[0] for p in points[1:]), 1.0, 3.3}:
+            before, after = (np.array(function.value(t + s)) for s in (-1e-9, 1e-9))
+            assert (np.abs(after - before).max() > 1e-3) == (t in kinks)
