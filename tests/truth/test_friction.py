@@ -133,27 +133,37 @@ def test_a_drawer_jams():
         assert found["place.x"][-1] < 3 * push / 1e5
 
 
-def beside(**friction):
-    """A body beside its guide, in motion: friction turns it, which makes 1.5 times that friction.
+def beside(mu, **friction):
+    """A body of weight W at b = 0.6 m beside its guide of length 0.4 m, moving along it.
 
-    N² = W² + (2 b f/L)² and f = μ N have no common solution for 2 μ b/L = 1.5.
+    Friction f turns it, which makes more friction: N² = W² + (2 b f/L)² and f = μ N, so
+    N = W/√(1 − (2 μ b/L)²), and from 2 μ b/L = 1 on there is no solution.
     """
     made = Model("lock", gravity=[0, -G, 0])
     made.add_body("arm", mass=1.0, inertia=[0.01] * 3, center=[0.6, 0, 0], velocity=[0, 0, 1.0])
     made.add_joint("guide", "prismatic", between=["ground", "arm"], axis="z")
-    made.add_force("rub", "joint-friction", joint="guide", dynamic=0.5, length=0.4, **friction)
+    made.add_force("rub", "joint-friction", joint="guide", dynamic=mu, length=0.4, **friction)
     made.add_sensor("place", "position", of="arm")
     return made
 
 
+@pytest.mark.parametrize("mu", [0.1, 0.25])
+def test_friction_that_feeds_itself(mu):
+    """2 μ b/L = 0.3 and 0.75: the normal force of each iterate depends on friction itself."""
+    found = run(beside(mu, **BRISTLE), duration=0.1, outputs=50, accuracy=1e-3)
+    slowing = mu * G / math.sqrt(1 - (2 * mu * 0.6 / 0.4) ** 2)
+    rate = np.polyfit(found.t[10:], found["place.z"][10:], 2)[0] * 2
+    assert rate == pytest.approx(-slowing, rel=1e-5)
+
+
 def test_a_guide_that_locks_itself_stops_on_its_bristle():
-    found = run(beside(**BRISTLE), duration=0.05, outputs=50, accuracy=1e-3)
+    found = run(beside(0.5, **BRISTLE), duration=0.05, outputs=50, accuracy=1e-3)
     assert 0.0 < found["place.z"].max() < 1.0 * math.sqrt(1.0 / 1e5)
 
 
 def test_smooth_friction_that_locks_itself_is_told():
     with pytest.raises(AssemblyError, match="locks itself"):
-        run(beside(model="smooth", creep_speed=1e-3), duration=0.1, outputs=5, accuracy=1e-3)
+        run(beside(0.5, model="smooth", creep_speed=1e-3), duration=0.1, outputs=5, accuracy=1e-3)
 
 
 def test_stick_slip_on_a_belt():

@@ -153,7 +153,7 @@ def joint_friction_table(model: Model, groups: Groups, kept: int) -> Table | Non
         rows.append(
             (
                 groups.owners.index(f"joints.{spec.joint}"), k,
-                groups.groups[groups.owners.index(f"forces.{name}")][0], 0 if along else 2,
+                groups.groups[groups.owners.index(f"forces.{name}")][0], -1, 0 if along else 2,
                 1.0 if coordinate == "stroke" else spec.radius, spec.length or 0.0,
                 spec.width or 0.0, spec.preload, *_parameters(spec), place,
             )
