@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.force_elements import row_of
 from flexmb.engine.compile.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.joints import Groups
 from flexmb.engine.compile.markers import Markers
@@ -27,10 +28,9 @@ from flexmb.engine.tables import (
     DOT2,
     ENERGY,
     EXPRESSION,
-    LOAD_WRENCH,
+    PLACE,
     REACTION,
     SEEN_OMD,
-    SPRING_WRENCH,
     STATE,
     SUM,
     TERM,
@@ -40,7 +40,6 @@ from flexmb.engine.tables import (
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup, signals
 from flexmb.model.expression import Expression
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import (
@@ -49,6 +48,7 @@ from flexmb.model.sensors import (
     JointSensorSpec,
     MarkerSensorSpec,
     OrientationSensorSpec,
+    PlaceSensorSpec,
     ReactionSensorSpec,
 )
 
@@ -74,7 +74,8 @@ class Channels:
     model: Model
     flexbodies: Mapping[str, FlexBody]
     markers: Markers
-    owners: list[str]  # scene paths of the groups
+    groups: Groups
+    places: tuple[int, int]  # position and velocity coordinate of the first curve marker
     states: Mapping[str, int]  # velocity coordinate of each state
     rows: list[tuple[int, ...]] = field(default_factory=list)
     terms: list[Term] = field(default_factory=list)
@@ -116,6 +117,9 @@ class Channels:
             self.add_sum([(DISTANCE, i, j, 0, 0, spec.derivative, 1.0)])
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
+        elif isinstance(spec, PlaceSensorSpec):
+            k = self.groups.sliders.number(spec.joint, spec.on)
+            self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
         elif isinstance(spec, EnergySensorSpec):
             body = -1 if spec.body is None else self.markers.bodies.index(spec.body)
             self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
@@ -157,7 +161,8 @@ class Channels:
 
     def _reaction(self, spec: ReactionSensorSpec) -> None:
         what, element = self._element(spec)
-        side, quantity = int(spec.on == "I"), int(spec.quantity == "moment")
+        turned = what == REACTION and element in self.groups.reversed
+        side, quantity = int((spec.on == "I") != turned), int(spec.quantity == "moment")
         axes = self.axes(spec.axes, _OWN)
         for a in range(3):
             self.rows.append((what, element, -1, 0, side, quantity, axes, a))
@@ -169,14 +174,10 @@ class Channels:
             ("drivers", spec.driver),
             ("forces", spec.force),
         ):
-            if name is not None and f"{section}.{name}" in self.owners:
-                return REACTION, self.owners.index(f"{section}.{name}")
+            if name is not None and f"{section}.{name}" in self.groups.owners:
+                return REACTION, self.groups.owners.index(f"{section}.{name}")
         assert spec.force is not None  # joints and drivers have groups
-        forces, asked = self.model.forces, self.model.forces[spec.force]
-        kind = SpringDamperSpec if isinstance(asked, SpringDamperSpec) else LoadSpec
-        alike = [name for name, force in forces.items() if isinstance(force, kind)]
-        what = SPRING_WRENCH if kind is SpringDamperSpec else LOAD_WRENCH
-        return what, alike.index(spec.force)
+        return row_of(self.model, spec.force)
 
 
 def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:
@@ -193,13 +194,14 @@ def sensor_tables(
     markers: Markers,
     groups: Groups,
     states: Mapping[str, int],
+    places: tuple[int, int],
 ) -> tuple[Sensors, dict[str, int]]:
     """The tables of all channels in the order of `Model.channels`, and their numbers by name.
 
     `states` is the velocity coordinate of each state by name; those that are no channel of the
-    results stand behind the others.
+    results stand behind the others; `places` as in `Channels`.
     """
-    made = Channels(model, flexbodies, markers, groups.owners, states)
+    made = Channels(model, flexbodies, markers, groups, places, states)
     for name, spec in model.sensors.items():
         made.add_sensor(name, spec)
     for name in (*model.states, *model.controllers):
