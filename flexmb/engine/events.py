@@ -1,10 +1,11 @@
 """Events: moments at which a force has a kink, so that a step should end there.
 
-Each contact is watched by its depth, and one with friction by what makes it slide or stick; so is
-friction in each joint. With error control a step in which one of them crosses zero, and not just at
-its end, is repeated shorter, so that it ends a little beyond the crossing (regula falsi; each
-shorter step is closer, and tries are bounded). After it begins one of a small length, as forces
-may grow fast from there. With fixed steps nothing is shortened.
+Each contact is watched by its depth and the rate of this, and one with friction by what makes it
+slide or stick; so is friction in each joint. A step over which a contact may open and close unseen
+is found by the tangents to its depth at both ends. With error control a step in which one of them
+crosses zero, and not just at its end, is repeated shorter, so that it ends a little beyond the
+crossing (regula falsi; each shorter step is closer, and tries are bounded). After it begins one of
+a small length, as forces may grow fast from there. With fixed steps nothing is shortened.
 Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math.
 Appl. 39 (2000) 43.
 """
@@ -35,18 +36,19 @@ def _evaluate(sys, contacts, frictions, wk, q, v, out):
     """What is watched, after position and velocity stages and grips."""
     now, n = wk.now, 0
     if contacts is not None:
-        n = 2 * contacts.shape[0]
+        n = 3 * contacts.shape[0]
         for k in range(contacts.shape[0]):
             c = contacts[k]
             mi, mj = now.marker[c["I"]], now.marker[c["J"]]
             d, normal, _ = contact.penetration(c, mi, mj)
-            out[2 * k] = d
-            out[2 * k + 1] = 0.0
+            g = contact.relative_velocity(c, normal, mi, mj)
+            out[3 * k] = d
+            out[3 * k + 1] = -inner(normal, g)
+            out[3 * k + 2] = 0.0
             if c["model"] == BRISTLE and d > 0.0 and now.kept[c["kept"] + 1] != OPEN:
-                g = contact.relative_velocity(c, normal, mi, mj)
                 N, _, _ = contact.normal_force(c, now.kept, d, -inner(normal, g))
                 _, _, _, excess = contact.friction_force(c, now, normal, N, g, mj)
-                out[2 * k + 1] = contact.slip(c, now.kept, normal, g, mj, excess)
+                out[3 * k + 2] = contact.slip(c, now.kept, normal, g, mj, excess)
     if frictions is not None:
         for k in range(frictions.shape[0]):
             f = frictions[k]
@@ -82,6 +84,37 @@ def _crossing(events, k):
 
 
 @kernel
+def _hidden(events, k, h):
+    """Share of the step at which depth k may peak above zero, below it at both ends; 1: never.
+
+    Where the tangents of both ends meet, which a depth that rises ever slower does not exceed.
+    """
+    a, b = events.before[k], events.now[k]
+    rise, fall = h * events.before[k + 1], h * events.now[k + 1]
+    if not (a < 0.0 and b < 0.0 and rise > 0.0 and fall < 0.0):
+        return 1.0
+    share = (b - a - fall) / (rise - fall)
+    return share if 0.0 < share < 1.0 and a + rise * share > 0.0 else 1.0
+
+
+@kernel
+def _next(contacts, events, h):
+    """Share of the step at which the first of all crosses zero; 1: none does.
+
+    With h = 0 only what has crossed in the end counts.
+    """
+    share, n = 1.0, 0
+    if contacts is not None:
+        n = 3 * contacts.shape[0]
+        for k in range(0, n, 3):
+            share = min(share, _crossing(events, k), _crossing(events, k + 2))
+            share = min(share, _hidden(events, k, h))
+    for k in range(n, events.now.shape[0]):
+        share = min(share, _crossing(events, k))
+    return share
+
+
+@kernel
 def missed(sys, contacts, frictions, settings, st, wk, h):
     """Whether the step that is proposed has an event well inside; then a shorter one is due."""
     if contacts is not None or frictions is not None:
@@ -90,9 +123,7 @@ def missed(sys, contacts, frictions, settings, st, wk, h):
         memory = st.memory
         _stages(sys, frictions, wk, wk.trial.q, wk.trial.v, wk.trial.lam)
         _evaluate(sys, contacts, frictions, wk, wk.trial.q, wk.trial.v, wk.events.now)
-        share = 1.0
-        for k in range(wk.events.now.shape[0]):
-            share = min(share, _crossing(wk.events, k))
+        share = _next(contacts, wk.events, h)
         tried = memory[EVENT_TRIES] >= _TRIES or memory[EVENT_REST] > 0.0
         if share >= 1.0 - _NEAR or tried:
             return False
@@ -116,13 +147,9 @@ def accepted(sys, contacts, frictions, settings, st, wk, h):
             return
         memory = st.memory
         memory[EVENT_REST] = max(memory[EVENT_REST] - 1.0, 0.0)
-        found = False
-        for k in range(wk.events.now.shape[0]):
-            if _crossing(wk.events, k) < 1.0:
-                found = True
-                if memory[EVENT_REST] == 0.0:
-                    st.count[EVENTS] += 1
-        if found:
+        if _next(contacts, wk.events, 0.0) < 1.0:
+            if memory[EVENT_REST] == 0.0:
+                st.count[EVENTS] += 1
             longest = memory[EVENT_STEP] if memory[EVENT_TRIES] > 0.0 else h
             longest = max(_RESTART * longest, _SHORTEST * (settings.end - settings.start))
             if memory[EVENT_REST] == 0.0:

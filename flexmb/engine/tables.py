@@ -230,6 +230,7 @@ JOINT_FRICTION = np.dtype(
         ("group", _I),  # of the joint
         ("coordinate", _I),
         ("row", _I),  # by which the coordinate follows the joint
+        ("link", _I),  # LINK of the joint's rows with the coordinate
         ("axis", _I),  # of marker I, along which or about which it moves
         ("radius", _F),  # m, or 1 of a stroke
         ("length", _F),  # of the bearing, m; 0: it bears no moment

@@ -6,7 +6,8 @@ modal coordinates eta; Phi_t and Phi_r are the translation [m] and rotation [rad
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -121,10 +122,10 @@ class Surface:
         _set(self, lines=check.integers("lines", self.lines, (None, 2)))
         _set(self, modes=check.floats("modes", self.modes, (n, 3, None)))
         _set(self, node_ids=check.integers("node_ids", self.node_ids, (n,)))
-        for field in ("faces", "lines"):
-            rows = getattr(self, field)
+        for name in ("faces", "lines"):
+            rows = getattr(self, name)
             if rows.size and not (rows.min() >= 0 and rows.max() < n):
-                check.add(field, f"points to entries outside the {n} points")
+                check.add(name, f"points to entries outside the {n} points")
         check.raise_problems()
 
 
@@ -142,12 +143,15 @@ class NodeModes:
         Displacement per unit modal coordinate [m].
     Phi_r : (k, 3, m) float or None
         Small rotation per unit modal coordinate [rad]; None if the body knows none.
+    groups : mapping of str to (g,) int
+        Nodes of the body in each named group of its mesh.
     """
 
     ids: IntArray
     position: FloatArray
     Phi_t: FloatArray
     Phi_r: FloatArray | None = None
+    groups: Mapping[str, IntArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check = Checker("nodes")
@@ -159,6 +163,9 @@ class NodeModes:
             _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, self.Phi_t.shape))
         if (np.diff(self.ids) <= 0).any():
             check.add("ids", "must be ascending without repetition")
+        for name, nodes in self.groups.items():
+            if not np.isin(nodes, self.ids).all():
+                check.add("groups", f'"{name}" holds nodes that the body does not have')
         check.raise_problems()
 
     def row(self, node: int) -> int:

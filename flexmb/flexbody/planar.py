@@ -237,7 +237,7 @@ def _recovered(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
     stress, forces = body.stress, body.section_forces
     if nodes is not None:
         turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
-        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning)
+        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning, nodes.groups)
     return {
         "nodes": nodes,
         "surface": None if surface is None else replace(surface, modes=surface.modes @ Z),

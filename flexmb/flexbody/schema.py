@@ -3,8 +3,9 @@
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
-d loads, s entries of provenance. All in SI, body frame; a group may be empty only where the table
-says so. ``RESERVED`` groups exist in every file, empty until a body carries such data.
+d loads, u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group
+may be empty only where the table says so. ``RESERVED`` groups exist in every file, empty until a
+body carries such data.
 """
 
 from __future__ import annotations
@@ -74,6 +75,9 @@ TABLE = (
     Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
     Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
     Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("groups/name", "text", ("u",), "named groups of mesh nodes", True),
+    Dataset("groups/count", "i8", ("u",), "how many nodes each holds", True),
+    Dataset("groups/nodes", "i8", ("x",), "their mesh nodes, group by group", True),
     Dataset("stress_recovery/ids", "i8", ("e",), "mesh node of each place, ascending", True),
     Dataset("stress_recovery/part", "i8", ("e",), "its section, among the parts", True),
     Dataset("stress_recovery/layer", "i8", ("e",), "its place across, among the layers", True),
@@ -124,6 +128,11 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         value = getattr(part, name, None)
         if value is not None:
             found[row.path] = list(value) if row.kind == "text" else value
+    groups = {} if body.nodes is None else body.nodes.groups
+    if groups:
+        found["groups/name"] = list(groups)
+        found["groups/count"] = np.array([len(nodes) for nodes in groups.values()], dtype=int)
+        found["groups/nodes"] = np.concatenate(list(groups.values())).astype(int)
     for name in ("name", "force", "moment", "modal") if body.loads else ():
         values = [getattr(load, name) for load in body.loads]
         found[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
@@ -144,7 +153,7 @@ def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
         interfaces=tuple(Interface(**row) for row in _rows(_members(found, "interfaces"))),
         modes=tuple(ModeInfo(**row) for row in _rows(_members(found, "modes"))),
         surface=Surface(**group["surface"]) if group["surface"] else None,
-        nodes=NodeModes(**group["nodes"]) if group["nodes"] else None,
+        nodes=NodeModes(**group["nodes"], groups=_groups(found)) if group["nodes"] else None,
         stress=StressModes(**group["stress_recovery"]) if group["stress_recovery"] else None,
         section_forces=(
             SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
@@ -152,6 +161,14 @@ def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
         provenance=dict(zip(found["provenance/key"], found["provenance/value"], strict=True)),
     )
+
+
+def _groups(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Nodes of each named group."""
+    if "groups/name" not in found:
+        return {}
+    ends = np.cumsum(found["groups/count"])[:-1]
+    return dict(zip(found["groups/name"], np.split(found["groups/nodes"], ends), strict=True))
 
 
 def may_hold_nan(path: str) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import FlexmbError, Problem
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
 from flexmb.model.contacts import ContactSpec, CylinderSide, PlaneSide, PointsSide, SphereSide
 from flexmb.model.friction import JointFrictionSpec
@@ -21,12 +21,14 @@ from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.names import GROUND, split_reference
 from flexmb.model.orientation import rotation_matrix
 from flexmb.model.plane import across, keeps_plane
+from flexmb.model.reading import under
 from flexmb.model.scope import Scope
 
 if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
 
-__all__ = ["contact_problems", "friction_coordinate", "joint_friction_problems"]
+__all__ = ["contact_problems", "friction_coordinate", "joint_friction_problems", "nodes_of"]
 
 Array = NDArray[np.float64]
 _RUBBING = ("revolute", "prismatic", "cylindrical")
@@ -60,24 +62,53 @@ def contact_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[Pr
 def _points(scope: Scope, where: str, reference: str, side: PointsSide) -> Iterator[Problem]:
     """Mesh nodes need a body that has them."""
     body = split_reference(reference)[0]
-    if side.nodes is None or body in scope.broken.get("bodies", {}):
+    if side.points is not None or body in scope.broken.get("bodies", {}):
         return
+    key = "nodes" if side.group is None else "group"
     spec = scope.model.bodies.get(body)
     if spec is None or not spec.flexible:
-        what = f'"{body}" has no mesh, so no nodes: give points'
-        yield Problem(f"{where}.nodes", what)
+        yield Problem(f"{where}.{key}", f'"{body}" has no mesh, so no nodes: give points')
         return
     flexbody = lookup.flexbody_of(scope.model, body, scope.flexbodies)
     if flexbody is None:
         return
-    if flexbody.nodes is None or (side.nodes == "surface" and flexbody.surface is None):
-        yield Problem(f"{where}.nodes", f'the body "{body}" holds no nodes, only its interfaces')
+    try:
+        nodes = nodes_of(flexbody, side)
+    except SceneError as error:
+        yield from under(where, error.problems)
         return
-    for node in side.nodes if side.nodes != "surface" else ():
+    assert flexbody.nodes is not None  # they were found there
+    for node in nodes:
         if flexbody.nodes.row(int(node)) < 0:
             known = f"{flexbody.nodes.ids[0]} to {flexbody.nodes.ids[-1]}"
-            yield Problem(f"{where}.nodes", f"there is no node {node}; there are {known}")
+            yield Problem(f"{where}.{key}", f"there is no node {node}; there are {known}")
             return
+
+
+def nodes_of(flexbody: FlexBody, side: PointsSide) -> NDArray[np.int64]:
+    """Mesh nodes (n,) that make contact.
+
+    Raises
+    ------
+    SceneError
+        The body holds no nodes, no surface or no such group; its place is relative to the side.
+    """
+    held = flexbody.nodes
+    if held is None:
+        what = "the body holds no nodes, only its interfaces: give points"
+        raise SceneError.from_problems([Problem("nodes", what)])
+    if side.group is not None:
+        names = tuple(held.groups)
+        if side.group not in names:
+            near = nearest(side.group, names)
+            problem = Problem("group", f'the mesh has no group "{side.group}"', names, near)
+            raise SceneError.from_problems([problem])
+        return np.asarray(held.groups[side.group])
+    if side.nodes == "surface":
+        if flexbody.surface is None:  # not reduced yet: those of the mesh stand for them
+            return np.asarray(held.ids)
+        return np.unique(flexbody.surface.node_ids)
+    return np.array(side.nodes, dtype=int)
 
 
 def _in_plane(model: Model, where: str, reference: str, side: Any) -> Iterator[Problem]:
@@ -131,17 +162,13 @@ def _places(scope: Scope, reference: str, side: Any) -> Array:
     if isinstance(side, SphereSide):
         return np.array([lookup.global_position(model, lookup.placed(model, reference, known))])
     body = split_reference(reference)[0]
-    nodes: Any = side.nodes or ()
-    if side.points is None:
-        flexbody = lookup.flexbody_of(model, body, known)
-        if flexbody is None or flexbody.nodes is None:
-            raise KeyError(body)
-        if nodes == "surface":
-            return np.array([_moved(model, body, p) for p in flexbody.nodes.position])
-        return np.array(
-            [_moved(model, body, flexbody.nodes.position[flexbody.nodes.row(n)]) for n in nodes]
-        )
-    return np.array([_moved(model, body, np.array(p)) for p in side.points])
+    if side.points is not None:
+        return np.array([_moved(model, body, np.array(p)) for p in side.points])
+    flexbody = lookup.flexbody_of(model, body, known)
+    if flexbody is None or flexbody.nodes is None:
+        raise KeyError(body)
+    rows = [flexbody.nodes.row(int(node)) for node in nodes_of(flexbody, side)]
+    return np.array([_moved(model, body, flexbody.nodes.position[row]) for row in rows])
 
 
 def _moved(model: Model, body: str, point: Array) -> Array:

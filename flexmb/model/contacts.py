@@ -22,7 +22,7 @@ from pydantic import ValidationInfo, model_validator
 from flexmb.errors import Problem
 from flexmb.model.friction import Friction
 from flexmb.model.material import MaterialField
-from flexmb.model.quantities import Axis, Integer, Pair, Position, Quantity, Size
+from flexmb.model.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
 from flexmb.model.reading import Reader, Spec, Variant, fail
 
 __all__ = [
@@ -71,20 +71,22 @@ class CylinderSide(Spec):
 class PointsSide(Spec):
     """Points of the marker's body, each of which makes contact by itself.
 
-    ``points`` in the body frame, or mesh ``nodes`` of a flexible body: their numbers, or
-    ``"surface"`` for all that are drawn.
+    ``points`` in the body frame, or those of the mesh of a flexible body: ``nodes`` by their
+    numbers or ``"surface"`` for all that are drawn, or the nodes of a named ``group``.
     """
 
     type: Literal["points"] = "points"
     points: tuple[Position, ...] | None = None
     nodes: tuple[Annotated[int, Integer(0)], ...] | Literal["surface"] | None = None
+    group: Text | None = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
-        if (self.points is None) == (self.nodes is None):
-            raise fail(Problem("", 'give either "points" or "nodes"'))
-        if not (self.points or self.nodes):
-            raise fail(Problem("points" if self.nodes is None else "nodes", "is an empty list"))
+        told = [key for key in ("points", "nodes", "group") if getattr(self, key) is not None]
+        if len(told) != 1:
+            raise fail(Problem("", 'give exactly one of "points", "nodes" and "group"'))
+        if not getattr(self, told[0]):
+            raise fail(Problem(told[0], "is an empty list"))
         return self
 
 

@@ -172,7 +172,7 @@ def bodies_of_surveys(
             none, n = np.zeros((3, 0)), len(found.points)
             held = tuple(Interface(k, x, none, none) for k, x in found.interfaces.items())
             modes = np.zeros((n, 3, 0))
-            nodes = NodeModes(np.arange(n), found.points, modes, modes)
+            nodes = NodeModes(np.arange(n), found.points, modes, modes, found.groups)
             stand_in = rigid_body(found.mass or 1.0, inertia=found.mass or 1.0, name=name)
             bodies[name] = replace(stand_in, interfaces=held, nodes=nodes)
     return bodies, rigid

@@ -101,9 +101,13 @@ def _couplers() -> Listing:
 
 
 def _forces() -> Listing:
+    from flexmb.model.contacts import CONTACT_SHAPES
     from flexmb.model.forces import FORCE_TYPES
+    from flexmb.model.friction import FrictionSpec
 
-    return Listing("forces: [forces.name]", fields_tables(FORCE_TYPES))
+    parts = {f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()}
+    parts["friction of a contact"] = FrictionSpec
+    return Listing("forces: [forces.name]", fields_tables({**FORCE_TYPES, **parts}))
 
 
 def _sensors() -> Listing:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from femeshes import line
 from goodscene import GOOD, message
+
+from flexmb.errors import SceneError
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
 
 CONTACT = """
 [forces.touch]
@@ -50,6 +55,11 @@ SPHERE = '{ type = "sphere", radius = 0.05 }'
             (SPHERE, '{ type = "points", nodes = [1] }'),
             "forces.touch.shapes[0].nodes",
             "has no mesh",
+        ),
+        (
+            (SPHERE, '{ type = "points", nodes = [1], group = "sole" }'),
+            "forces.touch.shapes[0]",
+            'exactly one of "points", "nodes" and "group"',
         ),
         (
             ("1e6", "1e6\nfriction = { static = 0.1, dynamic = 0.2, stiffness = 1e5 }"),
@@ -121,3 +131,23 @@ def test_friction_in_a_joint_that_has_none(tmp_path):
     )
     assert "there is no friction in in-plane joints" in text
     assert "revolute" in text
+
+
+def test_a_group_that_the_mesh_does_not_have():
+    """Known once the body is; the nearest name is told."""
+    bar = reduce(
+        line(4, end=(1.0, 0, 0)), material="steel", interfaces={"tip": "tip"}, modes=2,
+        sections={"all": rectangle(0.02, 0.02)},
+    )  # fmt: skip
+    model = Model("bar")
+    model.add_body("bar", bar)
+    model.add_marker("ground.floor", position=[0, 0, -1])
+    model.add_force(
+        "floor", "contact", between=["bar", "ground.floor"], stiffness=1e6,
+        shapes=[{"type": "points", "group": "tipp"}, {"type": "plane"}],
+    )  # fmt: skip
+    with pytest.raises(
+        SceneError, match=r'shapes\[0\].group: the mesh has no group "tipp"'
+    ) as error:
+        model.validate()
+    assert '"tip"' in str(error.value) or "tip" in error.value.problems[0].nearest

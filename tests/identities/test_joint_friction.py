@@ -116,3 +116,20 @@ def modal_damping(bench):
     bench.sys.frictions[:] = frictions
     bench.at()
     return found
+
+
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_coupling_with_the_reactions(friction):
+    """Row of each coordinate over the multipliers: −f of what follows it, and friction's slope."""
+    bench = bench_of(friction)
+    n, count, lam = bench.layout.nv, len(bench.sys.parts.coordinates), bench.lam.copy()
+    bench.at()
+    S = bench.matrix(cv=1.0, cp=1.0)
+    for k in range(bench.layout.nc):
+        d = np.zeros_like(lam)
+        d[k] = 1.0
+        found = S[n - count : n, n + k]
+        wanted = slope(lambda s, d=d: bench.at(lam=lam + s * d).residual[-count:], 1e-3)
+        np.testing.assert_allclose(found, wanted, atol=1e-8)
+    # the other way round there is none
+    np.testing.assert_array_equal(S[n:, n - count : n], bench.matrix()[n:, n - count : n])

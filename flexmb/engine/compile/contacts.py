@@ -26,7 +26,7 @@ from flexmb.engine.tables import (
 )
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.contact_checks import friction_coordinate
+from flexmb.model.contact_checks import friction_coordinate, nodes_of
 from flexmb.model.contacts import (
     ContactSpec,
     CylinderSide,
@@ -109,13 +109,10 @@ def _round(model: Model, reference: str, side: Any, flexbodies: Bodies) -> Itera
     assert isinstance(side, PointsSide)  # the other kind that may stand there
     body = split_reference(reference)[0]
     flexbody = None if body == GROUND else lookup.flexbody_of(model, body, flexbodies)
-    nodes: Any = side.nodes or ()
-    if nodes == "surface":
+    if side.points is None:
         assert flexbody is not None  # checked with the model
-        assert flexbody.surface is not None
-        nodes = np.unique(flexbody.surface.node_ids)
-    for node in nodes:
-        yield place(body, MarkerSpec(node=int(node)), flexbody)
+        for node in nodes_of(flexbody, side):
+            yield place(body, MarkerSpec(node=int(node)), flexbody)
     for point in side.points or ():
         yield place(body, MarkerSpec(position=point), flexbody)
 
@@ -156,7 +153,7 @@ def joint_friction_table(model: Model, groups: Groups, kept: int) -> Table | Non
         rows.append(
             (
                 groups.owners.index(f"joints.{spec.joint}"), k,
-                groups.groups[groups.owners.index(f"forces.{name}")][0], 0 if along else 2,
+                groups.groups[groups.owners.index(f"forces.{name}")][0], -1, 0 if along else 2,
                 1.0 if coordinate == "stroke" else spec.radius, spec.length or 0.0,
                 spec.width or 0.0, spec.preload, *_parameters(spec), place,
             )

@@ -125,7 +125,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     acting = signals.signal_tables(
         functions, numbers, sensor_tables, loads, scalar_table, markers, held
     )
-    blocks = _blocks(columns, groups, before, (springs, touching), markers)
+    blocks = _blocks(columns, groups, before, (springs, touching), markers, frictions)
     blocks.couples.extend(force_elements.couples(held, markers))
     if acting is not None:
         blocks.couples.extend(acting.couples)
@@ -133,7 +133,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     if acting is not None:
         acting.place(symbolic)
     group_table = _place(table, groups, (springs, touching), markers, symbolic)
-    _place_coordinates(follows, group_table, scalar_table, symbolic)
+    _place_coordinates(follows, frictions, group_table, scalar_table, symbolic)
     force_elements.place(held, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
@@ -230,7 +230,7 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) -> Blocks:
+def _blocks(bodies: list[list[int]], groups, n_scalars, elements, markers, frictions) -> Blocks:
     pairs = couples(groups)
     for found in elements:  # between two markers each
         pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in _rows(found)]
@@ -238,6 +238,8 @@ def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) 
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
     ]
+    for friction in _rows(frictions):  # acts on its coordinate by the reaction of its joint
+        follows[friction["group"]].add(int(friction["coordinate"]))
     sliders, first = groups.sliders, len(bodies) + n_scalars
     pairs += sliders.couples(groups.groups, first)
     return Blocks(
@@ -273,7 +275,7 @@ def _place(table, groups, elements, markers, symbolic: Symbolic) -> NDArray[np.v
     return rows
 
 
-def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
+def _place_coordinates(follows, frictions, groups, scalars, symbolic: Symbolic) -> None:
     """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
     if scalars is None:
         return
@@ -283,6 +285,9 @@ def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
     for follow in follows:
         pair = int(group_of[follow["row"]]), n_bodies + int(follow["coordinate"])
         follow["link"] = symbolic.coordinate_links[pair]
+    for friction in _rows(frictions):
+        pair = int(friction["group"]), n_bodies + int(friction["coordinate"])
+        friction["link"] = symbolic.coordinate_links[pair]
 
 
 def _length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:

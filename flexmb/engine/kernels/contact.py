@@ -9,8 +9,8 @@ With u = x_I − x_J, a = z_J, p = u − (a·u) a, ρ the distance, n the normal
 
 Both bodies meet at one point c = x_I − r_I n, where the force on I is N n and friction, and its
 opposite acts on J. N = K dⁿ (1 + χ ḋ/ḋ₀) and never pulls (Hunt & Crossley, J. Appl. Mech. 42 (1975)
-440), ḋ₀ the speed of approach at the end of the last step before the onset, which is kept. A
-cylinder touches over its length only, its ends do not.
+440), ḋ₀ the speed of approach at the end of the step that ends just at the onset, or of the last
+one before, which is kept. A cylinder touches over its length only, its ends do not.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ from flexmb.engine.kernels.vector import put
 from flexmb.engine.tables import BALL, BORE, NO_FRICTION, OPEN, PLANE, SLIDES
 
 _NOWHERE = (0.0, 0.0, 0.0)
+# A step that ends within this share of itself after an onset tells the speed of the impact.
+_JUST = 0.05
 
 
 @kernel
@@ -192,7 +194,7 @@ def keep(contacts, now, kept):
             d, n, _ = penetration(c, mi, mj)
             g = relative_velocity(c, n, mi, mj)
             rate = -inner(n, g)
-            if d <= 0.0:
+            if d <= 0.0 or d <= _JUST * rate * now.span[0]:
                 kept[o] = max(rate, c["slow"])
             if c["model"] == NO_FRICTION:
                 continue

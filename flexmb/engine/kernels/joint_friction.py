@@ -3,9 +3,9 @@
 The normal force N comes from the joint's reaction on J in the axes of I. A bearing of length L
 carries the lateral force F and the bending moment M as two forces at its ends,
 R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|; a guide of width w carries a torque T about its axis
-with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate: friction enters
-the iteration by its value, its slope over the multipliers does not enter the matrix. Where friction
-grows as fast as the forces that cause it, the iteration does not settle: the joint locks itself.
+with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate; its slope over
+them stands in the unsymmetric iteration matrix, while reported accelerations are iterated for.
+Where friction grows as fast as the forces that cause it, neither settles: the joint locks itself.
 Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import primitive
 from flexmb.engine.kernels.friction import along
 from flexmb.engine.kernels.reaction import add_wrenches
 from flexmb.engine.kernels.rotation import transform_back
@@ -35,23 +36,35 @@ def put_grips(sys, frictions, wk, lam):
 
 
 @kernel
-def _normal_force(sys, f, wk, lam):
-    group, w = sys.groups[f["group"]], wk.dense.g[1]
-    for c in range(12):
-        w[c] = 0.0
-    add_wrenches(sys.lines, sys.rows, group, wk.now.marker, lam, wk.dense.g[0], w)
-    R = wk.now.marker[sys.rows[group["row"]]["I"]]["R"]
+def _bearing(sys, f, markers, w):
+    """The forces R₁ and R₂ across the axis (2 each), and T/w, of the wrench w on J."""
+    R = markers[sys.rows[sys.groups[f["group"]]["row"]]["I"]]["R"]
     F = transform_back(R, w[6], w[7], w[8])
     M = transform_back(R, w[9], w[10], w[11])
     a, b = (f["axis"] + 1) % 3, (f["axis"] + 2) % 3
-    x, y = 0.5 * F[a], 0.5 * F[b]
-    u, v = 0.0, 0.0
+    x, y, u, v, turn = 0.5 * F[a], 0.5 * F[b], 0.0, 0.0, 0.0
     if f["length"] > 0.0:
         u, v = M[b] / f["length"], -M[a] / f["length"]
-    N = math.sqrt((x + u) ** 2 + (y + v) ** 2) + math.sqrt((x - u) ** 2 + (y - v) ** 2)
     if f["width"] > 0.0:
-        N += abs(M[f["axis"]]) / f["width"]
-    return N + f["preload"]
+        turn = M[f["axis"]] / f["width"]
+    return x + u, y + v, x - u, y - v, turn
+
+
+@kernel
+def _reaction(sys, f, wk, lam):
+    """What `_bearing` says of the joint's own reaction."""
+    w = wk.dense.g[1]
+    for c in range(12):
+        w[c] = 0.0
+    group = sys.groups[f["group"]]
+    add_wrenches(sys.lines, sys.rows, group, wk.now.marker, lam, wk.dense.g[0], w)
+    return _bearing(sys, f, wk.now.marker, w)
+
+
+@kernel
+def _normal_force(sys, f, wk, lam):
+    a, b, c, d, turn = _reaction(sys, f, wk, lam)
+    return math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn) + f["preload"]
 
 
 @kernel
@@ -91,6 +104,43 @@ def add_tangents(sys, frictions, wk, v, cv, cp):
             diagonal = f["radius"] ** 2 * (cp * stiff + cv * viscous)
             wk.factor.low[at] += diagonal
             wk.factor.up[at] += diagonal
+
+
+@kernel
+def put_couplings(sys, frictions, wk, v, lam):
+    """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
+    if frictions is not None:
+        for k in range(frictions.shape[0]):
+            f, N = frictions[k], wk.now.grip[k, 0]
+            s = sys.parts.coordinates[f["coordinate"]]
+            x = f["radius"] * wk.con.fun[sys.rows[f["row"]]["fun"], 0]
+            rate, anchor = f["radius"] * v[s["iv"]], wk.now.kept[f["kept"]]
+            force, _, mode, _, _, _ = along(f, N, x, rate, anchor)
+            if mode == SLIDES and N > 0.0:  # then the force is in proportion to N
+                _put_coupling(sys, f, wk, lam, -f["radius"] * force / N)
+
+
+@kernel
+def _put_coupling(sys, f, wk, lam, factor):
+    """factor ∂N/∂λ in the row of the coordinate, at the columns of the joint's rows."""
+    group, link = sys.groups[f["group"]], sys.kkt.links[f["link"]]
+    a, b, c, d, turn = _reaction(sys, f, wk, lam)
+    first, second = math.sqrt(a * a + b * b), math.sqrt(c * c + d * d)
+    g, markers = wk.dense.g[0], wk.now.marker
+    for r in range(group["n"]):
+        row = sys.rows[group["row"] + r]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        p, q, s, t, change = _bearing(sys, f, markers, g)  # of λ = −1
+        slope = -change if turn > 0.0 else change if turn < 0.0 else 0.0
+        if first > 0.0:
+            slope -= (a * p + b * q) / first
+        if second > 0.0:
+            slope -= (c * s + d * t) / second
+        if link["flipped"] == 1:
+            wk.factor.low[link["at"] + r] = factor * slope
+        else:
+            wk.factor.up[link["at"] + r * link["stride"]] = factor * slope
 
 
 @kernel

@@ -63,6 +63,8 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
     _jacobian_blocks(sys, wk.dense.jac, wk.factor)
     coordinate.put_rows(sys, sys.parts.coordinates, wk.factor)
     slider.put_rows(sys, sys.parts.sliders, wk)
+    if not symmetric and (cp != 0.0 or cv != 0.0):
+        joint_friction.put_couplings(sys, sys.frictions, wk, v, lam)
     for i in range(low.shape[0]):
         wk.factor.low0[i] = low[i]
     if not symmetric:

@@ -60,6 +60,8 @@ class Survey:
         Places of the interfaces, mesh frame [m].
     points : (n, 3) float
         Nodes of the mesh [m].
+    groups : dict of str to (g,) int
+        Nodes of its named groups.
     """
 
     problems: list[Problem]
@@ -70,6 +72,7 @@ class Survey:
     mass: float = 0.0
     interfaces: dict[str, np.ndarray] = field(default_factory=dict)
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    groups: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +134,9 @@ def survey(
     coordinates = _coordinates(6 if plane is None else 3, len(held), kept, loads or {})
     places = {part.name: part.position for part in held}
     counts, n = _counts(blocks), model.numbering.n
-    return Survey([], findings, counts, n, coordinates, mass, places, read.points)
+    return Survey(
+        [], findings, counts, n, coordinates, mass, places, read.points, dict(read.node_sets)
+    )
 
 
 def mesh_problems(

@@ -49,7 +49,9 @@ def node_modes(
         if interface_rotations is not None:
             rotation[interface.nodes] = interface_rotations[k]
     progress("recovery", 1.0)
-    return NodeModes(nodes, fe.mesh.points[nodes], everywhere[table[nodes, :3]], rotation[nodes])
+    groups = {name: np.intersect1d(part, nodes) for name, part in fe.mesh.node_sets.items()}
+    moved = everywhere[table[nodes, :3]]
+    return NodeModes(nodes, fe.mesh.points[nodes], moved, rotation[nodes], groups)
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:

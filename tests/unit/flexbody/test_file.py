@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import h5py
@@ -50,8 +51,12 @@ def assert_same(one, two):
             assert_same(a, b)
     elif isinstance(one, float):
         np.testing.assert_equal(two, one)
+    elif isinstance(one, Mapping):
+        assert list(one) == list(two)
+        for name, value in one.items():
+            assert_same(value, two[name])
     else:
-        assert one == two or (hasattr(one, "items") and dict(one) == dict(two))
+        assert one == two
 
 
 @pytest.mark.parametrize("make", [solid, beam, loaded, plain])
@@ -169,3 +174,16 @@ def test_places_of_stress_by_node_and_layer():
     np.testing.assert_array_equal(
         stress.at(np.array([1.0, 2.0]), np.array([2])), np.full((1, 6), 3)
     )
+
+
+def test_groups_of_nodes_survive(tmp_path):
+    bar = reduce(
+        line(4, end=(1.0, 0, 0)), material="steel", interfaces={"tip": "tip"}, modes=2,
+        sections={"all": rectangle(0.02, 0.02)},
+    )  # fmt: skip
+    assert set(bar.nodes.groups) >= {"root", "tip"}
+    np.testing.assert_array_equal(bar.nodes.groups["tip"], [4])
+    again = load(save(bar, tmp_path / "bar.flexbody.h5"))
+    assert list(again.nodes.groups) == list(bar.nodes.groups)
+    for name, nodes in bar.nodes.groups.items():
+        np.testing.assert_array_equal(again.nodes.groups[name], nodes)
