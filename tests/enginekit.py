@@ -18,10 +18,12 @@ from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels import (
     constraint,
+    contact,
     coordinate,
     element,
     energy,
     force,
+    joint_friction,
     kinematics,
     reaction,
     sensor,
@@ -33,8 +35,10 @@ from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
 from flexmb.engine.kernels.tangent import marker_jacobian
 from flexmb.engine.tables import (
+    CONTACT,
     COORDINATE,
     FRAME,
+    JOINT_FRICTION,
     LAW,
     MUTUAL,
     PARTIAL,
@@ -70,7 +74,10 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
         out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
+        out[3] += contact.energy(sys.contacts, now.marker)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
+        coordinates = sys.parts.coordinates
+        out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
         sensor.follow_angles(sys.sensors, now.marker, st.angles)
         sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
         n = st.angles.shape[0]
@@ -110,6 +117,8 @@ def padded(system):
         kinks=None,
         further=np.zeros(1),
         signals=NO_SIGNALS if system.signals is None else system.signals,
+        contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
+        frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )
 
 

@@ -23,11 +23,12 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
     ACCELERATIONS,
     BEGIN,
+    REMEMBER,
     RESIDUAL,
     VELOCITIES,
     solve_level,
 )
-from flexmb.engine.kernels.projection import LOOP
+from flexmb.engine.kernels.projection import LOOP, UNSETTLED
 from flexmb.engine.tables import System
 from flexmb.engine.work import State, Work, new_state, new_work
 from flexmb.errors import AssemblyError
@@ -99,8 +100,10 @@ def assemble(
 
     close(begin is None)
     notes = asked.notes(state) if begin is None else []
+    solve_level(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
+    solve_level(system, state, work, REMEMBER)
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)
     notes = [*notes, *stop_notes(compiled, model, state, work)]
@@ -204,6 +207,11 @@ def _solve_accelerations(system: System, state: State, work: Work) -> None:
             "amplifies; lower its gain, or let a state or a filter stand between"
         )
         raise AssemblyError(what)
+    if code == UNSETTLED:
+        what = (
+            "friction in the joints and the reactions that cause it do not settle: a joint locks "
+        )
+        raise AssemblyError(what + "itself; lower its coefficients, or make its bearing longer")
     if code < 0:
         what = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(what)

@@ -7,6 +7,7 @@ shortened so that the outputs fall on steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,6 +25,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.warm import compile_kernels
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
@@ -161,7 +163,7 @@ def prepare(
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = list(first.notes)
+    notes = [*first.notes, *_frictions(model)]
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, told = redundant_reactions(compiled, model, first.state.q)
@@ -172,6 +174,18 @@ def prepare(
         notes.append(f"step shortened {shortened} to meet the outputs")
     run = Run(compiled, chosen, settings, first.state)
     return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
+
+
+def _frictions(model: Model) -> Iterator[str]:
+    """What to know of friction that does not stick."""
+    for name, spec in model.forces.items():
+        friction = getattr(spec, "friction", spec)
+        if isinstance(friction, BaseFriction) and friction.creep_speed is not None:
+            speed = model.units.say(friction.creep_speed, "m/s")
+            yield (
+                f"forces.{name}: smooth friction does not stick but creeps, with {speed} under "
+                '71 % of the load that makes it slide; model = "bristle" sticks'
+            )
 
 
 def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) -> Outcome:
@@ -222,6 +236,7 @@ def loop_settings(
         or len(system.loads) > 0
         or system.signals is not None
         or system.parts.coordinates is not None
+        or system.contacts is not None
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
@@ -230,6 +245,7 @@ def loop_settings(
         or system.elements is not None
         or system.parts.coordinates is not None
         or system.signals is not None
+        or system.contacts is not None
         or np.any(system.parts.bodies["m"] > 0)
     )
     return method.Settings(
@@ -319,6 +335,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
         "newton_iterations": int(count[method.RESIDUALS]),
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
+        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

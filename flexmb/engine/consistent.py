@@ -4,15 +4,15 @@ accelerations with multipliers, residual. One entry for all, so that it compiles
 from __future__ import annotations
 
 from flexmb.engine.jit import entry, kernel
-from flexmb.engine.kernels import constraint, energy, sensor, signal
+from flexmb.engine.kernels import constraint, energy, joint_friction, memory, sensor, signal
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.projection import accelerations, project_velocity
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
-from flexmb.engine.kernels.vector import weighted_size
+from flexmb.engine.kernels.vector import copy, weighted_size
 
-POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN = 0, 1, 2, 3, 4
+POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
 # A correction of positions is cut to this share of the model size (or radians) per round.
 _LONGEST = 0.3
 
@@ -23,20 +23,29 @@ def solve_level(sys, st, wk, level):
 
     POSITIONS: one Gauss–Newton correction of q towards C = 0, returns its weighted size.
     VELOCITIES: v onto Cq v + C_t = 0; returns 0.
-    ACCELERATIONS: v̇ and λ; returns −1 − k for a spring k of no length, else ≥ 0.
-    RESIDUAL: wk.trial.res and wk.con.C; returns the same. BEGIN: works and joint angles from here.
+    ACCELERATIONS: v̇ and λ; returns −1 − k for a spring k of no length, `projection.UNSETTLED` where
+    friction does not settle, else ≥ 0.
+    RESIDUAL: wk.trial.res and wk.con.C; returns the same. REMEMBER: memory of the elements, at rest
+    here. BEGIN: works and joint angles from here.
     """
     tr = wk.trial
     signal.forget(sys.signals, wk)
+    copy(st.kept, wk.now.kept)
     if level == ACCELERATIONS:
         return float(accelerations(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, 0.0, 0))
     if level == RESIDUAL:
         return -1.0 - residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
     position_stage(sys, wk, st.t[0], st.q)
     velocity_stage(sys, wk, st.v)
+    if level == REMEMBER:
+        memory.begin(sys, sys.contacts, sys.frictions, wk.now, st.t[0], st.q, st.kept)
+        return 0.0
     if level == BEGIN:
         signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
+        joint_friction.put_grips(sys, sys.frictions, wk, st.lam)
         energy.powers(sys, wk.now, wk.con.fun, st.v, st.lam, st.power)
+        coordinates = sys.parts.coordinates
+        st.power[1] += joint_friction.power(sys.frictions, coordinates, wk.now, st.q, st.v)
         sensor.forget(st.angles)
         sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
         sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.projection import LOOP, UNSETTLED
 from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.kinks import next_end
 from flexmb.engine.method import (
@@ -27,15 +28,18 @@ from flexmb.engine.method import (
     LAST_STEP,
     LEAST_STEP,
     MOTION,
+    NO_LOOP,
     OUTPUTS,
     PART,
     REJECTED,
     REPEAT,
+    SELF_LOCKING,
     SHARE,
     SINCE,
     SPEED,
     STEP,
     TOO_SMALL,
+    ZERO_LENGTH,
 )
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
@@ -62,6 +66,14 @@ _LOOK_AHEAD = 0.02
 _LEAST_SHARE = 1e-6
 # Motion of the model below which it counts as at rest, over its size.
 _AT_REST = 1e-6
+
+
+@kernel
+def failure(code):
+    """Status for what `projection.accelerations` returns where it finds none."""
+    if code == UNSETTLED:
+        return SELF_LOCKING
+    return NO_LOOP if code == LOOP else ZERO_LENGTH
 
 
 @kernel

@@ -12,23 +12,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine import control, kinks
+from flexmb.engine import control, events, kinks
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
 from flexmb.engine.kernels import (
     constraint,
+    contact,
     coordinate,
     element,
     energy,
     force,
+    joint_friction,
     kinematics,
+    memory,
     reaction,
     sensor,
     signal,
     slider,
 )
 from flexmb.engine.kernels.interpolation import hermite, interpolate
-from flexmb.engine.kernels.projection import LOOP, accelerations
+from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.vector import copy, largest, store
 from flexmb.engine.method import (
     AGE,
@@ -37,14 +40,12 @@ from flexmb.engine.method import (
     FINE,
     GRID,
     LAST_STEP,
-    NO_LOOP,
     NO_METHOD,
     NOT_FINITE,
     OUTPUTS,
     PART,
     STEPS,
     TOO_SMALL,
-    ZERO_LENGTH,
 )
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
@@ -86,15 +87,19 @@ def _accept(sys, settings, st, wk, h):
         copy(st.v, before.v)
         copy(st.work_done, before.work_done)
         copy(st.power, before.power)
+        copy(st.kept, before.kept)
     kinematics.position(sys.parts, now, tr.q)
     if settings.works == 1:
         element.position(sys.elements, sys.parts.coordinates, now, tr.q)
         kinematics.velocity(sys.parts, now, tr.v)
         signal.stage(sys.signals, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam)
+        joint_friction.put_grips(sys, sys.frictions, wk, tr.lam)
         energy.powers(sys, now, wk.con.fun, tr.v, tr.lam, tr.power)
+        tr.power[1] += joint_friction.power(sys.frictions, sys.parts.coordinates, now, tr.q, tr.v)
         for k in range(3):
             st.work_done[k] += 0.5 * h * (st.power[k] + tr.power[k])
             st.power[k] = tr.power[k]
+    memory.keep(sys, sys.contacts, sys.frictions, now, tr.t[0], tr.q, tr.v, st.kept)
     sensor.follow_angles(sys.sensors, now.marker, st.angles)
     sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
     signal.remember(sys.signals, wk, st.angles)
@@ -130,9 +135,12 @@ def _advance(sys, method, settings, st, wk, room):
             status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
+            if events.missed(sys, sys.contacts, sys.frictions, settings, st, wk, h):
+                continue
             wk.trial.t[0] = control.exact_time(settings, sys.kinks, st, h)
             _accept(sys, settings, st, wk, h)
             control.accepted(settings, st, wk.trial.error, h)
+            events.accepted(sys, sys.contacts, sys.frictions, settings, st, wk, h)
             return FINE
         if verdict == TOO_SMALL:
             return status if status != FINE else TOO_SMALL
@@ -148,12 +156,14 @@ def _due(settings, st):
 
 
 @kernel
-def _place(sys, settings, st, tr):
+def _place(sys, settings, st, wk):
     """Put the state at the next output time into the trial state; returns what to project."""
+    tr = wk.trial
     before, now = tr.before, control.next_output(settings, st)
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
     copy(st.angles, tr.angles)
+    copy(st.kept, wk.now.kept)
     if settings.step > 0.0 or now >= st.t[0] - 1e-12 * settings.interval:
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
@@ -163,6 +173,7 @@ def _place(sys, settings, st, tr):
     h = st.t[0] - before.t[0]
     share = (now - before.t[0]) / h
     tr.t[0] = now
+    copy(before.kept, wk.now.kept)
     interpolate(sys.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
     for k in range(3):
         tr.work_done[k], _ = hermite(
@@ -175,13 +186,13 @@ def _place(sys, settings, st, tr):
 def _report(sys, method, settings, st, wk, out):
     """Write the next output row, with projected accelerations and multipliers."""
     row, tr, now = out.rows[0], wk.trial, wk.now
-    project = _place(sys, settings, st, tr)
+    project = _place(sys, settings, st, wk)
     cp = _filter(method.alpha, settings, st)
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
     code = accelerations(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, cp, project)
     if code < 0:
-        return NO_LOOP if code == LOOP else ZERO_LENGTH
+        return control.failure(code)
     constraint.evaluate(sys.lines, sys.rows, now.marker, wk.con)
     sensor.follow_angles(sys.sensors, now.marker, tr.angles)
     sensor.follow_turns(sys.further, sys.sensors, now.marker, tr.angles)
@@ -199,8 +210,15 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
     out.energy[row, 3] += coordinate.spring_energy(sys.parts.coordinates, tr.q)
     out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
+    out.energy[row, 3] += contact.energy(sys.contacts, now.marker)
     for k in range(3):
         out.energy[row, 4 + k] = tr.work_done[k]
+    # The power of friction counts what goes into its bristles too; that is not lost yet.
+    bristles = contact.bristle_energy(sys.contacts, now)
+    bristles += joint_friction.bristle_energy(sys.frictions, sys.parts.coordinates, now, tr.q, tr.v)
+    out.energy[row, 3] += bristles
+    out.energy[row, 5] += bristles
+    copy(st.kept, now.kept)
     sensor.read(
         sys.further, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam, out.energy[row], tr.angles,
         out.sensors[row],
@@ -232,7 +250,9 @@ def march(sys, method, settings, st, wk, out, n_steps):
     status = FINE
     st.memory[AGE] = -1.0
     signal.remember(sys.signals, wk, st.angles)
+    copy(st.kept, wk.now.kept)
     control.begin(sys, settings, st)
+    events.begin(sys, sys.contacts, sys.frictions, st, wk)
     while status == FINE:
         if _due(settings, st):
             status = _report(sys, method, settings, st, wk, out)

@@ -62,6 +62,7 @@ class Settings(NamedTuple):
 # Status codes of the kernels; `status` turns them into sentences.
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
 CURVE_END = 7  # a joint leaves its curve at an end
+SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle
 # Of a kinematic analysis: a singular pose, a point that does not continue the motion, a function
 # that jumps, rows that repeat others and ask for other velocities.
 SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(20, 24)
@@ -71,14 +72,18 @@ NO_LOOP = 24  # forces that depend on accelerations or reactions do not settle
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
 # fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
 # least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
-# the share of the tolerance that leaves the accuracy in the end; steps to go before it may grow.
+# the share of the tolerance that leaves the accuracy in the end; steps to go before it may grow;
+# the step before it was shortened to end at an event (0: it was not), how often it was, and
+# steps to go after an event before the next one is looked for.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, ERROR_SUM, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10, 11
 SINCE, JERK_ERROR, SHARE, CALM = 12, 13, 14, 15
-MEMORY = 16
+EVENT_STEP, EVENT_TRIES, EVENT_REST = 16, 17, 18
+MEMORY = 19
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
-COUNTS = 8
+EVENTS = 8
+COUNTS = 9
 
 
 def generalized_alpha(spectral_radius: float) -> Method:

@@ -10,6 +10,7 @@ from flexmb.engine.method import (
     NO_CONVERGENCE,
     NO_LOOP,
     NOT_FINITE,
+    SELF_LOCKING,
     TOO_SMALL,
     ZERO_LENGTH,
 )
@@ -22,7 +23,12 @@ _WHAT = {
     ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
     "undefined",
     NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
+    SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
 }
+_LOCKS = (
+    "friction grows as fast as the forces against it, so that a joint locks itself: lower its "
+    "coefficients or make its bearing longer"
+)
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
@@ -31,7 +37,9 @@ _CURE = {
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
     NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
+    SELF_LOCKING: _LOCKS,
 }
+_NAMELESS = (ZERO_LENGTH, SELF_LOCKING)
 
 
 def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
@@ -48,8 +56,11 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
     """
     if status == CURVE_END:
         return _curve_end(compiled, work, time)
-    where = "" if status == ZERO_LENGTH else f"; most at {worst_place(compiled, work)}"
-    return f"at t = {time:.6g} s {_WHAT[status]}{where}: {_CURE[status]}"
+    where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
+    cure = _CURE[status]
+    if status == NO_CONVERGENCE and compiled.system.frictions is not None:
+        cure += f"; or {_LOCKS}"
+    return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cure}"
 
 
 def _curve_end(compiled: Compiled, work: Work, time: float) -> str:

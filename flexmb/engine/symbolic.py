@@ -140,6 +140,10 @@ def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
     """Elimination order and, for each position, the later blocks its panel has rows of."""
     graph = _graph(blocks)
     waits = _waits(blocks)
+    after: list[set[int]] = [set() for _ in waits]
+    for b, before in enumerate(waits):
+        for c in before:
+            after[c].add(b)
 
     def degree(b: int) -> int:
         return sum(_size(blocks, c) for c in graph[b])
@@ -160,9 +164,10 @@ def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
         for c in neighbours:
             graph[c] |= neighbours
             graph[c] -= {b, c}
-            waits[c].discard(b)
         graph[b] = set()
-        for c in neighbours:
+        for c in after[b]:
+            waits[c].discard(b)
+        for c in neighbours | after[b]:
             if not waits[c]:
                 heapq.heappush(heap, (degree(c), c))
     place = {b: k for k, b in enumerate(order)}

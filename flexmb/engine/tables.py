@@ -235,6 +235,55 @@ PULL = np.dtype(
     align=True,
 )
 
+# One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
+# normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
+# The last fields are those of JOINT_FRICTION. Memory from `kept` on: d0', and with friction
+# whether it slides, then the bristle (3) in axes of J.
+FRICTION_FIELDS = [
+    ("model", _I),  # NO_FRICTION, BRISTLE, SMOOTH
+    ("static", _F),
+    ("dynamic", _F),
+    ("stribeck", _F),  # m/s
+    ("viscous", _F),  # s/m, coefficient per speed
+    ("k", _F),  # N/m of the bristle
+    ("c", _F),  # N s/m of the bristle
+    ("creep", _F),  # m/s, of the smooth model
+    ("kept", _I),
+]
+CONTACT = np.dtype(
+    [
+        ("I", _I),
+        ("J", _I),
+        ("kind", _I),  # BALL, PLANE, CYLINDER, BORE: of side J
+        ("ri", _F),
+        ("rj", _F),
+        ("half", _F),  # half the length of a cylinder, m
+        ("K", _F),  # N/m^n
+        ("n", _F),
+        ("damping", _F),
+        ("slow", _F),  # m/s
+        ("couple", _I),
+        *FRICTION_FIELDS,
+    ],
+    align=True,
+)
+# Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
+# radius times s. Memory from `kept` on: the anchor of the bristle (m), and whether it slides.
+JOINT_FRICTION = np.dtype(
+    [
+        ("group", _I),  # of the joint
+        ("coordinate", _I),
+        ("row", _I),  # by which the coordinate follows the joint
+        ("axis", _I),  # of marker I, along which or about which it moves
+        ("radius", _F),  # m, or 1 of a stroke
+        ("length", _F),  # of the bearing, m; 0: it bears no moment
+        ("width", _F),  # of the guide, m; 0: it bears no torque about its axis
+        ("preload", _F),  # N
+        *FRICTION_FIELDS,
+    ],
+    align=True,
+)
+
 # One panel of the factor: `nc` columns, `nr` rows below, values at `at` with row stride nc,
 # `col` the first permuted index, `rows` the offset of its permuted row indices.
 PANEL = np.dtype(
@@ -356,6 +405,8 @@ class System(NamedTuple):
     sensors: Sensors
     further: object  # one number if sensors read more than motions along axes and angles, or None
     signals: object  # Signals or None
+    contacts: object = None  # CONTACT
+    frictions: object = None  # JOINT_FRICTION
 
 
 # Kinds of constraint rows.
@@ -373,3 +424,8 @@ TURNING = 90
 ALONG = 100
 ALONG_X, ALONG_V, ALONG_A, ALONG_OM, ALONG_OMD, SEEN_OMD = range(ALONG, ALONG + 6)
 ANGLE_TURNS, ANGLES_TURN = 1, 2
+# Sides J of contacts.
+BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
+# Models of friction, and what its memory says.
+NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
+OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.method import AGE, CONTRACTION, COUNTS, MEMORY, SHARE, SYMMETRIC
-from flexmb.engine.tables import System
+from flexmb.engine.tables import NO_FRICTION, System
 
 _F = "f8"
 
@@ -69,6 +69,7 @@ class State(NamedTuple):
     q_first: np.ndarray  # (nq,) positions at the start, for the motion so far
     memory: np.ndarray  # integrator memory, places in `method`
     count: np.ndarray  # counters, places in `method`
+    kept: np.ndarray  # memory of the elements: time of the last accepted step, then their own
 
 
 class ElementNow(NamedTuple):
@@ -97,6 +98,9 @@ class Now(NamedTuple):
     marker: np.ndarray  # MARKER_NOW
     Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
     slider: object  # SLIDER_NOW or None
+    kept: np.ndarray  # memory of the elements that forces are evaluated with, as State.kept
+    span: np.ndarray  # (1,) time since then, s
+    grip: np.ndarray  # (joint frictions, 2): normal force and force of friction, N
     element: object  # ElementNow, or None without such elements
 
 
@@ -119,6 +123,7 @@ class Dense(NamedTuple):
     H: np.ndarray  # (12, 12) tangent at two markers
     g: np.ndarray  # (2, 12) gradient of one row, wrench pair of one group
     jac: np.ndarray  # Jacobian rows, flat
+    D: np.ndarray  # (3, 3) force of one contact per relative velocity
 
 
 class Factor(NamedTuple):
@@ -151,6 +156,14 @@ class Before(NamedTuple):
     v: np.ndarray
     work_done: np.ndarray
     power: np.ndarray
+    kept: np.ndarray
+
+
+class Events(NamedTuple):
+    """What the step control watches: each crosses zero where a force has a kink."""
+
+    before: np.ndarray  # at the start of the step
+    now: np.ndarray  # at its end
 
 
 class Trial(NamedTuple):
@@ -197,6 +210,7 @@ class Work(NamedTuple):
     factor: Factor
     trial: Trial
     live: object  # Live or None
+    events: Events
 
 
 def sizes(system: System) -> tuple[int, int, int]:
@@ -216,8 +230,21 @@ def new_state(system: System, channels: int = 0) -> State:
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
-        np.zeros(COUNTS, dtype=np.int64),
+        np.zeros(COUNTS, dtype=np.int64), np.zeros(_memory(system)),
     )  # fmt: skip
+
+
+def _rows(table: object) -> int:
+    return 0 if table is None else len(table)  # type: ignore[arg-type]
+
+
+def _memory(system: System) -> int:
+    """Length of the elements' memory; 0 if none has any."""
+    n = 0
+    for row in system.contacts if system.contacts is not None else ():
+        n += 1 if row["model"] == NO_FRICTION else 5  # see tables.CONTACT
+    n += 2 * _rows(system.frictions)
+    return 1 + n if n else 0
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -241,19 +268,24 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
         None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
+        _nan(_memory(system)),
+        _nan(1),
+        _nan(_rows(system.frictions), 2),
         _new_element(system),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
         lam=_nan(nc), dq=_nan(nv), res=_nan(nv), zero=np.zeros(nv), power=_nan(3),
         work_done=_nan(3), angles=_nan(channels),
-        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3)),
+        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(_memory(system))),
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     live = None if system.signals is None else _new_live(system)
-    return Work(now, con, _new_dense(system), _new_factor(system), trial, live)
+    n = 2 * _rows(system.contacts) + _rows(system.frictions)
+    events = Events(_nan(n), _nan(n))
+    return Work(now, con, _new_dense(system), _new_factor(system), trial, live, events)
 
 
 def _new_live(system: System) -> Live:
@@ -278,7 +310,9 @@ def _new_element(system: System) -> ElementNow | None:
 def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
-    return Dense(_nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac))
+    return Dense(
+        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac), _nan(3, 3)
+    )
 
 
 def _new_factor(system: System) -> Factor:

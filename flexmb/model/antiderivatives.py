@@ -103,8 +103,10 @@ def _closed_form(ops: Ops, order: int) -> Ops | None:
             stack.append(_scaled(stack.pop(), -1.0, order))
         elif op == "powc":
             stack.append(_power(stack.pop(), argument, order))
-        else:
+        elif op in jets.UNARY:
             stack.append(_unary(op, argument, stack.pop().polynomial, order))
+        else:
+            stack.append(_Term(None, None))
     return stack.pop().integral
 
 

@@ -36,11 +36,12 @@ def coupler_problems(scope: Scope) -> Iterator[Problem]:
     """What is wrong with the couplers of a model."""
     wrong = False
     for name, spec in scope.model.couplers.items():
-        where = f"couplers.{name}"
-        found = list(_joints(scope, where, terms_of(spec)))
-        if not found and not isinstance(spec, LinearCouplerSpec):
+        where, terms = f"couplers.{name}", terms_of(spec)
+        found = list(_joints(scope, where, terms))
+        read = all(joint in scope.model.joints for joint, _ in terms)
+        if read and not found and not isinstance(spec, LinearCouplerSpec):
             found = list(_carrier(scope.model, where, spec.joints))
-        if not found:
+        if read and not found:
             found = list(_geometry(scope, name))
         yield from found
         wrong = wrong or bool(found)

@@ -179,7 +179,8 @@ def _expressions(spec: CurveSpec) -> CurveShape:
 def _check(shape: CurveShape) -> None:
     """Refuse what no marker can slide along."""
     u = shape.samples
-    found = shape.at(u)
+    with np.errstate(all="ignore"):  # what is not finite is told
+        found = shape.at(u)
     bad = ~np.isfinite(found).all(axis=(1, 2))
     if bad.any():
         raise _fail("", f"its value or a derivative is not finite at t = {u[np.argmax(bad)]:.6g}")

@@ -12,17 +12,20 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
+from flexmb.model.contact_checks import contact_problems, joint_friction_problems
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.driver_problems import finite
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
 from flexmb.model.forces import (
-    AnyForce,
     JointSpringSpec,
     LineForceSpec,
     LoadSpec,
     SpringDamperSpec,
 )
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.laws import Law
 from flexmb.model.names import GROUND, split_reference
+from flexmb.model.reading import Spec
 from flexmb.model.scope import Scope
 from flexmb.model.stops import JointStopSpec, StopSpec
 
@@ -38,6 +41,9 @@ _NOUNS = {
 }
 
 
+_PAIRS = SpringDamperSpec | LineForceSpec | BushingSpec | BeamForceSpec | StopSpec
+
+
 def force_problems(scope: Scope) -> Iterator[Problem]:
     """All problems of the forces of a model."""
     yield from scope.markers("forces")
@@ -47,7 +53,11 @@ def force_problems(scope: Scope) -> Iterator[Problem]:
             yield from _load(scope, where, spec)
         elif isinstance(spec, JointSpringSpec | JointStopSpec):
             yield from scope.coordinate(where, spec.joint, spec.coordinate)
-        else:
+        elif isinstance(spec, ContactSpec):
+            yield from contact_problems(scope, where, spec)
+        elif isinstance(spec, JointFrictionSpec):
+            yield from joint_friction_problems(scope, where, spec)
+        elif isinstance(spec, _PAIRS):
             yield from scope.pair(where, spec.between, _NOUNS[spec.type])
             yield from _length(scope, where, spec)
         if isinstance(spec, SpringDamperSpec | JointSpringSpec):
@@ -107,14 +117,12 @@ def _law(scope: Scope, where: str, law: Law) -> Iterator[Problem]:
             yield Problem(where, problem.what, problem.allowed, problem.nearest)
 
 
-def _length(scope: Scope, where: str, spec: AnyForce) -> Iterator[Problem]:
+def _length(scope: Scope, where: str, spec: Spec) -> Iterator[Problem]:
     """A direction needs two points apart, as far as they are known."""
     if isinstance(spec, BushingSpec) or (isinstance(spec, StopSpec) and spec.axis is not None):
         return
     model = scope.model
-    assert isinstance(
-        spec, SpringDamperSpec | LineForceSpec | BeamForceSpec | StopSpec
-    )  # the caller knows
+    assert isinstance(spec, _PAIRS)  # the caller knows
     try:
         ends = [lookup.placed(model, reference, scope.flexbodies) for reference in spec.between]
     except FlexmbError:

@@ -14,16 +14,17 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.laws import Law, LawOf
 from flexmb.model.quantities import Pair, Quantity, Text
 from flexmb.model.reading import Reader, Spec, fail, given, names_of, units_of
-from flexmb.model.stops import JointStopSpec, RotationalStopSpec, StopSpec, TranslationalStopSpec
+from flexmb.model.stops import RotationalStopSpec, StopSpec, TranslationalStopSpec
 
 __all__ = [
     "FORCE_TYPES",
-    "AnyForce",
     "ForceSpec",
     "JointSpringSpec",
     "LineForceSpec",
@@ -124,16 +125,19 @@ class JointSpringSpec(_Lawful):
 
     @property
     def coordinate(self) -> str:
-        """``"angle"`` or ``"stroke"``."""
+        """``"angle"``, ``"second_angle"`` or ``"stroke"``."""
         raise NotImplementedError
 
 
 class RotationalSpringSpec(JointSpringSpec):
     """A spring, damper and actuator on the angle of a joint, which counts turns; ``spring_force``
     is a law of x = angle - free in place of the stiffness, ``damper_force`` one of the speed v.
+
+    ``about = "second_axis"``: on the second angle of a universal joint.
     """
 
     type: Literal["rotational-spring-damper"]
+    about: Literal["axis", "second_axis"] = "axis"
     stiffness: Annotated[float, Quantity("N m/rad", "not negative")] = 0.0
     damping: Annotated[float, Quantity("N m s/rad", "not negative")] = 0.0
     spring_force: Annotated[Law, LawOf("x", "rad", "N m")] | None = None
@@ -143,7 +147,7 @@ class RotationalSpringSpec(JointSpringSpec):
 
     @property
     def coordinate(self) -> str:
-        return "angle"
+        return "angle" if self.about == "axis" else "second_angle"
 
 
 _LinearSpring = Annotated[Law, LawOf("x", "m", "N")]
@@ -209,9 +213,6 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "stop": StopSpec,
     "rotational-stop": RotationalStopSpec,
     "translational-stop": TranslationalStopSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
 }
-AnyForce = (
-    LoadSpec | SpringDamperSpec | LineForceSpec | JointSpringSpec | BushingSpec | BeamForceSpec
-    | StopSpec | JointStopSpec
-)  # fmt: skip
-"""Every force of a model."""

@@ -11,6 +11,7 @@ from the pinion's axis. Source: rolling of pitch cones; Willis, Principles of Me
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,7 +28,7 @@ from flexmb.model.orientation import rotation_matrix
 if TYPE_CHECKING:
     from flexmb.model.model import Model
 
-__all__ = ["Equation", "Term", "carriers", "equation", "terms_of"]
+__all__ = ["Equation", "Term", "carriers", "equation", "known_equations", "terms_of"]
 
 Array = NDArray[np.float64]
 _TOUCHING = 1e-6  # a distance this small, relative to those between the axes, is none
@@ -187,7 +188,11 @@ def _rack(spec: RackSpec, pinion: _Wheel, rack: _Wheel) -> tuple[float, float]:
 
 
 def known_equations(model: Model, flexbodies: lookup.Bodies) -> Iterator[tuple[str, Equation]]:
-    """The equations of all couplers that have one, as far as bodies are known."""
+    """The equations of screws (by scene path), then of couplers (by name) that are known to fit."""
+    for name, joint in model.joints.items():
+        if joint.pitch is not None:
+            thread = (Term(name, "angle", joint.pitch / (2 * math.pi)), Term(name, "stroke", -1.0))
+            yield f"joints.{name}", Equation(thread, 0.0, relative=True)
     for name in model.couplers:
         try:
             yield name, equation(model, name, flexbodies)

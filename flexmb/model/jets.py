@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BINARY", "CHAIN", "Jet", "evaluate"]
+__all__ = ["BINARY", "CHAIN", "UNARY", "Jet", "evaluate"]
 
 Jet = tuple[float, float, float]
 
@@ -180,6 +180,10 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "max": lambda a, b: a if a[0] >= b[0] else b,
 }
 """Functions of two jets. Where min or max are undecided (equal values) the first one counts."""
+
+
+UNARY = {*CHAIN, "neg", "powc", "piecewise"}
+"""All operations on one jet."""
 
 
 def evaluate(

@@ -3,9 +3,10 @@
 ``axis`` is a global direction in the placed pose, where the joint angle is 0; left out, it is the z
 axis of both markers and the angle is measured between their x axes. Joints of two axes take
 ``second_axis``, that of marker J, as well. The stroke is the distance from marker I to marker J
-along the axis. Composite joints stand for a link without mass between the two markers, with a joint
-at each end; their lengths and offsets are those of the placed pose. Equations: Shabana, Dynamics of
-Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
+along the axis. The angle of a universal joint is that of its cross about the first axis, the second
+angle that of J about its own axis against the cross. Composite joints stand for a link without mass
+between the two markers, with a joint at each end; their lengths and offsets are those of the placed
+pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.model import jets
 from flexmb.model.expression import Ops
 from flexmb.model.piecewise import Piecewise
 
@@ -16,7 +17,6 @@ __all__ = ["kinks_of"]
 
 # Rises whose second derivative jumps at their ends; that of the others begins with zero.
 _KINKED = {"cubicstep", "haversinestep"}
-_BINARY = {"+", "-", "*", "/", "pow", "atan2", "min", "max"}
 # More than so many times all over again are no events but the motion itself.
 _MOST = 100_000
 
@@ -33,14 +33,16 @@ def kinks_of(ops: Ops, end: float) -> tuple[float, ...]:
             stack.append((argument, 0.0))
         elif op == "t":
             stack.append((0.0, 1.0))
-        elif op in _BINARY:
+        elif op in jets.BINARY:
             right = stack.pop()
             stack.append(_line(op, stack.pop(), right))
-        else:
+        elif op in jets.UNARY:
             line = stack.pop()
             if line is not None and line[1] != 0.0:
                 found.update(_times(op, argument, line, end))
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
+        else:  # what is not known beforehand
+            stack.append(None)
     return tuple(sorted(t for t in found if 0.0 < t < end))
 
 

@@ -8,6 +8,7 @@ the compiled kernel reads. Beyond the knots one polynomial each goes on, or ever
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,7 +68,7 @@ class Piecewise:
     def __hash__(self) -> int:
         return hash(self.data.tobytes())
 
-    @property
+    @cached_property
     def data(self) -> Array:
         """Pieces, coefficients per piece, period, knots and coefficients in one row."""
         n, p = len(self.knots) - 1, self.coefficients.shape[1]
@@ -111,32 +112,29 @@ class Piecewise:
 
     def jumps(self) -> Array:
         """The knots where the value, the first or the second derivative jumps."""
-        n, c = len(self.knots), self.coefficients
-        left = np.empty((n, 3))
-        right = np.zeros((n, 3))
-        known = min(3, c.shape[1])
+        c, known = self.coefficients, min(3, self.coefficients.shape[1])
+        right = np.zeros((len(self.knots), 3))
         right[:, :known] = c[1:, :known] * _FACTORIALS[:known]
-        left[0] = _derivatives(c[0], 0.0)
-        for k in range(1, n):
-            left[k] = _derivatives(c[k], self.knots[k] - self.knots[k - 1])
+        u = np.append(0.0, np.diff(self.knots))[:, None]
+        left = np.zeros((len(self.knots), 3))
+        for coefficient in c[:-1].T[::-1]:  # Horner's scheme with derivatives
+            left[:, 1:] = left[:, 1:] * u + left[:, :-1]
+            left[:, :1] = left[:, :1] * u + coefficient[:, None]
+        left *= _FACTORIALS
         if self.period > 0.0:  # the last knot is the first one again
             left[0], right[-1] = left[-1], right[0]
         inside = np.isfinite(left) & np.isfinite(right)
         size = np.max(np.abs(np.where(inside, right, 0.0)), axis=0)
+        for k in (1, 2):  # what a change over the whole length would be
+            size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
         jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMP * size
         found: Array = self.knots[jump.any(axis=1)]
         return found
 
 
-def _derivatives(c: Array, u: float) -> Array:
-    """Value, first and second derivative of a polynomial at u."""
-    return shifted(c, u, 3)[:3] * _FACTORIALS
-
-
-def shifted(coefficients: ArrayLike, u: float, least: int = 1) -> Array:
-    """Coefficients (at least so many) of the same polynomial about the point u (Taylor shift)."""
-    c = np.asarray(coefficients, dtype=float)
-    c = np.concatenate([c, np.zeros(max(0, least - len(c)))])
+def shifted(coefficients: ArrayLike, u: float) -> Array:
+    """Coefficients of the same polynomial about the point u (Taylor shift)."""
+    c = np.array(coefficients, dtype=float)
     for i in range(len(c) - 1):
         for k in range(len(c) - 2, i - 1, -1):
             c[k] += u * c[k + 1]

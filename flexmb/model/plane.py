@@ -18,8 +18,9 @@ from flexmb.flexbody.planes import PLANES
 from flexmb.model import curve_uses, lookup
 from flexmb.model.bodies import BodySpec
 from flexmb.model.drivers import DriverSpec
-from flexmb.model.forces import LoadSpec
+from flexmb.model.forces import JointSpringSpec, LoadSpec
 from flexmb.model.functions import Function
+from flexmb.model.gearing import terms_of
 from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
@@ -171,9 +172,10 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         if d.joint is not None
     ]
     for n, force in model.forces.items():
-        coordinate = getattr(force, "coordinate", None)
-        if coordinate is not None:
-            used.append((f"forces.{n}", force.joint, coordinate))  # type: ignore[union-attr]
+        if isinstance(force, JointSpringSpec):
+            used.append((f"forces.{n}", force.joint, force.coordinate))
+    for n, coupler in model.couplers.items():
+        used += [(f"couplers.{n}", *term) for term in terms_of(coupler)]
     for where, name, coordinate in used:
         joint = model.joints.get(name)
         if joint is None or joint.type != "cylindrical":

@@ -114,10 +114,17 @@ class JointSensorSpec(SensorSpec):
 class AngleSensorSpec(JointSensorSpec):
     """Angle of a joint, or from marker I to J about ``axis`` (as for joints).
 
-    Within +-pi at the start and continuous from there on; with ``derivative`` its rate.
+    Within +-pi at the start and continuous from there on; with ``derivative`` its rate. A universal
+    joint has a ``"second_angle"`` too.
     """
 
-    type: Literal["angle"]
+    type: Literal["angle", "second_angle"]
+
+    @model_validator(mode="after")
+    def _second_of_a_joint(self) -> Self:
+        if self.type == "second_angle" and self.joint is None:
+            raise fail(Problem("joint", "is missing: only joints have a second angle"))
+        return self
 
 
 class StrokeSensorSpec(JointSensorSpec):
@@ -187,6 +194,7 @@ SENSOR_TYPES: dict[str, type[Spec]] = {
     "angular_acceleration": MarkerSensorSpec,
     "orientation": OrientationSensorSpec,
     "angle": AngleSensorSpec,
+    "second_angle": AngleSensorSpec,
     "stroke": StrokeSensorSpec,
     "distance": DistanceSensorSpec,
     "reaction": ReactionSensorSpec,
@@ -214,7 +222,7 @@ def unit_of(table: Mapping[str, Any]) -> str | None:
     kind = str(table.get("type", ""))
     if kind in ("stroke", "distance"):
         return _LENGTHS[int(table.get("derivative", 0))]
-    if kind == "angle":
+    if kind in ("angle", "second_angle"):
         return _ANGLES[int(table.get("derivative", 0))]
     if kind == "orientation":
         return "rad"

@@ -98,5 +98,6 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
     for i, name in enumerate(columns.coordinates):
         state = name.startswith("states.")  # its velocity is the state
         own, rate = (f"{name}.integral", name) if state else (name, f"{name}.rate")
-        yield Channel(own, "q", columns.nq - n + i, "")
-        yield Channel(rate, "v", columns.nv - n + i, "")
+        units = ("m", "m/s") if name.endswith("position") else ("", "")  # along a curve
+        yield Channel(own, "q", columns.nq - n + i, units[0])
+        yield Channel(rate, "v", columns.nv - n + i, units[1])

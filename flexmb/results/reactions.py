@@ -64,20 +64,27 @@ def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
     found = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint, second, driver = name, False, {}
-        if section == "couplers":
-            joint, _, coordinate = name.partition(".")[2].partition(".")
-            second = coordinate == "second_angle"
-        elif section == "drivers":
-            driver = drivers.get(name, {})
-            joint, second = str(driver.get("joint", "")), "second_angle" in driver
-        between = driver.get("between") or joints.get(joint, {}).get("between", ("", ""))
-        if "marker" in driver:
-            between = driver.get("relative_to", "ground.origin"), driver["marker"]
+        joint, second = _acts_on(section, name, scene)
+        table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
+        between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
+        if "marker" in table:
+            between = table.get("relative_to", "ground.origin"), table["marker"]
         between = between[::-1] if second else between
         shown = path if name in joints and name in drivers else name
         found.append(Sides(path, shown, str(between[0]), str(between[1])))
     return tuple(found)
+
+
+def _acts_on(section: str, name: str, scene: Mapping[str, Any]) -> tuple[str, bool]:
+    """The joint of a reaction, and whether it acts on the second angle."""
+    if section == "joints":
+        return name, False
+    if section == "couplers":
+        joint, _, coordinate = name.partition(".")[2].partition(".")
+        return joint, coordinate == "second_angle"
+    table = scene.get(section, {}).get(name, {})
+    second = "second_angle" in table or table.get("about") == "second_axis"
+    return str(table.get("joint", "")), second
 
 
 def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, Sides]:

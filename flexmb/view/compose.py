@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ViewError, nearest
+from flexmb.model.joints import JointSpec
 from flexmb.model.names import GROUND, split_reference
 from flexmb.view.camera import camera_of
 from flexmb.view.content import Camera, Content, Deformed, Scale, Solid
+from flexmb.view.contours import contours, followed
 from flexmb.view.geometry import Triangles, box, cylinder, joined, sphere, tube
 from flexmb.view.mechanism import Mechanism, size_of
 from flexmb.view.style import BODIES
@@ -158,6 +160,7 @@ def _size(mechanism: Mechanism, deformed: tuple[Deformed, ...]) -> float:
     points += [body.undeformed for body in deformed]
     points += [_joint_points(mechanism)]
     for name, spec in mechanism.model.bodies.items():
+        points += [part.points for part in contours(mechanism, name, 0.0)]
         shape = _shape(getattr(spec, "shape", None))
         if shape is not None:
             points.append(_in_place(mechanism, name, shape).points)
@@ -168,10 +171,17 @@ def _joint_points(mechanism: Mechanism) -> Array:
     points = [
         mechanism.point(reference)
         for spec in mechanism.model.joints.values()
-        for reference in spec.between[: 1 if spec.type not in ("prismatic", "cylindrical") else 2]
+        for reference in _shown(spec)
         if not (spec.type in ("prismatic", "cylindrical") and _is_ground(reference))
     ]
     return np.array(points).reshape(-1, 3)
+
+
+def _shown(spec: JointSpec) -> tuple[str, ...]:
+    """The markers of a joint where a ball shows it."""
+    if spec.curves:
+        return followed(spec)
+    return spec.between[: 1 if spec.type not in ("prismatic", "cylindrical") else 2]
 
 
 def _rigid_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | None:
@@ -179,6 +189,12 @@ def _rigid_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | No
     spec = mechanism.model.bodies[name]
     shape = _shape(getattr(spec, "shape", None))
     points = _distinct([mechanism.point(ref) for ref in mechanism.used_markers(name)], size)
+    drawn = contours(mechanism, name, size)
+    if drawn and (shape is not None or len(points) > 1):
+        links = _links(points, mechanism.pose(name).A, size) if shape is None else None
+        return joined([*drawn, links or _in_place(mechanism, name, shape or box(np.zeros(3)))])
+    if drawn:
+        return joined(drawn)
     if shape is None:
         if len(points) < 2 and not spec.flexible:
             points = _distinct([*points, mechanism.point(f"{name}.center")], size)
@@ -217,10 +233,10 @@ def _in_place(mechanism: Mechanism, name: str, shape: Triangles) -> Triangles:
 
 
 def _ground(mechanism: Mechanism, size: float, camera: Camera) -> list[Triangles]:
-    shapes = []
+    shapes = contours(mechanism, GROUND, size)
     for name, spec in mechanism.model.joints.items():
         grounded = [ref for ref in spec.between if _is_ground(ref)]
-        if not grounded:
+        if not grounded or spec.curves:
             continue
         if spec.type in ("prismatic", "cylindrical"):
             shapes.append(_rail(mechanism, name, size))

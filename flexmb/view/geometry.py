@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Triangles", "box", "cylinder", "joined", "sphere", "tube"]
+__all__ = ["Triangles", "box", "cylinder", "joined", "plate", "sphere", "tube"]
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,25 @@ def cylinder(radius: float, length: float, axis: ArrayLike = (0, 0, 1)) -> Trian
     """A closed cylinder about the origin along `axis` (3,)."""
     half = 0.5 * length * _unit(axis)
     return tube(-half, half, radius)
+
+
+def plate(ring: ArrayLike, thickness: float) -> Triangles:
+    """A plate across z with a closed contour `ring` (n, 3), seen whole from its middle."""
+    points = np.asarray(ring, dtype=float)
+    n, middle = len(points), points.mean(axis=0)
+    after = np.roll(points, -1, axis=0)
+    if np.sum(points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]) < 0:
+        points = points[::-1]
+    up = np.array([0.0, 0.0, 0.5 * thickness])
+    first, second = np.arange(n), np.roll(np.arange(n), -1)
+    faces = [
+        np.stack([np.full(n, 2 * n), second, first], axis=1),
+        np.stack([np.full(n, 2 * n + 1), n + first, n + second], axis=1),
+        np.stack([first, second, n + second], axis=1),
+        np.stack([first, n + second, n + first], axis=1),
+    ]
+    return Triangles(np.vstack([points - up, points + up, middle - up, middle + up]),
+                     np.vstack(faces))  # fmt: skip
 
 
 def sphere(radius: float, center: ArrayLike = (0, 0, 0)) -> Triangles:

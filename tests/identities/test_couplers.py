@@ -216,6 +216,38 @@ def test_both_angles_of_a_universal_joint():
     np.testing.assert_allclose(off.C[-2:], [0.2, 0.5], atol=1e-14)
 
 
+def test_gears_count_from_the_placed_pose():
+    """Markers whose own axes tell angles that are not zero, and a second axis of a universal."""
+    model = Model("placed")
+    model.add_body("carrier", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    for k, name in enumerate(("one", "two")):
+        turned = {"axis": "z", "angle": 0.7 + 1.9 * k}
+        model.add_body(name, mass=1.0, inertia=[1.0, 1.0, 1.0], orientation=turned)
+        model.add_joint(name, "revolute", between=["carrier", name])
+    model.add_coupler("mesh", "gear", joints=["one", "two"], ratio=-3)
+    bench = Bench(model)
+    bench.at(v=0.0)
+    np.testing.assert_allclose(bench.C, 0, atol=1e-15)
+    assert motions(bench).shape[1] == 7
+
+
+def test_a_spring_on_the_second_angle_of_a_universal_joint():
+    model = Model("hook")
+    model.add_body("b", mass=1.0, inertia=[0.2, 0.3, 0.4])
+    axes = {"axis": [0, 1, 0], "second_axis": [0, 0, 1]}
+    model.add_joint("hook", "universal", between=["ground", "b"], **axes)
+    model.add_force(
+        "coil", "rotational-spring-damper", joint="hook", stiffness=5, about="second_axis"
+    )
+    bench = Bench(model)
+    R = Rotation.from_rotvec([0, 0.4, 0]) * Rotation.from_rotvec([0, 0, 0.3])
+    bench.q[:] = np.concatenate([pose((np.zeros(3), R)), [0.3]])
+    bench.accelerations()
+    # About its own axis z the body feels the spring alone.
+    np.testing.assert_allclose(bench.vd[5], -5 * 0.3 / 0.4, rtol=1e-10)
+    np.testing.assert_allclose(bench.vd[:5], 0, atol=1e-10)
+
+
 def everything(flexible):
     """A carrier with wheels, rack, screw and universal joint, coupled in all ways at once."""
     rng = np.random.default_rng(11)

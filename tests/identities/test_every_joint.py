@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from curvekit import on_curve
 from enginekit import Bench, slope
 from generators import cloud, interface, random_rotation
 
@@ -23,19 +24,6 @@ AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ACROSS = np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
 SECOND = {"revolute-revolute": AXIS}  # parallel; the others take one across
 IN_PLANE = ("prismatic", "in-line", "in-plane", "prismatic-spherical", "cam-flat")
-CURVES = {
-    "oval": {"polar": "1 + 0.2*cos(t) + 0.1*sin(2*t)", "closed": True},
-    "wave": {"x": "t", "y": "0.3*sin(t)", "range": [0, 4]},
-    "helix": {"x": "cos(t)", "y": "sin(t)", "z": "0.3*t"},
-}
-ON_CURVES = {
-    "pin-in-slot": {"curve": "wave"},
-    "point-on-curve": {"curve": "helix"},
-    "cam-knife": {"curve": "oval"},
-    "cam-roller": {"curve": "oval", "radius": 0.1},
-    "cam-flat": {"curve": "oval"},
-    "cam-cam": {"curve": "oval", "second_curve": "wave"},
-}
 CARRIERS = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": (3, 4)}
 
 
@@ -63,11 +51,7 @@ def joined(kind, carriers, planar=False):
     model = Model(kind, plane="xy" if planar else None)
     for name, m in zip("ab", CARRIERS[carriers], strict=True):
         carrier(model, name, rng, m, planar)
-    fields = dict(ON_CURVES.get(kind, {}))
-    if planar and kind == "point-on-curve":
-        fields["curve"] = "wave"
-    for name in {"curve", "second_curve"} & set(fields):
-        model.add_curve(fields[name], **CURVES[fields[name]])
+    fields = on_curve(model, kind, planar)
     if JOINT_TYPES[kind].axes > 0:
         fields["axis"] = [0.8, 0.6, 0.0] if planar and kind in IN_PLANE else list(AXIS)
         if planar and kind not in IN_PLANE:

@@ -93,6 +93,25 @@ def test_coordinates_have_their_rates(moving, kind):
     np.testing.assert_allclose(rates, [found[f"{kind}1"], found[f"{kind}2"]], rtol=1e-7)
 
 
+def test_both_angles_of_a_universal_joint():
+    """Bent about one axis after the other, the cross between them: both angles, and their signs."""
+    model = Model("universal")
+    model.add_body("shaft", mass=1, inertia=[1, 1, 1])
+    model.add_joint("cross", "universal", between=["ground", "shaft"], axis="x", second_axis="y")
+    model.add_sensor("first", "angle", joint="cross")
+    model.add_sensor("second", "second_angle", joint="cross")
+    model.add_driver("turn", joint="cross", second_angle=0.3)
+    bench = Bench(model)
+    for first, second in ((0.5, 0.3), (-0.2, 0.3), (0.4, -1.0)):
+        bench.state.angles[:] = np.nan
+        turned(bench, Rotation.from_euler("XY", [first, second]).as_matrix())
+        found = channels(bench)
+        assert found["first"] == pytest.approx(first, abs=1e-12)
+        # as the driver of this coordinate measures it
+        assert bench.C[-1] == pytest.approx(found["second"] - 0.3, abs=1e-12)
+        assert found["second"] == pytest.approx(second, abs=1e-12)
+
+
 def test_axes_of_a_marker_turn_components_only(moving):
     """The difference of global velocities, in the axes of a third marker."""
     bench = moving.at()

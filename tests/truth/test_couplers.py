@@ -283,13 +283,16 @@ def test_a_nut_falls_through_many_turns():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:couplers.ring")
 def test_a_planetary_train_runs_up():
-    """Constant torque: angles grow with t², over several turns; three planets share the load."""
+    """Constant torque: angles grow with t², over three turns; three planets share the load.
+
+    The planets go round with hω up to 0.08, which leaves errors of some 1e-3 (hω)².
+    """
     model = planetary(3)
     for name in ("arm_pin", "sun_pin"):
         model.add_sensor(name, "angle", joint=name)
     found = run(model, duration=1.0, step=2e-3, outputs=10, newton_tolerance=1e-11)
     J = 0.011 + (0.02 + 3 * 0.2 * 0.03**2) / 9 + 3 * 0.0013
     wanted = 0.5 * (2.0 / J) / 3 * found.t**2
-    np.testing.assert_allclose(found["arm_pin"], wanted, rtol=0, atol=1e-6 * wanted[-1])
+    np.testing.assert_allclose(found["arm_pin"], wanted, rtol=0, atol=1e-5 * wanted[-1])
     np.testing.assert_allclose(found["sun_pin"], 2 * found["arm_pin"], rtol=0, atol=1e-9)
     assert wanted[-1] > 2 * np.pi

@@ -16,12 +16,25 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
+from flexmb.model.contact_checks import friction_coordinate
 from flexmb.model.forces import JointSpringSpec, LineForceSpec
+from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.signals import State
 from flexmb.model.stops import JointStopSpec
 
-__all__ = ["Scalar", "coordinate_table", "joint_springs", "line_forces", "scalars"]
+__all__ = [
+    "Scalar",
+    "coordinate_table",
+    "followers",
+    "joint_coordinate",
+    "joint_springs",
+    "line_forces",
+    "scalars",
+]
+
+
+Follower = JointSpringSpec | JointStopSpec | JointFrictionSpec
 
 
 @dataclass(frozen=True)
@@ -38,10 +51,24 @@ class Scalar:
     size: float = 0.0  # of a state: from where on it is large; 0: a motion
 
 
-def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
-    """The springs and stops on joint coordinates, by name."""
-    kinds = JointSpringSpec | JointStopSpec
-    return {name: spec for name, spec in model.forces.items() if isinstance(spec, kinds)}
+def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
+    """The springs on joint coordinates, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
+
+
+def followers(model: Model) -> dict[str, Follower]:
+    """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+    forces = model.forces.items()
+    stops = {n: spec for n, spec in forces if isinstance(spec, JointStopSpec)}
+    frictions = {n: spec for n, spec in forces if isinstance(spec, JointFrictionSpec)}
+    return {**joint_springs(model), **stops, **frictions}
+
+
+def joint_coordinate(model: Model, spec: Follower) -> str:
+    """The coordinate of its joint that a force acts on."""
+    if isinstance(spec, JointFrictionSpec):
+        return friction_coordinate(model, spec)
+    return spec.coordinate
 
 
 def line_forces(model: Model) -> dict[str, LineForceSpec]:
@@ -50,13 +77,8 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states.
-
-    Laws and stops on joints are elements of their own.
-    """
-    springs = [
-        _scalar(f"forces.{name}", spec, functions) for name, spec in joint_springs(model).items()
-    ]
+    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
+    joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
     lines = [
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
         for name, spec in line_forces(model).items()
@@ -66,7 +88,22 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
         Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
         for s in states
     ]
-    return [*springs, *lines, *coupled, *own]
+    return [*joints, *lines, *coupled, *own]
+
+
+def _follower(model: Model, name: str, spec: Follower, functions: Functions) -> Scalar:
+    """Laws and stops on joints are elements of their own, and so is friction."""
+    angular = joint_coordinate(model, spec) != "stroke"
+    if not isinstance(spec, JointSpringSpec):
+        return Scalar(f"forces.{name}", angular=angular)
+    return Scalar(
+        f"forces.{name}",
+        damping=spec.damping,
+        stiffness=spec.stiffness,
+        free=spec.free,
+        function=-1 if spec.value is None else functions.add(spec.value.expression),
+        angular=angular,
+    )
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:
@@ -74,20 +111,6 @@ def unit_weight(scalar: Scalar, length: float) -> float:
     if scalar.size > 0.0:
         return 1.0 / scalar.size
     return 1.0 if scalar.angular else 1.0 / length
-
-
-def _scalar(name: str, spec: JointSpringSpec | JointStopSpec, functions: Functions) -> Scalar:
-    angular = spec.coordinate == "angle"
-    if isinstance(spec, JointStopSpec):
-        return Scalar(name, angular=angular)
-    return Scalar(
-        name,
-        damping=spec.damping,
-        stiffness=spec.stiffness,
-        free=spec.free,
-        function=-1 if spec.value is None else functions.add(spec.value.expression),
-        angular=angular,
-    )
 
 
 def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:

@@ -7,6 +7,7 @@ Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +18,7 @@ from flexmb.engine.compile.coordinates import Scalar
 from flexmb.engine.compile.curve_pieces import Pieces, pieces_of
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.tables import SLIDER
+from flexmb.errors import FlexmbWarning
 from flexmb.model import lookup
 from flexmb.model.curve_shape import curve_shape
 from flexmb.model.markers import PlacedMarker
@@ -32,6 +34,7 @@ __all__ = ["Contact", "Laid", "Sliders", "X", "Y", "Z", "lay", "placed_frame"]
 Array = NDArray[np.float64]
 X, Y, Z = 0, 1, 2
 _SAMPLES = 1440  # places along a curve that are tried
+_TOLD = 1e-9  # error of the pieces over the size of the curve
 
 
 class Contact(NamedTuple):
@@ -167,9 +170,16 @@ class Sliders:
 
 
 def lay(model: Model, curve: str, marker: PlacedMarker) -> Laid:
-    """A curve on the marker that carries it, in the placed pose."""
+    """A curve on the marker that carries it, in the placed pose.
+
+    Warns of one that the pieces follow badly, such as an expression with a corner.
+    """
     shape = curve_shape(model, curve)
-    return Laid(curve, pieces_of(shape), shape.closed, shape.in_plane, *placed_frame(model, marker))
+    pieces = pieces_of(shape)
+    if pieces.error > _TOLD:
+        what = f"is followed within {pieces.error:.2g} of its size only; has it a corner?"
+        warnings.warn(f"curves.{curve} {what}", FlexmbWarning, stacklevel=2)
+    return Laid(curve, pieces, shape.closed, shape.in_plane, *placed_frame(model, marker))
 
 
 def placed_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:

@@ -37,14 +37,13 @@ from flexmb.model import lookup
 from flexmb.model.expression import Expression
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
 from flexmb.model.forces import (
-    AnyForce,
     JointSpringSpec,
-    LineForceSpec,
     LoadSpec,
     SpringDamperSpec,
 )
 from flexmb.model.laws import Law
 from flexmb.model.model import Model
+from flexmb.model.reading import Spec
 from flexmb.model.stops import AnyStop, JointStopSpec, StopSpec
 
 __all__ = ["couples", "element_tables", "names_of", "place", "row_of", "table_of"]
@@ -186,7 +185,7 @@ def element_tables(
     return builder.tables()
 
 
-def table_of(spec: AnyForce) -> int:
+def table_of(spec: Spec) -> int:
     """Which table a force has its row in: by the kind of its wrench; −1: none."""
     if isinstance(spec, BushingSpec | BeamForceSpec):
         return FRAME_WRENCH
@@ -195,11 +194,9 @@ def table_of(spec: AnyForce) -> int:
         return LOAD_WRENCH if alone else MUTUAL_WRENCH
     if isinstance(spec, SpringDamperSpec):
         return SPRING_WRENCH if spec.linear else LAW_WRENCH
-    if isinstance(spec, LineForceSpec):
-        return -1
     if isinstance(spec, JointSpringSpec):
         return -1 if spec.spring_force is None and spec.damper_force is None else LAW_WRENCH
-    return LAW_WRENCH
+    return LAW_WRENCH if isinstance(spec, AnyStop) else -1
 
 
 def names_of(model: Model, table: int) -> tuple[str, ...]:

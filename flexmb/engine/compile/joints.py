@@ -50,8 +50,9 @@ def joint_groups(
         rows.joint(name)
     for name in model.drivers:
         rows.driver(name, functions)
-    for name, force in coordinates.joint_springs(model).items():
-        rows.follower(f"forces.{name}", force.joint, force.coordinate)
+    for name, force in coordinates.followers(model).items():
+        coordinate = coordinates.joint_coordinate(model, force)
+        rows.follower(f"forces.{name}", force.joint, coordinate)
     for name, line in coordinates.line_forces(model).items():
         rows.line(f"forces.{name}", line.between)
     for coupled in couplers.coupled_rows(model, flexbodies):

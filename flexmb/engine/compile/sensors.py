@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile.force_elements import row_of
-from flexmb.engine.compile.joint_rows import driver_row
+from flexmb.engine.compile.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.joints import Groups
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.functions import lower
@@ -143,6 +143,8 @@ class Channels:
         if spec.joint is not None:
             frames = lookup.joint_frames(self.model, spec.joint, self.flexbodies)
             kind, a, b = driver_row(self.model.joints[spec.joint].type, spec.type)
+            if spec.type == "second_angle":
+                frames = replace(frames[1], R=frames[1].R @ SECOND_TURN), frames[0]
         else:
             assert spec.between is not None  # one of the two is given
             frames = lookup.frames(self.model, spec.between, spec.axis, self.flexbodies)

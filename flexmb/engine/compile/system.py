@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile import (
+    contacts,
     coordinates,
     elements,
     force_elements,
@@ -102,6 +103,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalars += sliders.scalars()
     _refuse_loops(groups)
     springs = elements.spring_table(model, known, markers)
+    touching = contacts.contact_table(model, known, markers)
+    kept = 1 + sum(contacts.memory_of(row) for row in _rows(touching))
+    frictions = contacts.joint_friction_table(model, groups, kept)
     loads = elements.load_table(model, known, markers, functions)
     held = force_elements.element_tables(
         model, known, markers, functions, [scalar.name for scalar in scalars]
@@ -118,14 +122,14 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     acting = signals.signal_tables(
         functions, numbers, sensor_tables, loads, scalar_table, markers, held
     )
-    blocks = _blocks(columns, groups, before, springs, markers)
+    blocks = _blocks(columns, groups, before, (springs, touching), markers)
     blocks.couples.extend(force_elements.couples(held, markers))
     if acting is not None:
         blocks.couples.extend(acting.couples)
     symbolic = analyse(blocks)
     if acting is not None:
         acting.place(symbolic)
-    group_table = _place(table, groups, springs, markers, symbolic)
+    group_table = _place(table, groups, (springs, touching), markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
     force_elements.place(held, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
@@ -154,6 +158,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         sensors=sensor_tables,
         further=None if acting is None and sensors.is_basic(sensor_tables) else np.zeros(1),
         signals=None if acting is None else acting.signals,
+        contacts=touching,
+        frictions=frictions,
         elements=held,
     )
     layout = Layout(
@@ -217,10 +223,10 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -> Blocks:
+def _blocks(bodies: list[list[int]], groups, n_scalars: int, elements, markers) -> Blocks:
     pairs = couples(groups)
-    if springs is not None:
-        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in springs]
+    for found in elements:  # between two markers each
+        pairs += [(markers.body(s["I"]), markers.body(s["J"])) for s in _rows(found)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
         for k in range(len(groups.groups))
@@ -239,8 +245,12 @@ def _blocks(bodies: list[list[int]], groups, n_scalars: int, springs, markers) -
     )
 
 
-def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.void]:
-    """Tell bodies, groups and springs where their blocks are in the factor."""
+def _rows(table) -> NDArray[np.void] | tuple[()]:
+    return () if table is None else table
+
+
+def _place(table, groups, elements, markers, symbolic: Symbolic) -> NDArray[np.void]:
+    """Tell bodies, groups and elements between markers where their blocks are in the factor."""
     table["panel"] = symbolic.panel_of[: len(table)]
     first = len(symbolic.panel_of) - len(groups.groups)
     rows = np.zeros(len(groups.groups), GROUP)
@@ -249,9 +259,10 @@ def _place(table, groups, springs, markers, symbolic: Symbolic) -> NDArray[np.vo
         panel = symbolic.panel_of[first + k]
         turned = k in groups.reversed
         rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
-    for spring in springs if springs is not None else ():
-        pair = markers.body(spring["I"]), markers.body(spring["J"])
-        spring["couple"] = symbolic.couple_links.get(pair, -1)
+    for found in elements:
+        for row in _rows(found):
+            pair = markers.body(row["I"]), markers.body(row["J"])
+            row["couple"] = symbolic.couple_links.get(pair, -1)
     return rows
 
 

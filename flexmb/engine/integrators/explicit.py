@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine import control
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.motion import normalise, position_rate
 from flexmb.engine.kernels.projection import (
-    LOOP,
     accelerations,
     project_positions,
     project_velocity,
@@ -24,11 +24,9 @@ from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
     NO_CONVERGENCE,
-    NO_LOOP,
     NO_METHOD,
     NOT_FINITE,
     RESIDUALS,
-    ZERO_LENGTH,
 )
 
 _MAX_PROJECTIONS = 10
@@ -52,7 +50,7 @@ def step(sys, tableau, settings, st, wk, h):
         t = st.t[0] + tableau.c[s] * h
         code = accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0)
         if code < 0:
-            return NO_LOOP if code == LOOP else ZERO_LENGTH
+            return control.failure(code)
         position_rate(sys.parts, tr.q, tr.v, tr.stages[s])
         for i in range(st.v.shape[0]):
             tr.stages[s, nq + i] = tr.vd[i]

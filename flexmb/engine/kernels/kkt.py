@@ -10,8 +10,17 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, coordinate, inertia_tangent, kinematics, ldl, slider
+from flexmb.engine.kernels import (
+    constraint,
+    coordinate,
+    inertia_tangent,
+    joint_friction,
+    kinematics,
+    ldl,
+    slider,
+)
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
+from flexmb.engine.kernels.contact_tangent import contact_tangents
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
 from flexmb.engine.kernels.force_tangent import add_coordinate_tangents, element_tangents
 from flexmb.engine.kernels.signal_tangent import signal_tangents
@@ -43,6 +52,8 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
         element_tangents(sys, sys.elements, wk, v, cv, cp)
+        contact_tangents(sys, sys.contacts, wk, v, cv, cp)
+        joint_friction.add_tangents(sys, sys.frictions, wk, v, cv, cp)
     if cv != 0.0:
         signal_tangents(sys.signals, sys, wk, v, cv, cp)
     if symmetric:

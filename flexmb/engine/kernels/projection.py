@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, kinematics, signal
+from flexmb.engine.kernels import constraint, joint_friction, kinematics, signal
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.ldl import solve, solve_refined
 from flexmb.engine.kernels.motion import move
@@ -27,6 +27,12 @@ _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 LOOP = -1 << 40
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
+# Rounds in which friction in joints and the reactions that cause it agree, to this share of the
+# largest force.
+_FRICTION_ROUNDS = 100
+_SETTLED = 1e-10
+UNSETTLED = -1_000_000_000
+"""What `accelerations` returns where they do not: a joint locks itself."""
 
 
 @kernel
@@ -85,13 +91,14 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
     q and v are.
 
-    Returns the number of replaced pivots, −1 − k for spring k of no length, or LOOP where forces
-    that depend on accelerations or reactions find none that fit.
+    Returns the number of replaced pivots, −1 − k for spring k of no length, LOOP where forces that
+    depend on accelerations or reactions find none that fit, or UNSETTLED where friction does not.
     """
     fac = wk.factor
     position_stage(sys, wk, t, q)
     velocity_stage(sys, wk, v)
     signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
+    joint_friction.put_grips(sys, sys.frictions, wk, lam)
     fac.symmetric[0] = 1
     fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
     if project == 2 and lam.shape[0] > 0:
@@ -105,7 +112,9 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     bad = _solve(sys, wk, q, v, vd, lam)
     if bad >= 0:
         return -1 - bad
-    return fixes if _settled(sys.signals, sys, wk, t, q, v, vd, lam) else LOOP
+    if not _settled(sys.signals, sys.frictions, sys, wk, t, q, v, vd, lam):
+        return LOOP if sys.frictions is None else UNSETTLED
+    return fixes
 
 
 @kernel
@@ -127,19 +136,23 @@ def _solve(sys, wk, q, v, vd, lam):
 
 
 @kernel
-def _settled(signals, sys, wk, t, q, v, vd, lam):
+def _settled(signals, frictions, sys, wk, t, q, v, vd, lam):
     """Solve again while forces depend on what was found; whether that came to an end."""
+    if frictions is not None:
+        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
     if signals is not None and signals.implicit[0] == 1:
-        return _repeat(signals, sys, wk, t, q, v, vd, lam)
+        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
     return True
 
 
 @kernel
-def _repeat(signals, sys, wk, t, q, v, vd, lam):
+def _repeat(signals, frictions, sys, wk, t, q, v, vd, lam):
     before = wk.trial.jerk
     for _ in range(_LOOP_ROUNDS):
         copy(vd, before)
+        grip = joint_friction.put_grips(sys, frictions, wk, lam)
         signal.stage(signals, sys, wk, t, q, v, vd, lam)
+        at_rest = grip <= _SETTLED * max(largest(wk.trial.res), largest(lam))
         _solve(sys, wk, q, v, vd, lam)
         size = weighted_size(vd, sys.weights)
         for i in range(v.shape[0]):
@@ -147,6 +160,6 @@ def _repeat(signals, sys, wk, t, q, v, vd, lam):
         change = weighted_size(before, sys.weights)
         if not math.isfinite(change):
             return False
-        if change <= _LOOP_CLOSED * size:
+        if at_rest and change <= _LOOP_CLOSED * size:
             return True
     return False

@@ -23,7 +23,7 @@ def add_wrenches(lines, rows, group, markers, lam, g, w):
 def read(sys, markers, lam, g, out):
     """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I.
 
-    The wrench on a marker is −Σ λ_k ∂C_k/∂(its motion); g (2, 12) is scratch.
+    g (2, 12) is scratch.
     """
     for k in range(sys.groups.shape[0]):
         group, w = sys.groups[k], g[1]

@@ -5,11 +5,14 @@ from __future__ import annotations
 from flexmb.engine.jit import inlined, kernel
 from flexmb.engine.kernels import (
     constraint,
+    contact,
     coordinate,
     element,
     force,
     inertia,
+    joint_friction,
     kinematics,
+    memory,
     signal,
     slider,
 )
@@ -24,6 +27,7 @@ def position_stage(sys, wk, t, q):
     kinematics.position(sys.parts, wk.now, q)
     element.position(sys.elements, sys.parts.coordinates, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
+    memory.put_span(sys.contacts, wk.now, t)
 
 
 @kernel
@@ -34,8 +38,8 @@ def velocity_stage(sys, wk, v):
 
 
 @kernel
-def _velocities_for_forces(springs, elements, parts, now, v):
-    if springs is not None or elements is not None:
+def _velocities_for_forces(springs, contacts, elements, parts, now, v):
+    if springs is not None or contacts is not None or elements is not None:
         kinematics.velocity(parts, now, v)
 
 
@@ -43,19 +47,24 @@ def _velocities_for_forces(springs, elements, parts, now, v):
 def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
-    _velocities_for_forces(sys.springs, sys.elements, sys.parts, wk.now, v)
+    _velocities_for_forces(sys.springs, sys.contacts, sys.elements, sys.parts, wk.now, v)
     signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
+    joint_friction.put_grips(sys, sys.frictions, wk, lam)
     return forces(sys, wk, q, v, vd, lam)
 
 
 @kernel
 def forces(sys, wk, q, v, vd, lam):
-    """res = M v̇ − Q + Cqᵀ λ after the stages of position (with springs: velocity) and signals."""
+    """res = M v̇ − Q + Cqᵀ λ after the stages of position (with springs: velocity) and signals.
+
+    Friction in joints is that of the normal forces in wk.now.grip.
+    """
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
     undefined = element.add_wrenches(sys.elements, wk.now, wk.con.fun)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
+    contact.add_wrenches(sys.contacts, wk.now, wk.dense.g[0])
     constraint.subtract_reactions(sys.lines, sys.rows, wk.now.marker, lam, wk.dense.g[0])
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
@@ -64,4 +73,5 @@ def forces(sys, wk, q, v, vd, lam):
         sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, v, wk.trial.res
     )
     slider.subtract_forces(sys.parts.sliders, sys.parts, wk.now, wk.trial.res)
+    joint_friction.put_forces(sys, sys.frictions, wk, q, v)
     return max(bad, undefined)

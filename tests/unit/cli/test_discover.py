@@ -18,6 +18,7 @@ from flexmb.cli import app
 from flexmb.fe import ELEMENTS
 from flexmb.materials import LIBRARY
 from flexmb.model.couplers import COUPLER_TYPES
+from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.expression import CONSTANTS, FUNCTIONS
@@ -37,6 +38,7 @@ from flexmb.workflow.catalog import METHODS
 METHOD_NAMES = get_args(DynamicsSpec.model_fields["method"].annotation)
 ALL = {
     "joints": JOINT_TYPES,
+    "curves": CurveSpec.model_fields,
     "couplers": (*COUPLER_TYPES, "terms", "constant", "second_angle", "stroke"),
     "forces": FORCE_TYPES,
     "drivers": (*COORDINATES, *DriverSpec.model_fields),

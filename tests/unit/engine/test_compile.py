@@ -97,10 +97,12 @@ def test_features_that_are_not_used_have_no_table():
     made = Mechanism(1, "chain", "mixed", n=2, acting=False)
     system = compile_system(made.model).system
     assert system.springs is system.lines is system.parts.coordinates is None
-    assert len(system.loads) == len(system.sensors) == len(system.functions.ops) == 0
+    assert system.further is system.signals is None
+    sensors = system.sensors.channels
+    assert len(system.loads) == len(sensors) == len(system.functions.ops) == 0
     used = compile_system(Mechanism(1, "chain", "mixed", n=2).model).system
     assert all(len(part) > 0 for part in (used.functions.ops, used.springs, used.loads))
-    assert len(used.sensors) > 0
+    assert len(used.sensors.channels) > 0 and used.further is used.signals is None
 
 
 def test_equal_markers_modes_and_functions_are_stored_once():

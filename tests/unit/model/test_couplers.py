@@ -318,6 +318,49 @@ def test_a_circle_whose_ratios_agree_is_warned_of():
     assert sentence.startswith('couplers.ring_b repeats what "sun", "ring" and "sun_b" already')
 
 
+def test_a_thread_counts_as_a_coupler_of_its_own():
+    model = wheels()
+    model.add_body("c", mass=1, inertia=[1, 1, 1])
+    model.add_joint("thread", "screw", between=["ground", "c"], axis="x", pitch=0.5)
+    terms = [
+        {"joint": "thread", "coordinate": "stroke", "factor": 1},
+        {"joint": "thread", "coordinate": "angle", "factor": 1},
+    ]
+    model.add_coupler("other", "linear", terms=terms)
+    (problem,) = model.problems()
+    assert problem.what.startswith('closes a circle with "joints.thread" in which "thread.angle"')
+
+
+def test_the_wheels_of_a_gear_are_different_bodies():
+    model = wheels()
+    model.add_joint("again", "cylindrical", between=["a", "ground"], axis="z")
+    model.add_coupler("mesh", "gear", joints=["pin_a", "again"], ratio=1)
+    (problem,) = model.problems()
+    assert problem.what == (
+        '"pin_a" joins ground and a, and so does "again": the second wheel must be another body'
+    )
+
+
+def test_mistakes_of_joints_are_not_told_again_of_their_couplers():
+    scene = wheels().to_scene_dict()
+    scene["couplers"] = {"mesh": {"type": "gear", "joints": ["pin_a", "pin_b"], "teeth": [2, 1]}}
+    scene["joints"]["pin_b"]["axis"] = "w"
+    with pytest.raises(SceneError) as caught:
+        Model.from_scene_dict(scene)
+    assert [problem.where for problem in caught.value.problems] == ["joints.pin_b.axis"]
+
+
+def test_in_a_plane_a_cylindrical_joint_has_one_coordinate():
+    model = Model("flat", plane="xy")
+    for name in "ab":
+        model.add_body(name, mass=1, inertia=[1, 1, 1])
+        model.add_joint(name, "cylindrical", between=["ground", name], axis="x")
+    terms = [{"joint": j, "coordinate": "angle", "factor": 1} for j in "ab"]
+    model.add_coupler("sum", "linear", terms=terms)
+    assert [p.where for p in model.problems()] == ["couplers.sum"] * 2
+    assert model.problems()[0].what == 'in the plane xy the joint "a" has no angle'
+
+
 def linear(model, name, factors, constant=0.0):
     terms = [
         {"joint": joint, "coordinate": "angle", "factor": factor}

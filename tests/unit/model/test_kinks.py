@@ -26,6 +26,7 @@ TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
         ({"type": "table", "points": TABLE, "beyond": "repeat"}, (2.0, 3.0, 5.0)),
         ({"type": "spline", "points": TABLE, "beyond": "hold"}, (3.0,)),
         ({"type": "spline", "points": TABLE, "beyond": "extrapolate"}, ()),
+        ({"type": "akima", "points": [[0, 1], [0.7, 1.7], [2.1, 3.1], [9, 10]]}, ()),  # a line
         ({"type": "trapezoidal", "t0": 1, "t1": 4, "y1": 1}, (1.0, 2.0, 3.0, 4.0)),
     ],
     ids=str,

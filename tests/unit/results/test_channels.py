@@ -50,14 +50,16 @@ def test_every_number_over_time_has_a_name(result: Result) -> None:
 
 
 def test_scalar_coordinates_stand_behind_the_bodies(tmp_path: Path) -> None:
-    layout = dataclasses.replace(FakeLayout(), coordinates=("slot.s", "slot.u"), nq=18, nv=16)
+    names = ("joints.slot.position", "forces.coil")
+    layout = dataclasses.replace(FakeLayout(), coordinates=names, nq=18, nv=16)
     rows = block(0, 3, layout)
     rows.q[:, 17], rows.v[:, 14] = 7.0, 8.0
     with ResultWriter(tmp_path / "r.h5", layout, 3, scene={"title": ""}) as out:
         out.append(rows)
     result = Result(out.path)
-    assert list(result["slot.u"]) == [7.0] * 3
-    assert list(result["slot.s.rate"]) == [8.0] * 3
+    assert list(result["forces.coil"]) == [7.0] * 3
+    assert list(result["joints.slot.position.rate"]) == [8.0] * 3
+    assert [result.unit(f"joints.slot.position{end}") for end in ("", ".rate")] == ["m", "m/s"]
 
 
 def test_an_unknown_name_shows_the_nearest_of_all_kinds(result: Result) -> None:

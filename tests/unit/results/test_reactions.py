@@ -13,6 +13,8 @@ import flexmb
 from flexmb.errors import ResultFileError
 from flexmb.model.orientation import rotation_matrix
 from flexmb.results import Result, ResultWriter
+from flexmb.results.layout import Columns
+from flexmb.results.reactions import sides
 
 SCENE = {
     "title": "two names",
@@ -71,6 +73,30 @@ def test_unknown_joints_and_bodies_are_named(result: Result) -> None:
         result.reaction("pin", on="rot")
     with pytest.raises(ResultFileError, match="nearest: pin.rod.force.x"):
         result["pin.rod.forse.x"]
+
+
+def test_couplers_act_on_their_joints(tmp_path: Path) -> None:
+    """One reaction for each joint; on a second angle the joint's marker J is side I."""
+    scene = SCENE | {
+        "couplers": {"mesh": {"type": "gear", "joints": ["pin", "motor"], "ratio": 2}},
+        "forces": {"coil": {"joint": "pin", "about": "second_axis"}},
+    }
+    names = ("couplers.mesh.pin", "couplers.sum.motor.second_angle", "forces.coil")
+    layout = dataclasses.replace(FakeLayout(), reactions=names)
+    rows = block(0, 3, layout)
+    rows.reactions[:] = np.arange(36.0)
+    with ResultWriter(tmp_path / "r.h5", layout, 3, scene=scene) as out:
+        out.append(rows)
+    found = Result(out.path)
+    assert found.reactions == ("mesh.pin", "sum.motor.second_angle", "coil")
+    for name, on, by in (
+        ("mesh.pin", "rod.big_end", "crank.tip"),
+        ("sum.motor.second_angle", "ground", "crank"),
+        ("coil", "crank.tip", "rod.big_end"),
+    ):
+        acting = found.reaction(name, on="J")
+        assert (acting.on, acting.by) == (on, by)
+    np.testing.assert_array_equal(found["mesh.pin.rod.moment.z"], [5, 5, 5])
 
 
 def weighted_bar(**joint: object) -> flexmb.Model:
@@ -135,3 +161,18 @@ def test_reactions_tables_and_durations_are_in_the_scenes_units(tmp_path: Path) 
     assert "0 to 600 ms" in done._repr_html_()
     with pytest.raises(flexmb.FlexmbError, match="output intervals of 100 ms, is 650 ms"):
         flexmb.resume(result, duration=650)
+
+
+def test_drivers_of_markers_are_between_the_markers_that_they_name() -> None:
+    layout = FakeLayout(reactions=("drivers.path", "drivers.turn", "drivers.ram"))
+    drivers = {
+        "path": {"marker": "arm.tip", "x": "t"},
+        "turn": {"marker": "arm.tip", "relative_to": "base.eye", "angle": "t"},
+        "ram": {"between": ["base.foot", "arm.eye"], "distance": "1 + t"},
+    }
+    found = sides(Columns.of(layout), {"drivers": drivers})
+    assert [(pair.I, pair.J) for pair in found] == [
+        ("ground.origin", "arm.tip"),
+        ("base.eye", "arm.tip"),
+        ("base.foot", "arm.eye"),
+    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.view.geometry import Triangles, box, cylinder, joined, sphere, tube
+from flexmb.view.geometry import Triangles, box, cylinder, joined, plate, sphere, tube
 
 
 def _volume(shape: Triangles) -> float:
@@ -21,6 +21,8 @@ def _volume(shape: Triangles) -> float:
         (cylinder(0.5, 2.0, (1, 0, 0)), np.pi / 2, 0.003),
         (tube((1, 1, 1), (1, 1, 3), 0.5), np.pi / 2, 0.003),
         (sphere(0.5, (3, 2, 1)), np.pi / 6, 0.008),
+        (plate([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], 0.5), 1.0, 1e-12),
+        (plate([[0, 1, 0], [2, 1, 0], [2, 0, 0], [0, 0, 0]], 0.5), 1.0, 1e-12),
     ],
 )
 def test_volumes_are_positive_and_right(shape: Triangles, volume: float, short: float) -> None:

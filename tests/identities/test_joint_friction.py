@@ -1,0 +1,118 @@
+"""Friction in joints: slopes over its coordinate, normal force from the reaction, power."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import Bench, slope
+from generators import Mechanism
+
+from flexmb.engine.tables import BRISTLE, SMOOTH
+from flexmb.model.joints import JOINT_TYPES
+
+RUBBING = ("revolute", "prismatic", "cylindrical")
+FRICTIONS = {"sticks": (BRISTLE, 50.0), "slides": (BRISTLE, 0.3), "smooth": (SMOOTH, 0.3)}
+
+
+def rubbing(bodies="mixed", seed=3):
+    """A random tree with friction on every coordinate of every joint that may have it."""
+    made = Mechanism(seed, "tree", bodies, n=4, acting=False)
+    for name, joint in made.model.joints.items():
+        if joint.type in RUBBING:
+            for coordinate in JOINT_TYPES[joint.type].coordinates:
+                made.model.add_force(
+                    f"{coordinate}_{name}", "joint-friction", joint=name, coordinate=coordinate,
+                    radius=0.3 if coordinate == "angle" else None, length=0.5,
+                    width=0.4 if joint.type == "prismatic" else None, preload=2.0,
+                    dynamic=0.3, static=0.4, stribeck_speed=0.8, viscous=0.2,
+                    stiffness=50.0, damping=3.0,
+                )  # fmt: skip
+    return made
+
+
+def bench_of(friction="slides", bodies="mixed"):
+    bench = Bench(rubbing(bodies).model)
+    rng = bench.randomise(4)
+    for row in bench.sys.frictions:
+        row["model"], row["static"] = FRICTIONS[friction]
+        row["dynamic"], row["creep"] = 0.7 * row["static"], 0.5
+    n = len(bench.sys.parts.coordinates)
+    bench.q[-n:] = rng.standard_normal(n)
+    kept = bench.work.now.kept
+    kept[1::2] = 0.1 * rng.standard_normal(n)
+    return bench
+
+
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_slopes(friction):
+    bench = bench_of(friction)
+    n, count = bench.layout.nv, len(bench.sys.parts.coordinates)
+    bench.at()
+    tangent = bench.matrix(cv=1.0, cp=1.0)[:n, :n] - bench.matrix()[:n, :n]
+    q, v = bench.q.copy(), bench.v.copy()
+    for k in range(count):
+        d, e = np.zeros_like(q), np.zeros_like(v)
+        d[-count + k] = e[-count + k] = 1.0
+
+        def moved(s, d=d, e=e):
+            return bench.at(q=q + s * d, v=v + s * e).residual[-count:]
+
+        found = tangent[-count:, n - count + k]
+        np.testing.assert_allclose(found, slope(moved, 1e-3), atol=1e-8 * np.abs(found).max())
+        assert np.abs(found).max() > 0.0
+
+
+def test_normal_force_is_that_of_two_bearings():
+    """R₁ + R₂ carry the lateral force, (L/2) z × (R₁ − R₂) the moment, computed here by vectors."""
+    bench = bench_of()
+    bench.at()
+    for k, row in enumerate(bench.sys.frictions):
+        group = bench.sys.groups[row["group"]]
+        first = bench.sys.rows[group["row"]]
+        F, M = reaction(bench, group)
+        z = bench.marker("R")[first["I"]][:, row["axis"]]
+        lateral, bending = F - (F @ z) * z, M - (M @ z) * z
+        apart = 2.0 / row["length"] * np.cross(bending, z)
+        ends = [0.5 * (lateral + sign * apart) for sign in (1, -1)]
+        np.testing.assert_allclose(
+            0.5 * row["length"] * np.cross(z, ends[0] - ends[1]), bending, atol=1e-12
+        )
+        wanted = sum(np.linalg.norm(R) for R in ends) + row["preload"]
+        if row["width"] > 0.0:
+            wanted += abs(M @ z) / row["width"]
+        assert bench.work.now.grip[k, 0] == pytest.approx(wanted, rel=1e-12)
+
+
+def reaction(bench, group):
+    """Force and moment that a joint puts on marker J, from virtual work of its rows."""
+    first = bench.sys.rows[group["row"]]
+    before = bench.marker("W")[first["J"]]
+    lam = bench.lam.copy()
+    bench.lam[group["row"] : group["row"] + group["n"]] = 0.0
+    without = bench.at().marker("W")[first["J"]]
+    bench.at(lam=lam)
+    return (before - without)[:3], (before - without)[3:]
+
+
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_power_of_friction_is_torque_times_rate(friction):
+    bench = bench_of(friction)
+    bench.at()
+    wanted = 0.0
+    for k, row in enumerate(bench.sys.frictions):
+        rate = bench.v[bench.sys.parts.coordinates[row["coordinate"]]["iv"]]
+        wanted += bench.work.now.grip[k, 1] * row["radius"] * rate
+    damping = modal_damping(bench)
+    assert bench.powers[1] == pytest.approx(wanted + damping, rel=1e-12)
+
+
+def modal_damping(bench):
+    """Power of the flexible bodies' own damping, which friction stands beside."""
+    frictions = bench.sys.frictions.copy()
+    for row in bench.sys.frictions:
+        row["model"], row["static"], row["dynamic"] = SMOOTH, 0.0, 0.0
+        row["viscous"] = 0.0
+    found = bench.at().powers[1]
+    bench.sys.frictions[:] = frictions
+    bench.at()
+    return found

@@ -1,0 +1,191 @@
+"""Dry friction against closed forms: incline, oscillators, run-down, jamming, stick-slip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from truthkit import run
+
+from flexmb.errors import AssemblyError
+from flexmb.model import Model
+
+pytestmark = pytest.mark.slow
+
+G = 9.81
+
+
+def slider(gravity, friction, position=(0, 0, 0), velocity=(0, 0, 0), mass=2.0):
+    """A body on a guide along x with friction."""
+    made = Model("slider", gravity=gravity)
+    made.add_body("block", mass=mass, inertia=[0.01] * 3, position=position, velocity=velocity)
+    made.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+    made.add_force("rub", "joint-friction", joint="guide", **friction)
+    made.add_sensor("place", "position", of="block")
+    return made
+
+
+def on_points(gravity, friction):
+    """A block on four points on the plane z = 0, under its weight at rest."""
+    made = Model("block", gravity=gravity)
+    made.add_body("block", mass=2.0, inertia=[0.01] * 3, position=[0, 0, 0.05])
+    points = [[x, y, -0.05] for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    made.add_force(
+        "floor", "contact", between=["block", "ground"],
+        shapes=[{"type": "points", "points": points}, {"type": "plane"}],
+        stiffness=1e6, exponent=1, restitution=0.5, friction=friction,
+    )  # fmt: skip
+    made.add_sensor("place", "position", of="block")
+    return made
+
+
+BRISTLE = {"stiffness": 1e5, "damping": 800.0}
+
+
+@pytest.mark.parametrize("made", [slider, on_points])
+def test_block_that_stays_does_not_creep(made):
+    """tan a < μ: after the load has come on nothing moves any more, over a long time."""
+    a = 0.4
+    pull = [G * math.sin(a), 0, -G * math.cos(a)]
+    found = run(made(pull, {"dynamic": 0.8, **BRISTLE}), duration=20.0, outputs=40, accuracy=1e-3)
+    late = found["place.x"][found.t > 1.0]
+    points = 1 if made is slider else 4
+    assert late[-1] == pytest.approx(2.0 * G * math.sin(a) / 1e5 / points, rel=1e-3)
+    assert np.ptp(late) < 1e-9 * late[-1]
+
+
+@pytest.mark.parametrize("made", [slider, on_points])
+def test_block_that_slides(made):
+    """g (sin a − μ cos a)."""
+    a = 0.4
+    pull = [G * math.sin(a), 0, -G * math.cos(a)]
+    friction = {"static": 0.3, "dynamic": 0.2, **BRISTLE}
+    found = run(made(pull, friction), duration=0.5, outputs=50, accuracy=1e-3)
+    rate = np.polyfit(found.t[25:], found["place.x"][25:], 2)[0] * 2
+    assert rate == pytest.approx(G * (math.sin(a) - 0.2 * math.cos(a)), rel=1e-6)
+
+
+def test_smooth_friction_creeps_as_it_says():
+    """μ v/√(v² + v₀²) = tan a, with Stribeck's curve flat there."""
+    a, creep = 0.4, 1e-4
+    friction = {"dynamic": 0.5, "model": "smooth", "creep_speed": creep}
+    pull = [G * math.sin(a), 0, -G * math.cos(a)]
+    found = run(slider(pull, friction), duration=0.5, outputs=10, accuracy=1e-3)
+    share = math.tan(a) / 0.5
+    assert found.v[-1, 0] == pytest.approx(creep * share / math.sqrt(1 - share**2), rel=1e-3)
+
+
+def test_oscillator_with_friction():
+    """Each half cycle is 2 μ m g/k shorter, and it stops in the dead band |x| < μ m g/k."""
+    k, m, mu, start = 400.0, 1.0, 0.3, 0.05
+    made = slider([0, 0, -G], {"dynamic": mu, "stiffness": 4e5, "damping": 100.0},
+                  position=[start, 0, 0], mass=m)  # fmt: skip
+    made.add_marker("ground.wall", position=[-2, 0, 0])
+    made.add_force(
+        "spring", "spring-damper", between=["ground.wall", "block"], stiffness=k, free_length=2.0
+    )
+    found = run(made, duration=1.0, outputs=2000, accuracy=1e-4)
+    x, band = found["place.x"], mu * m * G / k
+    turns = [x[i] for i in range(1, len(x) - 1) if (x[i] - x[i - 1]) * (x[i + 1] - x[i]) < 0]
+    wanted = [(-1) ** n * (start - 2 * n * band) for n in (1, 2, 3)]
+    # the bristle takes up to μ m g/4e5 = 7e-6 m of way at each turn
+    np.testing.assert_allclose(turns[:3], wanted, atol=5e-5)
+    assert abs(x[-1]) < band
+    assert np.ptp(x[found.t > 0.8]) < 1e-5
+
+
+def test_rotor_that_runs_down():
+    """Torque μ r W in the pin: it stops after J ω/(μ r W) and J ω²/(2 μ r W)."""
+    weight, J, spin, mu, r = 2 * G, 0.05, 10.0, 0.2, 0.02
+    made = Model("rotor", gravity=[0, -G, 0])
+    made.add_body("rotor", mass=2.0, inertia=[0.1, 0.1, J], angular_velocity=[0, 0, spin])
+    made.add_joint("pin", "revolute", between=["ground", "rotor"], axis="z")
+    made.add_force("rub", "joint-friction", joint="pin", dynamic=mu, radius=r, stiffness=1e6,
+                   damping=2000)  # fmt: skip
+    made.add_sensor("angle", "angle", joint="pin")
+    stop = J * spin / (mu * r * weight)
+    found = run(made, duration=1.5 * stop, outputs=150, accuracy=1e-4)
+    running = found.t < 0.95 * stop
+    slowing = spin - mu * r * weight / J * found.t[running]
+    np.testing.assert_allclose(found.v[running, 5], slowing, atol=1e-3 * spin)
+    assert found["angle"][-1] == pytest.approx(spin * stop / 2, rel=1e-3)
+    assert np.abs(found.v[found.t > 1.2 * stop, 5]).max() < 1e-3
+
+
+def brake(mu, force=50.0):
+    """A guide of length 0.4 m pushed along it at 0.5 m from its axis."""
+    made = slider(None, {"dynamic": mu, "length": 0.4, **BRISTLE})
+    made.add_marker("block.edge", position=[0, 0.5, 0])
+    made.add_force("push", "force", at="block.edge", value=[force, 0, 0])
+    return made
+
+
+def test_a_drawer_jams():
+    """Pushed at the arm b a guide of length L jams from μ = L/(2 b) on, however hard the push."""
+    found = run(brake(0.2), duration=0.2, outputs=20, accuracy=1e-3)
+    rate = np.polyfit(found.t[10:], found["place.x"][10:], 2)[0] * 2
+    assert rate == pytest.approx(25.0 * (1 - 0.2 * 2 * 0.5 / 0.4), rel=1e-5)
+    for push in (50.0, 500.0):
+        found = run(brake(0.45, push), duration=0.2, outputs=20, accuracy=1e-3)
+        assert found["place.x"][-1] < 3 * push / 1e5
+
+
+def beside(**friction):
+    """A body beside its guide, in motion: friction turns it, which makes 1.5 times that friction.
+
+    N² = W² + (2 b f/L)² and f = μ N have no common solution for 2 μ b/L = 1.5.
+    """
+    made = Model("lock", gravity=[0, -G, 0])
+    made.add_body("arm", mass=1.0, inertia=[0.01] * 3, center=[0.6, 0, 0], velocity=[0, 0, 1.0])
+    made.add_joint("guide", "prismatic", between=["ground", "arm"], axis="z")
+    made.add_force("rub", "joint-friction", joint="guide", dynamic=0.5, length=0.4, **friction)
+    made.add_sensor("place", "position", of="arm")
+    return made
+
+
+def test_a_guide_that_locks_itself_stops_on_its_bristle():
+    found = run(beside(**BRISTLE), duration=0.05, outputs=50, accuracy=1e-3)
+    assert 0.0 < found["place.z"].max() < 1.0 * math.sqrt(1.0 / 1e5)
+
+
+def test_smooth_friction_that_locks_itself_is_told():
+    with pytest.raises(AssemblyError, match="locks itself"):
+        run(beside(model="smooth", creep_speed=1e-3), duration=0.1, outputs=5, accuracy=1e-3)
+
+
+def test_stick_slip_on_a_belt():
+    """Coulomb's two coefficients, spring k, mass m, belt speed V: period and turning points.
+
+    While it slips x − x_d = D cos ωt + V/ω sin ωt, D = (μ_s − μ_d) m g/k, until it is as fast as
+    the belt again; while it sticks it rides 2 D: T = 2 (π − arctan(V/(ω D)))/ω + 2 D/V.
+    """
+    k, m, static, dynamic, V = 100.0, 1.0, 0.4, 0.2, 0.1
+    made = Model("belt", gravity=[0, 0, -G])
+    for name in ("belt", "block"):
+        made.add_body(name, mass=m, inertia=[0.01] * 3)
+    made.add_joint("drum", "prismatic", between=["ground", "belt"], axis="x")
+    made.add_driver("run", joint="drum", stroke=f"{V}*t")
+    made.add_joint("guide", "prismatic", between=["belt", "block"], axis="x")
+    made.add_marker("ground.wall", position=[-2, 0, 0])
+    made.add_force(
+        "spring", "spring-damper", between=["ground.wall", "block"], stiffness=k, free_length=2.0
+    )
+    made.add_force(
+        "rub", "joint-friction", joint="guide", static=static, dynamic=dynamic,
+        stribeck_speed=1e-3, stiffness=1e5, damping=200,
+    )  # fmt: skip
+    made.add_sensor("place", "position", of="block")
+    found = run(made, duration=2.6, outputs=2600, accuracy=1e-3)
+    x, omega = found["place.x"], math.sqrt(k / m)
+    D, middle = (static - dynamic) * m * G / k, dynamic * m * G / k
+    reach = math.hypot(D, V / omega)
+    peaks = [
+        found.t[i] for i in range(1, len(x) - 1) if x[i - 1] < x[i] >= x[i + 1] and x[i] > middle
+    ]
+    period = 2 * (math.pi - math.atan(V / (omega * D))) / omega + 2 * D / V
+    # Stribeck's curve needs some speed to fall, and the bristle some way
+    assert np.diff(peaks)[-1] == pytest.approx(period, rel=1e-2)
+    late = x[found.t > 0.5]
+    assert late.max() == pytest.approx(middle + reach, abs=0.01 * reach)
+    assert late.min() == pytest.approx(middle - reach, abs=0.01 * reach)
