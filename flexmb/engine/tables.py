@@ -161,10 +161,9 @@ LAW = np.dtype(
         ("c", _F),
         ("free", _F),
         ("fun", _I),  # u(t), or -1
-        ("spring", _I),  # NOTHING, CURVE or PROGRAM, and where it is
-        ("spring_at", _I),
-        ("damper", _I),
-        ("damper_at", _I),
+        ("spring", _I),  # program, or -1
+        ("stored", _I),  # program of the integral of the spring, or -1: by Gauss's rule
+        ("damper", _I),  # program, or -1
         ("exponent", _F),
         ("depth", _F),
         ("lower", _F),
@@ -348,7 +347,7 @@ class Elements(NamedTuple):
     frames: object  # FRAME
     laws: object  # LAW
     mutual: object  # MUTUAL
-    pool: np.ndarray  # numbers of frames and of tabulated laws
+    pool: np.ndarray  # numbers of frames
     programs: object  # FunctionTable of laws, their variable in place of time
 
 
@@ -412,9 +411,8 @@ class System(NamedTuple):
 # Kinds of constraint rows.
 POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
 LINES = (TWIST, RADIAL, MOMENT)
-# Measures of laws, and where a law comes from.
+# Measures of laws.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
-NOTHING, CURVE, PROGRAM = 0, 1, 2
 # What channels are.
 SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
 FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 7, 8, 9

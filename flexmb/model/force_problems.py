@@ -61,7 +61,7 @@ def force_problems(scope: Scope) -> Iterator[Problem]:
             yield from scope.pair(where, spec.between, _NOUNS[spec.type])
             yield from _length(scope, where, spec)
         if isinstance(spec, SpringDamperSpec | JointSpringSpec):
-            yield from _laws(scope, where, spec)
+            yield from _laws(where, spec)
         elif isinstance(spec, LineForceSpec):
             yield from finite(f"{where}.value", spec.value)
 
@@ -89,7 +89,7 @@ def _load(scope: Scope, where: str, spec: LoadSpec) -> Iterator[Problem]:
         yield from found or scope.material(f"{where}.axes", axes)
 
 
-def _laws(scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec) -> Iterator[Problem]:
+def _laws(where: str, spec: SpringDamperSpec | JointSpringSpec) -> Iterator[Problem]:
     if spec.value is not None:
         yield from finite(f"{where}.value", spec.value)
     if spec.does_nothing:
@@ -97,24 +97,16 @@ def _laws(scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec) ->
         yield Problem(where, f"{what}, or spring_force or damper_force")
     for word, law in (("spring_force", spec.spring_force), ("damper_force", spec.damper_force)):
         if law is not None:
-            yield from _law(scope, f"{where}.{word}", law)
+            yield from _law(f"{where}.{word}", law)
 
 
-def _law(scope: Scope, where: str, law: Law) -> Iterator[Problem]:
-    """A law that has a value and a slope at rest, or a file with points."""
-    if law.expression is not None:
-        jet = law.expression.value(0.0)
-        for part, value in zip(("value", "slope"), jet, strict=False):
-            if not math.isfinite(value):
-                what = f'the {part} of "{law.expression.text}" is {value:g} at 0, not finite'
-                yield Problem(where, what)
-                return
-        return
-    try:
-        law.points_in(scope.model.folder)
-    except FlexmbError as error:
-        for problem in error.problems:
-            yield Problem(where, problem.what, problem.allowed, problem.nearest)
+def _law(where: str, law: Law) -> Iterator[Problem]:
+    """A law has a value and a slope at rest."""
+    for part, value in zip(("value", "slope"), law.expression.value(0.0), strict=False):
+        if not math.isfinite(value):
+            what = f'the {part} of "{law.expression.text}" is {value:g} at 0, not finite'
+            yield Problem(where, what)
+            return
 
 
 def _length(scope: Scope, where: str, spec: Spec) -> Iterator[Problem]:

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.elements import line_ends
 from flexmb.engine.compile.frames import beam_numbers, bushing_numbers
-from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.functions import lower
 from flexmb.engine.tables import (
     COMPONENT_OF,
     COORDINATE_OF,
-    CURVE,
     DISTANCE_OF,
     FRAME,
     FRAME_WRENCH,
@@ -27,8 +25,6 @@ from flexmb.engine.tables import (
     LOAD_WRENCH,
     MUTUAL,
     MUTUAL_WRENCH,
-    NOTHING,
-    PROGRAM,
     SPRING_WRENCH,
     Elements,
 )
@@ -41,7 +37,6 @@ from flexmb.model.forces import (
     LoadSpec,
     SpringDamperSpec,
 )
-from flexmb.model.laws import Law
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.stops import AnyStop, JointStopSpec, StopSpec
@@ -126,18 +121,19 @@ class _Builder:
         self.mutual.append((*found, spec.type == "torque", programs, -1, -1, -1))
 
     def _laws_of(self, spec: SpringDamperSpec | JointSpringSpec) -> dict[str, float]:
-        """Where the spring and the damper law of a force stand."""
+        """Programs of the laws of a force."""
         row: dict[str, float] = {}
-        for word, law in (("spring", spec.spring_force), ("damper", spec.damper_force)):
-            if law is not None:
-                row[word], row[f"{word}_at"] = self._law(law)
+        spring, damper = spec.spring_force, spec.damper_force
+        parts = {
+            "spring": spring and spring.expression,
+            "stored": spring and spring.stored,
+            "damper": damper and damper.expression,
+        }
+        for word, expression in parts.items():
+            if expression is not None:
+                row[word] = len(self.programs)
+                self.programs.append(expression)
         return row
-
-    def _law(self, law: Law) -> Pair:
-        if law.expression is not None:
-            self.programs.append(law.expression)
-            return PROGRAM, len(self.programs) - 1
-        return CURVE, self.pool.add(curve(law.points_in(self.model.folder), law.interpolation))
 
     def tables(self) -> Elements | None:
         """All tables; links are filled in later."""
@@ -212,9 +208,8 @@ def row_of(model: Model, name: str) -> tuple[int, int]:
 
 def _law_table(rows: list[dict[str, float]]) -> NDArray[np.void]:
     table = np.zeros(len(rows), LAW)
-    for name in ("I", "J", "coordinate", "couple", "fun"):
+    for name in ("I", "J", "coordinate", "couple", "fun", "spring", "stored", "damper"):
         table[name] = -1
-    table["spring"] = table["damper"] = NOTHING
     for k, row in enumerate(rows):
         for name, value in row.items():
             table[name][k] = value
