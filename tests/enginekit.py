@@ -73,8 +73,8 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[2] = energy.gravitational(sys.parts, now, st.q)
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
-        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
         out[3] += contact.energy(sys.contacts, now.marker)
+        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         coordinates = sys.parts.coordinates
         out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)

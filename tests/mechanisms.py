@@ -41,7 +41,7 @@ class Sketch:
     def joint(self, name, kind, first, second, at, to=None, **fields):
         """A joint between two bodies at a global point, of a link from one point to another."""
         ends = [self.marker(first, at), self.marker(second, at if to is None else to)]
-        fields = {key: list(value) for key, value in fields.items()}
+        fields = {key: np.asarray(value).tolist() for key, value in fields.items()}
         self.model.add_joint(name, kind, between=ends, **fields)
 
 
@@ -276,4 +276,42 @@ def four_bar(tilt=0.0, driven=False, plane=None):
         sketch.joint(name, "revolute", names[k], names[k + 1], points[k], axis=axis)
     if driven:
         sketch.model.add_driver("motor", joint="A", angle="3*t")
+    return sketch.model
+
+
+def planetary(rings=1):
+    """Sun, planet and arm in the plane, the ring on ground; ``rings`` 2: a planet too many."""
+    sketch = Sketch("planetary gear", plane="xy")
+    planets = [("planet", [0.3, 0, 0]), ("planet_2", [-0.3, 0, 0])][:rings]
+    for name, at in (("arm", [0, 0, 0]), ("sun", [0, 0, 0]), *planets):
+        sketch.body(name, at)
+    sketch.joint("arm_pin", "revolute", "ground", "arm", [0, 0, 0], axis=Z)
+    sketch.joint("sun_pin", "revolute", "arm", "sun", [0, 0, 0], axis=Z)
+    for name, at in planets:
+        pin = f"{name}_pin"
+        sketch.joint(pin, "revolute", "arm", name, at, axis=Z)
+        mesh = {"joints": ["sun_pin", pin], "teeth": [20, 10]}
+        sketch.model.add_coupler(f"{name}_sun", "gear", **mesh)
+        mesh = {"joints": ["arm_pin", pin], "teeth": [40, 10], "internal": True}
+        sketch.model.add_coupler(f"{name}_ring", "gear", **mesh)
+    return sketch.model
+
+
+def cam_valve():
+    """Cam, rocker and valve: a cam that lifts a rocker's roller, the rocker a flat-footed valve."""
+    sketch = Sketch("cam and valve", plane="xy")
+    sketch.model.add_curve("cam", circle=0.03, center=[0.005, 0])
+    sketch.model.add_curve("tip", circle=0.01)
+    sketch.body("cam", [0, 0, 0])
+    sketch.body("rocker", [0.05, 0.06, 0])
+    sketch.body("valve", [0.1, 0.05, 0])
+    sketch.joint("camshaft", "revolute", "ground", "cam", [0, 0, 0], axis=Z)
+    sketch.joint("rocker_pin", "revolute", "ground", "rocker", [0.05, 0.06, 0], axis=Z)
+    sketch.joint("valve_guide", "prismatic", "ground", "valve", [0.1, 0.05, 0], axis=Y)
+    sketch.model.add_marker("rocker.roller", position=[-0.05, -0.02, 0])
+    sketch.model.add_marker("rocker.tip", position=[0.05, 0, 0])
+    lifted = {"between": ["cam", "rocker.roller"], "curve": "cam", "radius": 0.01}
+    sketch.model.add_joint("lifter", "cam-roller", **lifted)
+    pushed = {"between": ["rocker.tip", "valve"], "curve": "tip", "axis": Y}
+    sketch.model.add_joint("foot", "cam-flat", **pushed)
     return sketch.model

@@ -50,8 +50,7 @@ def reason(
     told = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
         told = _not_finite(compiled, model, work, time)
-        if not told:
-            told = not_finite_function(model, (time, time + 0.5 * step, time + step))
+        told = told or not_finite_function(model, (time, time + 0.5 * step, time + step))
     return told or sentence(status, compiled, work, time)
 
 

@@ -8,7 +8,7 @@ spherical joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,30 +38,46 @@ class FreeMotion:
     sentence: str
 
 
-def free_motions_of(model: Model, found: Weighted) -> tuple[FreeMotion, ...]:
-    """The free motions of a pose, those of single bodies and pairs apart, idle ones marked."""
+def free_motions_of(
+    model: Model, found: Weighted, others: Sequence[Weighted] = ()
+) -> tuple[FreeMotion, ...]:
+    """The free motions of a pose, those of single bodies and pairs apart, idle ones marked.
+
+    Bodies move by themselves if they do so in the `others` as well: at a dead point all else is at
+    rest for a moment.
+    """
     told: list[FreeMotion] = []
-    V = null_space(found.A)
-    left = V.shape[1]
     alone = np.zeros((len(found.columns), 0))
     for bodies in _parts(model, found):
         mine = _alone(found, bodies)
+        if any(_alone(other, bodies).shape[1] < mine.shape[1] for other in others):
+            continue
         fresh = _outside(mine, alone)
         if fresh.shape[1]:
             alone = np.hstack([alone, fresh])
             told.append(_motion(model, found, bodies, fresh))
-    left -= alone.shape[1]
+    left = null_space(found.A).shape[1] - alone.shape[1]
     if left > 0:
-        rest = _outside(V, alone)
-        size = np.abs(rest).max(axis=1)
-        names = tuple(
-            body.name
-            for body in found.compiled.layout.bodies
-            if size[_columns(found, body)].max(initial=0.0) > _NOTHING
-        )
+        apart = [[b for b in found.compiled.layout.bodies if b.name in one.bodies] for one in told]
+        moving = {name for pose in (found, *others) for name in _moving(pose, apart)}
+        names = tuple(body.name for body in found.compiled.layout.bodies if body.name in moving)
         what = "motion moves" if left == 1 else "motions move"
         told.append(FreeMotion(names, left, False, f"{left} {what} {', '.join(names)}"))
     return tuple(told)
+
+
+def _moving(found: Weighted, apart: list[list[BodyColumns]]) -> list[str]:
+    """Bodies that move in a pose beside what some move by themselves."""
+    alone = np.zeros((len(found.columns), 0))
+    for bodies in apart:
+        alone = np.hstack([alone, _outside(_alone(found, bodies), alone)])
+    rest = _outside(null_space(found.A), alone)
+    size = np.abs(rest).max(axis=1, initial=0.0)
+    return [
+        body.name
+        for body in found.compiled.layout.bodies
+        if size[_columns(found, body)].max(initial=0.0) > _NOTHING
+    ]
 
 
 def _parts(model: Model, found: Weighted) -> Iterator[tuple[BodyColumns, ...]]:
@@ -98,7 +114,7 @@ def _columns(found: Weighted, body: BodyColumns) -> NDArray[np.bool_]:
     return inside
 
 
-def _alone(found: Weighted, bodies: tuple[BodyColumns, ...]) -> Array:
+def _alone(found: Weighted, bodies: Sequence[BodyColumns]) -> Array:
     """(columns, k) motions of these bodies that leave all else at rest, deformations too."""
     inside = np.any([_columns(found, body) for body in bodies], axis=0) & ~found.modal
     inside |= found.scalar  # what follows them moves along

@@ -7,7 +7,7 @@ undeformed shape. A motion that is not fixed, or no longer, is refused in one se
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from flexmb.analysis.closing import Closer, body_weights, close_positions
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.dynamics import Outcome, Sink
 from flexmb.analysis.run import Balance, Clock
+from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.singular import LARGEST, Decomposition, decompose
 from flexmb.analysis.unfixed import Pose, enter, free_motions, passed_poses, sweep_reason
 from flexmb.engine import method
@@ -24,7 +25,7 @@ from flexmb.engine.sweep import CORRECT, EVALUATE, POINTS, Path, Sweep, new_path
 from flexmb.engine.tables import System
 from flexmb.engine.warm import compile_sweep
 from flexmb.engine.work import State, Work, new_state, new_work
-from flexmb.errors import AssemblyError, FlexmbError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.model.kinematics import KinematicsSpec
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -76,7 +77,9 @@ def prepare_sweep(
     spec = model.kinematics
     if spec is None:
         raise SceneError("the scene has no [kinematics]: give its duration")
+    _refuse_states(model)
     clock = Clock()
+    compiled = replace(compiled, system=compiled.system._replace(kinks=None))
     channels = len(compiled.layout.channels)
     compile_sweep(compiled.system, channels, progress)
     clock.lap("compile")
@@ -85,7 +88,7 @@ def prepare_sweep(
     work, path = new_work(compiled.system, channels), new_path(compiled.system)
     state.q[:] = compiled.placed
     _close(compiled, model, state, work)
-    state.angles[:] = 0.0
+    state.angles[:] = np.nan  # the first ones are those nearest to zero
     enter(compiled.system, state, work, path, EVALUATE)
     found = decompose(compiled, work) if compiled.layout.nv <= LARGEST else None
     if found is not None and found.rank < found.n:
@@ -99,7 +102,7 @@ def prepare_sweep(
         closed=_CLOSED * max(1.0, float(np.abs(state.q).max()) / compiled.length),
         redundant=compiled.layout.nc - (0 if found is None else found.rank),
     )
-    notes = _notes(compiled, found)
+    notes = (*_notes(compiled, found), *loop_notes(model))
     return PreparedSweep(compiled, model, spec, settings, state, work, path, clock, notes)
 
 
@@ -116,10 +119,16 @@ def run_sweep(prepared: PreparedSweep, sink: Sink, *, progress: Progress = silen
         Told the phase `kinematics`.
     """
     chunk = max(1, _CHUNK_WORK // prepared.compiled.layout.nv)
-    rows = _Rows(prepared.compiled, min(prepared.settings.outputs + 1, chunk))
+    n = min(prepared.settings.outputs + 1, chunk)
+    rows = _Rows(prepared.compiled, prepared.model, n)
     status, message = _points(prepared, rows, sink, progress)
     prepared.clock.lap("kinematics")
-    notes = (*prepared.notes, *passed_poses(prepared), *rows.lifts.notes())
+    notes = (
+        *prepared.notes,
+        *passed_poses(prepared),
+        *rows.lifts.notes(),
+        *rows.poses.notes,
+    )
     return Outcome(status, message, _statistics(prepared, rows), notes)
 
 
@@ -135,6 +144,7 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     weights = body_weights(model)
 
     def make(system: System, at: State) -> Closer:
+        system = system._replace(kinks=None)
         path, used = new_path(system), work if at is state else new_work(system)
         for body, weight in zip(system.parts.bodies, weights, strict=True):
             path.metric[body["iv"] : body["iv"] + 6 + body["m"]] *= weight
@@ -145,6 +155,25 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
         )
 
     close_positions(compiled, model, state, make)
+
+
+def _refuse_states(model: Model) -> None:
+    """States follow from what was before, and a kinematic analysis has no before.
+
+    Raises
+    ------
+    SceneError
+        The model has states or controllers.
+    """
+    sections = ("states", "controllers")
+    problems = [
+        Problem(f"{section}.{name}", "is integrated, which a kinematic analysis does not do; leave "
+                "it out, or run the scene with [dynamics]")
+        for section in sections
+        for name in getattr(model, section)
+    ]  # fmt: skip
+    if problems:
+        raise SceneError.from_problems(problems)
 
 
 def _notes(compiled: Compiled, found: Decomposition | None) -> tuple[str, ...]:
@@ -164,12 +193,13 @@ def _notes(compiled: Compiled, found: Decomposition | None) -> tuple[str, ...]:
 class _Rows:
     """Room for the rows of a chunk, and what they say of the quality of the whole."""
 
-    def __init__(self, compiled: Compiled, n: int) -> None:
+    def __init__(self, compiled: Compiled, model: Model, n: int) -> None:
         self.output = new_output(compiled.system, n, len(compiled.layout.channels))
         self.unread = False
         self.balance = Balance()
         self.drift = np.zeros(2)
         self.lifts = Lifts(compiled)
+        self.poses = SingularPoses(compiled.layout, model)
 
     def block(self) -> OutputBlock:
         """The rows of the last chunk."""
@@ -179,6 +209,7 @@ class _Rows:
         if n:
             self.balance.add(rows.energy)
             self.lifts.see(rows)
+            self.poses.add(rows)
             self.drift = np.maximum(self.drift, rows.drift.max(axis=0))
         return rows
 

@@ -32,7 +32,7 @@ from flexmb.analysis.redundancy import (
     undetermined,
 )
 from flexmb.analysis.rows import rows_at
-from flexmb.analysis.weighted import Weighted, plain_name, weighted
+from flexmb.analysis.weighted import Weighted, element, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import Work, new_state, new_work
 from flexmb.errors import AssemblyError, Problem
@@ -153,7 +153,7 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         generic_rank=generic - own,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
         undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
-        motions=free_motions_of(model, chosen),
+        motions=free_motions_of(model, chosen, elsewhere),
         as_rigid=_redundant_if_rigid(found),
         notes=(),
     )
@@ -236,8 +236,8 @@ def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
 
 def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:
     """Equations by what brings them; scalar coordinates of its own take one each."""
-    own = [_element(name) for name in found.compiled.layout.coordinates]
-    rows = [_element(path) for path in found.owners]
+    own = [element(name) for name in found.compiled.layout.coordinates]
+    rows = [element(path) for path in found.owners]
     told = []
     for path in dict.fromkeys(rows):
         section, _, name = path.partition(".")
@@ -247,11 +247,6 @@ def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:
         if count:
             told.append(Equations(path, kind, count))
     return tuple(told)
-
-
-def _element(path: str) -> str:
-    """The section and name of what a path is of: couplers have a reaction for each joint."""
-    return ".".join(path.split(".")[:2])
 
 
 def _driven(spec: DriverSpec) -> str:

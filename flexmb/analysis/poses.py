@@ -41,6 +41,7 @@ class Closed:
 def column_scales(compiled: Compiled) -> Array:
     """(nv,) how far one unit of each velocity coordinate moves: 0 for those left out of a plane."""
     scales: Array = np.where(compiled.system.kkt.column >= 0, 1.0 / compiled.system.weights, 0.0)
+    scales[[start.iv for start in compiled.starts]] = 0.0  # states are no motion
     return scales
 
 

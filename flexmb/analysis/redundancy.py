@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.dependence import Dependence, dependence, together
+from flexmb.analysis.dependence import Dependence, dependence, null_space, together
 from flexmb.analysis.exchange import (
     MACHINE_JOINTS,
     Weaker,
@@ -23,7 +23,8 @@ from flexmb.analysis.exchange import (
     turned_axes,
     weaker_joints,
 )
-from flexmb.analysis.weighted import Weighted, plain_name
+from flexmb.analysis.weighted import Weighted, element, elements, plain_name
+from flexmb.engine.compile.joint_rows import JOINT_ROWS
 from flexmb.model.gearing import terms_of
 from flexmb.model.joints import JOINT_TYPES
 from flexmb.model.model import Model
@@ -122,7 +123,8 @@ def redundancies(
     for indices in together(by_joint):
         mine = circuits[indices]
         names = tuple(dict.fromkeys(owners[np.abs(mine).max(axis=0) > 0].tolist()))
-        groups.append(Redundancy(names, len(indices), _cures(model, found, names, mine, others)))
+        cures = _cures(model, found, names, mine, others) or _without_couplers(model, found, mine)
+        groups.append(Redundancy(elements(names), len(indices), cures))
     return tuple(groups)
 
 
@@ -161,6 +163,25 @@ def _cures(
     return tuple(dict.fromkeys(in_words(model, found, cure) for cure in cures))
 
 
+def _without_couplers(
+    model: Model, found: Weighted, circuits: Array
+) -> tuple[tuple[Exchange, ...], ...]:
+    """Couplers, the last ones first, that can be left out, one for each redundant equation."""
+    whole = [element(owner) for owner in found.owners]
+    left_out: list[Exchange] = []
+    for name, spec in reversed(model.couplers.items()):
+        path = f"couplers.{name}"
+        kept = [k for k, owner in enumerate(whole) if owner == path]
+        rank = dependence(circuits).rank
+        if len(left_out) < rank and np.any(circuits[:, kept]):
+            # of the combinations of circuits those that do without the coupler
+            circuits = null_space(circuits[:, kept].T).T @ circuits
+            left_out.append(Exchange(path, spec.type, ""))
+        if not circuits.size:
+            return (tuple(left_out),)
+    return ()
+
+
 def _cured(
     model: Model, found: Weighted, names: tuple[str, ...], cure: tuple[Weaker, ...], drops: int
 ) -> bool:
@@ -190,6 +211,7 @@ def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[st
             row.name
             for row in JOINT_TYPES.values()
             if row.name != model.joints[joint].type
+            and len(JOINT_ROWS.get(row.name, ())) == row.equations  # primitives and nothing else
             and needed <= set(row.coordinates)
             and (model.plane is None or row.planar_equations is not None)
         ]

@@ -190,7 +190,11 @@ def _slid(
         ends, coordinate = parts.pool[at : at + n + 1], scalars[slider["coordinate"]]
         pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
         s = q[coordinate["iq"]] % ends[-1] if slider["closed"] else q[coordinate["iq"]]
-        place, tangent, bend = Pieces(ends, pieces, 0.0).at(np.array([s]))[0]
+        inside = min(max(s, 0.0), ends[-1])
+        place, tangent, bend = Pieces(ends, pieces, 0.0).at(np.array([inside]))[0]
+        past = s - inside  # beyond the ends of an open curve
+        place = place + past * (tangent + 0.5 * past * bend)
+        tangent = tangent + past * bend
         arm = R[k] @ place
         x[k] = x[k] + arm
         carried = J[k]

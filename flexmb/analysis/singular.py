@@ -107,7 +107,11 @@ class JointRates:
         self.names: list[str] = []
         self.rates: list[float] = []  # rad, or of the size of the model, times the preference
         groups = dict(zip(compiled.layout.reactions, compiled.system.groups, strict=True))
-        driven = {(driver.joint, driver.coordinate) for driver in model.drivers.values()}
+        driven = {
+            (driver.joint, motion.coordinate)
+            for driver in model.drivers.values()
+            for motion in driver.motions(model.plane)
+        }
         for joint, spec in model.joints.items():
             row = compiled.system.rows[int(groups[f"joints.{joint}"]["row"])]
             for coordinate in JOINT_TYPES[spec.type].coordinates:
@@ -121,8 +125,9 @@ class JointRates:
     def _rate(self, coordinate: str, i: int, j: int) -> float:
         """Rate of an angle [rad], or of a stroke over the size of the model."""
         mi, mj = self._marker[i], self._marker[j]
-        if coordinate == "angle":
-            return float((mj["om"] - mi["om"]) @ mi["R"][:, 2])
+        if coordinate != "stroke":
+            axis = mi["R"][:, 2] if coordinate == "angle" else mj["R"][:, 2]
+            return float((mj["om"] - mi["om"]) @ axis)
         axis = mi["R"][:, 0 if self._model.plane is not None else 2]
         turning = np.cross(mi["om"], axis) @ (mj["x"] - mi["x"])
         return float(axis @ (mj["vx"] - mi["vx"]) + turning) / self._compiled.length

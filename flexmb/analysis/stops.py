@@ -38,7 +38,7 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
         place = _measure(compiled, row, state, work)
         depth = max(place - row["upper"], row["lower"] - place)
         spec = model.forces[name.partition(".")[2]]
-        angular = isinstance(spec, JointStopSpec) and spec.coordinate == "angle"
+        angular = isinstance(spec, JointStopSpec) and spec.coordinate != "stroke"
         if depth > _LEAST * (1.0 if angular else compiled.length):
             told = model.units.say(depth, "rad" if angular else "m", 4)
             notes.append(f"{name} is {told} inside the stop at the start: it pushes from there on")

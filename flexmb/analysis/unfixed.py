@@ -142,7 +142,7 @@ def sweep_reason(status: int, prepared: PreparedSweep) -> str:
     told = not_finite_function(pose.model, [t for t in tried if np.isfinite(t)])
     if told:
         return told
-    if status in (method.ZERO_LENGTH, method.CURVE_END):
+    if status in (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP):
         return sentence(status, pose.compiled, pose.work, time)
     if status == method.LEAP:
         return _leap(pose, time, float(pose.work.trial.t[0]))
@@ -163,10 +163,12 @@ def sweep_reason(status: int, prepared: PreparedSweep) -> str:
 def _leap(pose: Pose, before: float, after: float) -> str:
     """The sentence for a driver whose function jumps."""
     jumps = {
-        f"drivers.{name}.{driver.coordinate}": abs(
-            driver.function.value(after)[0] - driver.function.value(before)[0]
+        f"drivers.{name}.{motion.coordinate}": abs(
+            motion.function.value(after)[0] - motion.function.value(before)[0]
         )
         for name, driver in pose.model.drivers.items()
+        for motion in driver.motions(pose.model.plane)
+        if driver.order == 0
     }
     where = max(jumps, key=jumps.__getitem__, default="a function of time")
     return (

@@ -7,6 +7,7 @@ curves are unknowns beside those of the bodies; each takes one equation for itse
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from flexmb.analysis.poses import Closed, column_scales
 from flexmb.engine.compile import Compiled
 
-__all__ = ["Weighted", "plain_name", "weighted"]
+__all__ = ["Weighted", "element", "elements", "plain_name", "weighted"]
 
 Array = NDArray[np.float64]
 Ends = tuple[Array, Array, Array, Array]
@@ -88,6 +89,16 @@ def weighted(compiled: Compiled, pose: Closed) -> Weighted:
     owners = tuple(compiled.layout.reactions[k] for k in groups)
     A = weights * pose.rows.Cq[:, columns] * scales[columns]
     return Weighted(compiled, pose, A, weights * pose.rows.g * reach, columns, owners)
+
+
+def element(path: str) -> str:
+    """The section and name of what a path is of: couplers have a reaction for each joint."""
+    return ".".join(path.split(".")[:2])
+
+
+def elements(paths: Iterable[str]) -> tuple[str, ...]:
+    """The elements of paths, each once."""
+    return tuple(dict.fromkeys(element(path) for path in paths))
 
 
 def plain_name(path: str) -> str:

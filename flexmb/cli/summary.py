@@ -17,11 +17,12 @@ Row = tuple[str, str, str]
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _PER_STEP = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
+_LARGEST, _PROJECTED = "the largest of any constraint", "before the velocities' projection"
 _ERRORS = {
     "estimated_error": ("estimated error", "over the peak-to-peak of the motion"),
     "energy_balance_error": ("energy balance error", "over the energy that moved"),
-    "largest_position_drift": ("position drift", "m or rad, the largest of any constraint"),
-    "largest_velocity_drift": ("velocity drift", "m/s or rad/s, before the velocities' projection"),
+    "largest_position_drift": ("position drift", f"m or rad, {_LARGEST}"),
+    "largest_velocity_drift": ("velocity drift", f"m/s or rad/s, {_PROJECTED}"),
 }
 _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
 _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
@@ -48,7 +49,8 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
         rows.append(("replaced pivots", number(known[_PIVOTS]), meaning))
     for key, (name, meaning) in _ERRORS.items():
         if key in known:
-            rows.append((name, f"{float(known[key]):.2g}", meaning))
+            told = meaning.replace(_PROJECTED, _LARGEST) if "points" in known else meaning
+            rows.append((name, f"{float(known[key]):.2g}", told))
     if _RESUMED in known:
         rows.append(
             ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")

@@ -10,8 +10,8 @@ All of it follows from `State` alone, so that a resumed run repeats it.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import energy, kinematics
-from flexmb.engine.kernels.projection import accelerations
+from flexmb.engine.kernels import energy, kinematics, signal
+from flexmb.engine.kernels.projection import LOOP, accelerations
 from flexmb.engine.kernels.residual import position_stage
 from flexmb.engine.kernels.vector import copy, store
 from flexmb.engine.method import (
@@ -20,6 +20,7 @@ from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
     JERK_ERROR,
+    NO_LOOP,
     SINCE,
     STEP,
     ZERO_LENGTH,
@@ -78,8 +79,9 @@ def _begin_anew(sys, st, wk, cp):
     copy(st.v, tr.v)
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
-    if accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, _PROJECT_VELOCITIES) < 0:
-        return ZERO_LENGTH
+    code = accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, _PROJECT_VELOCITIES)
+    if code < 0:
+        return NO_LOOP if code == LOOP else ZERO_LENGTH
     store(tr.v, st.v)
     store(tr.vd, st.vd)
     store(tr.lam, st.lam)
@@ -94,6 +96,7 @@ def _begin_anew(sys, st, wk, cp):
             st.work_done[0] += energy.kinetic(sys.parts, now, st.v, wk.dense.B) - before
             break
     kinematics.velocity(sys.parts, now, st.v)
+    signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
     energy.powers(sys, now, wk.con.fun, st.v, st.lam, st.power)
     st.memory[SINCE] = 0.0
     st.memory[JERK_ERROR] = 0.0

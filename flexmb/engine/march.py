@@ -209,8 +209,8 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 2] = energy.gravitational(sys.parts, now, tr.q)
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
     out.energy[row, 3] += coordinate.spring_energy(sys.parts.coordinates, tr.q)
-    out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
     out.energy[row, 3] += contact.energy(sys.contacts, now.marker)
+    out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
     for k in range(3):
         out.energy[row, 4 + k] = tr.work_done[k]
     # The power of friction counts what goes into its bristles too; that is not lost yet.

@@ -63,10 +63,10 @@ class Settings(NamedTuple):
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle
+NO_LOOP = 20  # forces that depend on accelerations or reactions do not settle
 # Of a kinematic analysis: a singular pose, a point that does not continue the motion, a function
 # that jumps, rows that repeat others and ask for other velocities.
-SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(20, 24)
-NO_LOOP = 24  # forces that depend on accelerations or reactions do not settle
+SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 
 # Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a

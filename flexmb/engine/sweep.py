@@ -5,7 +5,7 @@ all with one factor of [[W, Cqᵀ], [Cq, 0]], W a diagonal metric: masses play n
 repeat others do no harm. The factor of one point begins the next; reactions follow from
 Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ + h³/6 j), j the last difference of v̇. An
 increment is halved where Newton's method fails or the new point does not continue the motion
-(`kernels.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
+(`engine.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
 """
 
 from __future__ import annotations
@@ -14,34 +14,41 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine import continuity
+from flexmb.engine.inverse import reactions
 from flexmb.engine.jit import entry, inlined
 from flexmb.engine.kernels import (
     constraint,
-    continuity,
     coordinate,
     energy,
     force,
-    inertia,
     kinematics,
     reaction,
     sensor,
+    signal,
     slider,
 )
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.motion import move
-from flexmb.engine.kernels.path import close, rates, shape_forces
-from flexmb.engine.kernels.residual import forces
 from flexmb.engine.kernels.time_function import evaluate_all
 from flexmb.engine.kernels.vector import copy, largest, weighted_size
-from flexmb.engine.method import CURVE_END, FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS, ZERO_LENGTH
+from flexmb.engine.method import (
+    CURVE_END,
+    FAILED,
+    FINE,
+    NOT_FINITE,
+    OUTPUTS,
+    STEPS,
+)
+from flexmb.engine.point import close, rates
 from flexmb.engine.tables import System
 from flexmb.engine.work import sizes
 
 # What the entry is asked for.
 POINTS, CORRECT, EVALUATE = 0, 1, 2
 # Places in Path.number: the increment to try next, motion since the factor (< 0: none of use),
-# least number of weak rows so far.
+# largest of the least pivots so far.
 NEXT, MOVED = 0, 1
 # An increment is at most this motion (model size, rad), and at least this share of the interval.
 _LONGEST = 0.5
@@ -87,7 +94,7 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0, np.inf]), np.zeros((_KEPT, 2)), np.zeros((_KEPT, nq)),
+        np.array([np.inf, -1.0, 0.0]), np.zeros((_KEPT, 2)), np.zeros((_KEPT, nq)),
         np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
@@ -100,8 +107,8 @@ def _attempt(sys, settings, st, wk, path, h, last):
     """
     tr = wk.trial
     tr.t[0] = st.t[0] + h
-    evaluate_all(sys.functions, tr.t[0], tr.stack, wk.con.fun)
-    if not continuity.finite(wk.con.fun, sys.functions.start.shape[0] - 1):
+    evaluate_all(sys.functions, tr.t[0], tr.variables, tr.stack, wk.con.fun)
+    if not continuity.finite(sys.functions, wk.con.fun):
         return NOT_FINITE
     for i in range(st.v.shape[0]):
         j = path.jerk[i]
@@ -146,6 +153,8 @@ def _accept(sys, st, wk, path, h):
     copy(tr.v, st.v)
     copy(tr.vd, st.vd)
     sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
     st.count[STEPS] += 1
 
 
@@ -181,30 +190,12 @@ def _reach(sys, settings, st, wk, path):
 
 
 @inlined
-def _reactions(sys, st, wk):
-    """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; a spring of no length, or −1."""
-    fac, place, nv = wk.factor, sys.kkt.place, st.v.shape[0]
-    inertia.prepare(sys.parts, wk.now, st.q)
-    for i in range(st.lam.shape[0]):
-        st.lam[i] = 0.0
-        fac.rhs[place[nv + i]] = 0.0
-    bad = forces(sys, wk, st.q, st.v, st.vd, st.lam)
-    shape_forces(sys.parts.bodies, wk.trial.res)
-    for i in range(nv):
-        fac.rhs[place[i]] = -wk.trial.res[i]
-    solve_refined(sys.kkt, fac, 2)
-    for i in range(st.lam.shape[0]):
-        st.lam[i] = fac.sol[place[nv + i]]
-    return bad
-
-
-@inlined
 def _report(sys, settings, st, wk, path, out):
     """Write the present point, with reactions and energies."""
     row, now = out.rows[0], wk.now
-    if _reactions(sys, st, wk) >= 0:
-        return ZERO_LENGTH
-    sensor.read(sys.sensors, sys.parts, now, st.vd, st.angles, wk.dense.J[0], out.sensors[row])
+    status = reactions(sys, st, wk)
+    if status != FINE:
+        return status
     reaction.read(sys, now.marker, st.lam, wk.dense.g, out.reactions[row])
     out.t[row] = st.t[0]
     copy(st.q, out.q[row])
@@ -223,6 +214,9 @@ def _report(sys, settings, st, wk, path, out):
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     for k in range(3):
         e[4 + k] = st.work_done[k]
+    sensor.read(
+        sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, e, st.angles, out.sensors[row]
+    )
     if not (np.isfinite(e[0]) and np.isfinite(largest(st.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -233,7 +227,7 @@ def _report(sys, settings, st, wk, path, out):
 @inlined
 def _evaluate(sys, st, wk, path):
     """Everything at the state's positions and velocities, with the factor there."""
-    evaluate_all(sys.functions, st.t[0], wk.trial.stack, wk.con.fun)
+    evaluate_all(sys.functions, st.t[0], wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, st.q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, st.q)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
@@ -242,6 +236,8 @@ def _evaluate(sys, st, wk, path):
     coordinate.put_rates(sys.parts.coordinates, sys, st.v, wk.con.fun)
     constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
     sensor.follow_angles(sys.sensors, wk.now.marker, st.angles)
+    sensor.follow_turns(sys.further, sys.sensors, wk.now.marker, st.angles)
+    signal.remember(sys.signals, wk, st.angles)
 
 
 @entry

@@ -192,6 +192,7 @@ MUTUAL = np.dtype(
 # `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
 # axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
 # body `n` or -1. EXPRESSION: program `first` over channels. STATE: velocity coordinate `first`.
+# PLACE of a curve marker: position coordinate `first`, or with `n` = 1 velocity coordinate `first`.
 CHANNEL = np.dtype(
     [
         ("what", _I),
@@ -414,8 +415,8 @@ LINES = (TWIST, RADIAL, MOMENT)
 # Measures of laws.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 # What channels are.
-SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE = range(7)
-FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 7, 8, 9
+SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
+FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 8, 9, 10
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90

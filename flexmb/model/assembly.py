@@ -67,7 +67,12 @@ def assembly_problems(scope: Scope) -> Iterator[Problem]:
         if name not in bodies:
             what = f'unknown body "{name}"'
             yield Problem(f"assembly.weights.{name}", what, bodies, nearest(name, bodies))
-    driven = {(d.joint, d.coordinate): name for name, d in scope.model.drivers.items()}
+    driven = {
+        (driver.joint, motion.coordinate): name
+        for name, driver in scope.model.drivers.items()
+        for motion in driver.motions(scope.model.plane)
+        if driver.joint is not None
+    }
     joints = scope.names("joints")
     for joint, guess in spec.guess.items():
         if joint not in joints:

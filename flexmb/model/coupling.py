@@ -143,8 +143,8 @@ def _circles(model: Model, flexbodies: lookup.Bodies) -> Iterator[_Circle]:
             continue
         before, rows = rows, np.vstack([rows, row])
         kept[name] = one
-        locked = [k for k in range(len(keys)) if _locked(rows, k) and not _locked(before, k)]
-        if locked:
+        locked = np.flatnonzero(_locked(rows) & ~_locked(before))
+        if len(locked):
             involved = np.abs(np.array([_combined(rows, np.eye(len(keys))[k])[0] for k in locked]))
             others = tuple(n for n, s in zip(kept, involved.max(axis=0), strict=True) if s > _NONE)
             others = tuple(n for n in others if n != name)
@@ -158,9 +158,12 @@ def _combined(rows: Array, wanted: Array) -> tuple[Array, float]:
     return np.asarray(share, float), float(np.linalg.norm(wanted - rows.T @ share))
 
 
-def _locked(rows: Array, k: int) -> bool:
-    """Whether the rows determine coordinate k."""
-    return _combined(rows, np.eye(rows.shape[1])[k])[1] <= _NONE
+def _locked(rows: Array) -> NDArray[np.bool_]:
+    """Whether the rows, which are independent, determine each coordinate."""
+    Q = np.linalg.qr(rows.T)[0]
+    left = np.eye(rows.shape[1]) - Q @ Q.T
+    locked: NDArray[np.bool_] = np.linalg.norm(left, axis=0) <= _NONE
+    return locked
 
 
 def _contradiction(

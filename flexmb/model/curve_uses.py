@@ -23,8 +23,9 @@ from flexmb.model.orientation import rotation_matrix
 if TYPE_CHECKING:
     from flexmb.model.model import Model
     from flexmb.model.scope import Scope
+    from flexmb.model.sensors import PlaceSensorSpec
 
-__all__ = ["in_plane", "of_joint", "shapes"]
+__all__ = ["in_plane", "of_joint", "of_sensor", "shapes"]
 
 _ALIGNED = 1e-9
 
@@ -59,6 +60,23 @@ def of_joint(scope: Scope, name: str, joint: JointSpec) -> Iterator[Problem]:
             units = scope.model.units
             what = f'lies beyond the curve "{curve}", which is {units.say(length, "m")} long'
             yield Problem(f"joints.{name}.{begin}", what)
+
+
+def of_sensor(scope: Scope, where: str, spec: PlaceSensorSpec) -> Iterator[Problem]:
+    """The joint of a sensor of places: that it is on a curve, on that side."""
+    names = scope.names("joints")
+    if spec.joint not in names:
+        what = f'unknown joint "{spec.joint}"'
+        yield Problem(f"{where}.joint", what, names, nearest(spec.joint, names))
+    elif spec.joint in scope.model.joints:
+        joint = scope.model.joints[spec.joint]
+        if not joint.curves:
+            known = tuple(name for name, other in scope.model.joints.items() if other.curves)
+            what = f'the {joint.type} joint "{spec.joint}" is on no curve'
+            yield Problem(f"{where}.joint", what, known)
+        elif spec.on == "J" and len(joint.curves) < 2:
+            what = f'the {joint.type} joint "{spec.joint}" has a curve on I only'
+            yield Problem(f"{where}.on", what)
 
 
 def in_plane(model: Model, name: str, flexbodies: lookup.Bodies, plane: str) -> Iterator[Problem]:

@@ -21,10 +21,11 @@ from flexmb.model.functions import Function, FunctionOf
 from flexmb.model.laws import Law, LawOf
 from flexmb.model.quantities import Pair, Quantity, Text
 from flexmb.model.reading import Reader, Spec, fail, given, names_of, units_of
-from flexmb.model.stops import RotationalStopSpec, StopSpec, TranslationalStopSpec
+from flexmb.model.stops import JointStopSpec, RotationalStopSpec, StopSpec, TranslationalStopSpec
 
 __all__ = [
     "FORCE_TYPES",
+    "AnyForce",
     "ForceSpec",
     "JointSpringSpec",
     "LineForceSpec",
@@ -130,10 +131,10 @@ class JointSpringSpec(_Lawful):
 
 
 class RotationalSpringSpec(JointSpringSpec):
-    """A spring, damper and actuator on the angle of a joint, which counts turns; ``spring_force``
-    is a law of x = angle - free in place of the stiffness, ``damper_force`` one of the speed v.
+    """A spring, damper and actuator on the angle of a joint, which counts turns.
 
-    ``about = "second_axis"``: on the second angle of a universal joint.
+    ``spring_force`` is a law of x = angle - free in place of the stiffness, ``damper_force`` one of
+    the speed v; ``about = "second_axis"``: on the second angle of a universal joint.
     """
 
     type: Literal["rotational-spring-damper"]
@@ -208,11 +209,16 @@ FORCE_TYPES: dict[str, type[Spec]] = {
     "line-force": LineForceSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
     "bushing": BushingSpec,
     "beam": BeamForceSpec,
     "stop": StopSpec,
     "rotational-stop": RotationalStopSpec,
     "translational-stop": TranslationalStopSpec,
-    "contact": ContactSpec,
-    "joint-friction": JointFrictionSpec,
 }
+AnyForce = (
+    LoadSpec | SpringDamperSpec | LineForceSpec | JointSpringSpec | BushingSpec | BeamForceSpec
+    | StopSpec | JointStopSpec | ContactSpec | JointFrictionSpec
+)  # fmt: skip
+"""Every force of a model."""

@@ -25,7 +25,7 @@ from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
 from flexmb.model.reading import given
-from flexmb.model.stops import StopSpec
+from flexmb.model.stops import JointStopSpec, StopSpec
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -172,7 +172,7 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         if d.joint is not None
     ]
     for n, force in model.forces.items():
-        if isinstance(force, JointSpringSpec):
+        if isinstance(force, JointSpringSpec | JointStopSpec):
             used.append((f"forces.{n}", force.joint, force.coordinate))
     for n, coupler in model.couplers.items():
         used += [(f"couplers.{n}", *term) for term in terms_of(coupler)]

@@ -34,6 +34,12 @@ from flexmb.model.view import ViewSpec
 
 __all__ = ["scene_schema"]
 
+_GRAVITY: Form = {
+    "anyOf": [
+        {"enum": ["none", "earth -x", "earth -y", "earth -z"]},
+        {"type": "string", "pattern": "^earth +[+-]?[xyz]$"},
+    ]
+}
 _BODIES: tuple[type[Spec], ...] = (RigidBodySpec, MeshBodySpec, FlexbodySpec)
 
 
@@ -58,7 +64,7 @@ def _top() -> dict[str, Form]:
         "title": {"type": "string"},
         "units": form_of(UnitsName),
         "plane": {"enum": list(PLANES)},
-        "gravity": {"anyOf": [{"enum": ["none"]}, VECTOR], "description": "m/s^2, global axes"},
+        "gravity": {"anyOf": [_GRAVITY, VECTOR], "description": "m/s^2, global axes"},
         "parameters": {"type": "object", "additionalProperties": NUMBER},
         "ground": reference(GroundSpec),
         "bodies": _named(_one_of(_BODIES)),

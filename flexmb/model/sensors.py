@@ -31,6 +31,7 @@ __all__ = [
     "JointSensorSpec",
     "MarkerSensorSpec",
     "OrientationSensorSpec",
+    "PlaceSensorSpec",
     "ReactionSensorSpec",
     "SensorSpec",
     "StrokeSensorSpec",
@@ -133,6 +134,19 @@ class StrokeSensorSpec(JointSensorSpec):
     type: Literal["stroke"]
 
 
+class PlaceSensorSpec(SensorSpec):
+    """Place of a joint along its curve, in length from its beginning, or its rate.
+
+    A closed curve is counted on over any number of turns. Of two cams ``on = "J"`` is that on the
+    curve of marker J.
+    """
+
+    type: Literal["place"]
+    joint: Text
+    on: Literal["I", "J"] = "I"
+    derivative: Literal[0, 1] = 0
+
+
 class DistanceSensorSpec(SensorSpec):
     """Distance of two markers; with ``derivative`` its first or second rate."""
 
@@ -196,6 +210,7 @@ SENSOR_TYPES: dict[str, type[Spec]] = {
     "angle": AngleSensorSpec,
     "second_angle": AngleSensorSpec,
     "stroke": StrokeSensorSpec,
+    "place": PlaceSensorSpec,
     "distance": DistanceSensorSpec,
     "reaction": ReactionSensorSpec,
     "energy": EnergySensorSpec,
@@ -220,7 +235,7 @@ _ANGLES = tuple(CHANNEL_UNITS.values())[3:]
 def unit_of(table: Mapping[str, Any]) -> str | None:
     """SI unit of what a sensor, state or controller measures, from its fields; None if unknown."""
     kind = str(table.get("type", ""))
-    if kind in ("stroke", "distance"):
+    if kind in ("stroke", "place", "distance"):
         return _LENGTHS[int(table.get("derivative", 0))]
     if kind in ("angle", "second_angle"):
         return _ANGLES[int(table.get("derivative", 0))]

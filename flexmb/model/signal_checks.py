@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
-from flexmb.model import signals
+from flexmb.model import curve_uses, signals
 from flexmb.model.expression import CONSTANTS, unknown_channel
 from flexmb.model.forces import LoadSpec
 from flexmb.model.scope import Scope
@@ -19,6 +19,7 @@ from flexmb.model.sensors import (
     EnergySensorSpec,
     JointSensorSpec,
     MarkerSensorSpec,
+    PlaceSensorSpec,
     ReactionSensorSpec,
 )
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["sensor_problems", "signal_problems"]
 
 _OWNERS = ("sensors", "states", "controllers")
+_REPORTED = {EnergySensorSpec: "an energy", PlaceSensorSpec: "a place along a curve"}
 
 
 def sensor_problems(scope: Scope) -> Iterator[Problem]:
@@ -37,6 +39,8 @@ def sensor_problems(scope: Scope) -> Iterator[Problem]:
         where = f"sensors.{name}"
         if isinstance(spec, JointSensorSpec) and spec.joint is not None:
             yield from scope.coordinate(where, spec.joint, spec.type)
+        elif isinstance(spec, PlaceSensorSpec):
+            yield from curve_uses.of_sensor(scope, where, spec)
         elif isinstance(spec, MarkerSensorSpec):
             if spec.axes != "global":
                 yield from scope.marker(f"{where}.axes", spec.axes)
@@ -132,11 +136,12 @@ def _way_back(model: Model, first: str, trail: tuple[str, ...]) -> tuple[str, ..
 
 
 def _only_reported(model: Model) -> Iterator[Problem]:
-    """Energies are computed at outputs only."""
+    """Energies and places along curves are computed at outputs only."""
     for where, function in signals.live_functions(model):
         if where.startswith("sensors."):
             continue
         for name in signals.resolved(model, function.expression).channels:
-            if isinstance(model.sensors.get(name), EnergySensorSpec):
-                what = f'"{name}" is an energy, known at outputs only: no force can follow it'
-                yield Problem(where, what)
+            for kind, noun in _REPORTED.items():
+                if isinstance(model.sensors.get(name), kind):
+                    what = f'"{name}" is {noun}, known at outputs only: no force can follow it'
+                    yield Problem(where, what)

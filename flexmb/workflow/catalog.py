@@ -173,12 +173,18 @@ def _functions() -> Listing:
 
 
 def _methods() -> Listing:
+    from flexmb.model.assembly import AssemblySpec, GuessSpec
     from flexmb.model.dynamics import DynamicsSpec
     from flexmb.model.kinematics import KinematicsSpec
 
     names = get_args(DynamicsSpec.model_fields["method"].annotation)
     rows = [(name, METHODS.get(name, "")) for name in names]
-    kinds = {"[dynamics]": DynamicsSpec, "[kinematics]": KinematicsSpec}
+    kinds = {
+        "[dynamics]": DynamicsSpec,
+        "[kinematics]": KinematicsSpec,
+        "[assembly]": AssemblySpec,
+        "assembly.guess.joint": GuessSpec,
+    }
     return Listing(
         "methods: dynamics.method",
         (("", Table(("method", "what it is"), rows)), *fields_tables(kinds)),

@@ -128,7 +128,7 @@ def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
 def _drivers(model: Model) -> Titled:
     rows = []
     for name, driver in model.drivers.items():
-        words = driver.model_dump(mode="json", exclude_none=True, context=model.terms)
+        words = driver.model_dump(mode="json", exclude_defaults=True, context=model.terms)
         rows.append((name, *_in_words(words, apart=("joint",))))
     return "drivers", Table(("driver", "joint", "coordinate = function of t"), rows)
 
@@ -143,7 +143,7 @@ def _other_elements(model: Model) -> Iterator[Titled]:
         rows = []
         for name, spec in entries.items():
             if isinstance(spec, Spec):
-                words = spec.model_dump(mode="json", exclude_none=True, context=model.terms)
+                words = spec.model_dump(mode="json", exclude_defaults=True, context=model.terms)
                 rows.append((name, *_in_words(words, apart=("type",))))
         yield section, Table((section.removesuffix("s"), "type", "values"), rows)
 
@@ -159,6 +159,8 @@ def _told(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_told(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_told(item) for item in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -120,6 +120,28 @@ def test_curves_that_do_not_fit_their_joints(model, where, sentence):
     told(model.problems(), f"joints.contact.{where}", sentence)
 
 
+@pytest.mark.parametrize(
+    ("fields", "where", "sentence"),
+    [
+        ({"joint": "nothing"}, "joint", 'unknown joint "nothing"'),
+        ({"joint": "pivot"}, "joint", 'the revolute joint "pivot" is on no curve'),
+        ({"joint": "contact", "on": "J"}, "on", "has a curve on I only"),
+    ],
+)
+def test_sensors_of_places_that_no_joint_has(fields, where, sentence):
+    model = cam()
+    model.add_joint("pivot", "revolute", between=["ground", "cam"], axis="z")
+    model.add_sensor("place", "place", **fields)
+    told(model.problems(), f"sensors.place.{where}", sentence)
+
+
+def test_no_force_follows_a_place():
+    model = cam()
+    model.add_sensor("place", "place", joint="contact")
+    model.add_force("pull", "force", at="follower", value=["100*place", 0, 0])
+    told(model.problems(), "forces.pull.value[0]", '"place" is a place along a curve, known at out')
+
+
 def test_an_unknown_curve_is_told_with_the_nearest():
     (problem,) = cam(curve="profil").problems()
     assert problem.where == "joints.contact.curve" and problem.nearest == ("profile",)

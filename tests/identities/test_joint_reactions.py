@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from enginekit import Bench, rotation
 from generators import cloud, interface, random_rotation
+from jointfields import special_fields
 
 from flexmb.analysis.poses import close
 from flexmb.analysis.rows import placed_markers
@@ -23,7 +24,7 @@ from flexmb.model.joints import JOINT_TYPES
 EXACT = 1e-8
 GRAVITY = np.array([1.0, -2.0, -9.0])
 AXIS, ACROSS = np.array([2.0, -1.0, 2.0]) / 3, np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
-SLIDING = ("prismatic", "in-line", "in-plane", "prismatic-spherical")
+SLIDING = ("prismatic", "in-line", "in-plane", "prismatic-spherical", "cam-flat")
 BODIES = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": (3, 4)}
 PLANE = [0, 1, 5]
 
@@ -49,6 +50,12 @@ NONE = {
     "revolute-cylindrical": ("Fz Mz", "Fz Mz"),  # of parallel axes
     "revolute-universal": ("Mz", "Mz"),
     "spherical-universal": ("Mx My Mz", "Mx My Mz"),
+    "pin-in-slot": ("Mx My Mz", "Fx Fz My Mz"),
+    "point-on-curve": ("Mx My Mz", "Mx My Mz"),
+    "cam-knife": ("Mx My Mz", "Fx Fz My Mz"),
+    "cam-roller": ("Mx My Mz", "Fx Fz My Mz"),
+    "cam-flat": ("Fx Fy Mz", "Fx Mx My Mz"),
+    "cam-cam": ("My", "Fz"),  # of skew planes; in parallel ones a force along both normals
 }
 IN_PLANE = {  # beside those out of the plane; the normal is z, and x the axis of what slides
     "revolute": ("Mz", "Mz"),
@@ -61,6 +68,12 @@ IN_PLANE = {  # beside those out of the plane; the normal is z, and x the axis o
     "distance": ("Mz", "Mz"),
     "prismatic-spherical": ("Mz", "Fx"),
     "revolute-revolute": ("Mz", "Mz"),
+    "pin-in-slot": ("Mz", "Fx Mz"),
+    "point-on-curve": ("Mz", "Fx Mz"),
+    "cam-knife": ("Mz", "Fx Mz"),
+    "cam-roller": ("Mz", "Fx Mz"),
+    "cam-flat": ("Fx Fy Mz", "Fx Mz"),
+    "cam-cam": ("Fx Mz", "Fx Mz"),
 }
 
 
@@ -83,7 +96,8 @@ class Pair:
         axes = dict(zip(("axis", "second_axis"), (axis, second), strict=True))
         words = list(axes)[: JOINT_TYPES[kind].axes]
         between = ["a.end", "b.end"]
-        self.model.add_joint("joint", kind, between=between, **{word: axes[word] for word in words})
+        fields = {word: axes[word] for word in words} | special_fields(self.model, kind, planar)
+        self.model.add_joint("joint", kind, between=between, **fields)
 
     def _body(self, name, m):
         rng, made = self.rng, cloud(self.rng, m)
@@ -151,9 +165,10 @@ def pair(request):
 def wrenches(pair):
     """On J and on I: marker, force and moment at the marker in global axes."""
     bench = pair.bench
-    row = bench.sys.rows[bench.sys.groups[0]["row"]]
-    told = bench.reactions[0]
-    for marker, part in ((int(row["J"]), told[:2]), (int(row["I"]), told[2:])):
+    group, told = bench.sys.groups[0], bench.reactions[0]
+    row = bench.sys.rows[group["row"]]
+    i, j = (int(row[side]) for side in ("JI" if group["reversed"] else "IJ"))
+    for marker, part in ((j, told[:2]), (i, told[2:])):
         force, moment = (pair.markers.R[marker] @ c for c in part)
         yield marker, force, moment
 
@@ -239,6 +254,7 @@ def _carried(pair, told):
     size = max(1.0, np.abs(told).max())
     for side, parts in enumerate(told):
         none = (IN_PLANE if pair.planar else NONE).get(kind, ("", ""))[side].split()
-        none += ["Fz", "Mx", "My"] if pair.planar else []
+        if pair.planar and (kind, side) != ("cam-flat", 0):  # whose z is across the flat
+            none += ["Fz", "Mx", "My"]
         zero = [name for name, part in zip(names, parts, strict=True) if abs(part) < EXACT * size]
         assert set(none) == set(zero), (kind, side, zero)

@@ -7,6 +7,8 @@ import pytest
 from enginekit import Bench, slope
 from generators import BODIES, Mechanism
 
+from flexmb.analysis.mobility import examine
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 DIFFERENCES = 1e-8
@@ -202,3 +204,28 @@ def test_controllers_mean_the_units_of_the_scene():
     kick = 2 * (1 - x) + 4 / 0.5 * (1 - x)  # filter and integral at zero
     wanted = [-kick, -1.5 * x * t, -np.sin(0.2), 2 * 0.2 - v, kick, 1.5 * x * t, 0.2]
     np.testing.assert_allclose(found[0], wanted, rtol=1e-12)
+
+
+def test_times_in_expressions_over_channels_are_events():
+    """The ends of a step of time, beside a channel; what depends on a channel has no known time."""
+    model = Model("events")
+    model.add_body("a", mass=2, inertia=[0.1, 0.1, 0.1])
+    model.add_sensor("x", "position", of="a")
+    value = "x.x*step(t, 0.2, 0, 0.4, 1) + step(x.y, 0.1, 0, 0.3, 1)"
+    model.add_force("f", "force", at="a", value=[value, "hypot(x.x, t)", 0])
+    model.set_dynamics(duration=1.0)
+    kinks = compile_system(model).system.kinks
+    np.testing.assert_allclose(kinks.mean(axis=1), [0.2, 0.4], rtol=1e-12)
+
+
+def test_states_are_no_freedoms():
+    """A slider pushed by a controller has the one freedom of the slider, and no redundant row."""
+    model = Model("counts")
+    model.add_body("a", mass=2, inertia=[0.1, 0.1, 0.1], position=[1, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "a"], axis="x")
+    model.add_sensor("x", "position", of="a")
+    model.add_state("z", rate="x.x - z")
+    model.add_controller("c", "pid", input="z", kp=1, ki=2, kd=3, filter=0.1)
+    model.add_force("line", "line-force", between=["ground", "a"], value="c")
+    found = examine(compile_system(model), model)
+    assert (found.coordinates, found.rank, found.delta, found.redundant) == (6, 5, 1, 0)

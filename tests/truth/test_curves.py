@@ -42,7 +42,12 @@ def lift(found, sensor="position"):
 
 def test_eccentric_disk_with_a_flat_follower():
     """y = r + e sin θ; the flat carries m (y'' + g), the motor the contact force times its arm."""
-    found = run(cam("cam-flat", axis="y", gravity=(0, -G, 0)), duration=1.3, outputs=26, step=0.01)
+    made = cam("cam-flat", axis="y", gravity=(0, -G, 0))
+    made.add_sensor("place", "place", joint="contact")
+    made.add_sensor("rate", "place", joint="contact", derivative=1)
+    for side in "IJ":
+        made.add_sensor(f"on_{side}", "reaction", joint="contact", on=side)
+    found = run(made, duration=1.3, outputs=26, step=0.01)
     a = SPEED * found.t
     np.testing.assert_allclose(lift(found), R + E * np.sin(a), rtol=0, atol=CLOSED)
     np.testing.assert_allclose(lift(found, "velocity"), E * SPEED * np.cos(a), atol=1e-9)
@@ -57,6 +62,11 @@ def test_eccentric_disk_with_a_flat_follower():
     # on the cam at the point of contact: across the curve, nothing along it, no moment
     np.testing.assert_allclose(np.abs(on_cam[:, 1]), np.abs(force), atol=1e-6)
     np.testing.assert_allclose(on_cam[:, [0, 5]], 0.0, atol=1e-7)
+    np.testing.assert_allclose(found.vector("on_J"), on_flat[:, :3], atol=1e-9)
+    np.testing.assert_allclose(found.vector("on_I"), on_cam[:, :3], atol=1e-9)
+    # contact is at the top of the disk, which turns away under it, over two turns
+    np.testing.assert_allclose(found["place"], R * (0.5 * np.pi - a), atol=1e-10)
+    np.testing.assert_allclose(found["rate"], -R * SPEED, atol=1e-8)
     torque = -found.reaction("drivers.motor")[:, 0]
     weight = 1.0 * G * 0.01 * np.cos(a)
     np.testing.assert_allclose(torque, weight + force * E * np.cos(a), atol=1e-6)

@@ -60,6 +60,19 @@ from test_curves import cam
 made = cam("cam-flat", axis="y", gravity=(0, -9.81, 0))
 keep("cam", swept(made, duration=1.3, outputs=5))
 
+from flexmb.model import Model
+
+train, radii, at = Model("train", plane="xy"), [0.2, 0.1, 0.3], [0.0, 0.3, 0.7]
+for k in range(3):
+    train.add_body(f"w{k}", mass=1.0, inertia=[1, 1, 1], position=[at[k], 0, 0])
+    train.add_marker(f"ground.p{k}", position=[at[k], 0, 0])
+    train.add_joint(f"p{k}", "revolute", between=[f"ground.p{k}", f"w{k}"], axis="z")
+    train.add_sensor(f"a{k}", "angle", joint=f"p{k}")
+train.add_coupler("first", "gear", joints=["p0", "p1"], radii=radii[:2])
+train.add_coupler("second", "gear", joints=["p1", "p2"], radii=radii[1:])
+train.add_driver("motor", joint="p0", angle="8*t")
+keep("train", swept(train, duration=1.0, outputs=2))
+
 norton = json.loads(open(NORTON).read())
 lengths = tuple(norton["lengths"][name] for name in ("crank", "coupler", "rocker", "ground"))
 for branch, word in ((1, "open"), (-1, "crossed")):
@@ -101,6 +114,13 @@ def test_quick_return_has_one_motion_in_three_models(planar, kind):
     np.testing.assert_allclose(planar[f"{kind}.ram_position.x"], position, atol=1e-12)
     np.testing.assert_allclose(planar[f"{kind}.ram_velocity.x"], velocity, atol=1e-11)
     np.testing.assert_allclose(planar[f"{kind}.ram_acceleration.x"], acceleration, atol=1e-10)
+
+
+def test_gears_keep_their_ratio_over_turns(planar):
+    turned = np.array([planar[f"train.a{k}"] for k in range(3)])
+    np.testing.assert_allclose(turned[0], 8.0 * planar["train.t"], atol=1e-13)
+    np.testing.assert_allclose(turned[1], -2.0 * turned[0], atol=1e-12)
+    np.testing.assert_allclose(turned[2], turned[0] / 1.5, atol=1e-12)
 
 
 def test_cam_with_a_flat_follower(planar):

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
-from truthkit import order, run
+from truthkit import Memory, compiled, order, run
 
+from flexmb.analysis.assembly import assemble
+from flexmb.analysis.dynamics import dynamics
+from flexmb.errors import AssemblyError
 from flexmb.model import Model
 
 VAN_DER_POL = 6.6632868593
@@ -188,3 +191,19 @@ def test_a_force_that_follows_a_reaction():
     found = run(model, duration=1.0, accuracy=1e-5, outputs=10)
     np.testing.assert_allclose(found["n.z"], 10.0, rtol=1e-9)
     np.testing.assert_allclose(found["x.x"], 3 * found.t - found.t**2, atol=1e-4)
+
+
+def test_a_loop_that_amplifies_is_told():
+    """1 kg pushed with 1 N − 3 kg ẍ: the force found from an acceleration is three times larger."""
+    model = push(slider(), "1 - 3*a.x")
+    model.add_sensor("a", "acceleration", of="mass")
+    with pytest.raises(AssemblyError, match="the loop amplifies; lower its gain"):
+        assemble(compiled(model), model)
+
+
+def test_an_expression_that_ends_is_named_with_its_channels():
+    model = push(slider(position=[0.01, 0, 0]), "-1 - sqrt(x.x)")
+    model.set_dynamics(duration=1.0, step=1e-2, outputs=10)
+    outcome = dynamics(compiled(model), model, Memory())
+    assert outcome.status == "failed"
+    assert 'forces.push.value[0]: "-1 - sqrt(x.x)" is nan with x.x = -' in outcome.message

@@ -34,9 +34,6 @@ __all__ = [
 ]
 
 
-Follower = JointSpringSpec | JointStopSpec | JointFrictionSpec
-
-
 @dataclass(frozen=True)
 class Scalar:
     """m s'' + c s' + k (s − s0) = u(t); `function` is u in `Functions`, −1 for none."""
@@ -56,7 +53,11 @@ def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
     return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
-def followers(model: Model) -> dict[str, Follower]:
+OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
+"""Forces on a coordinate of a joint."""
+
+
+def followers(model: Model) -> dict[str, OnJoint]:
     """Forces on joint coordinates by name, in the order of the scalars that follow these."""
     forces = model.forces.items()
     stops = {n: spec for n, spec in forces if isinstance(spec, JointStopSpec)}
@@ -64,7 +65,7 @@ def followers(model: Model) -> dict[str, Follower]:
     return {**joint_springs(model), **stops, **frictions}
 
 
-def joint_coordinate(model: Model, spec: Follower) -> str:
+def joint_coordinate(model: Model, spec: OnJoint) -> str:
     """The coordinate of its joint that a force acts on."""
     if isinstance(spec, JointFrictionSpec):
         return friction_coordinate(model, spec)
@@ -77,7 +78,10 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
+    """The scalar coordinates of a model: of joint forces, lines of forces, couplers, states.
+
+    Laws and stops on joints are elements of their own.
+    """
     joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
     lines = [
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
@@ -91,10 +95,9 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
     return [*joints, *lines, *coupled, *own]
 
 
-def _follower(model: Model, name: str, spec: Follower, functions: Functions) -> Scalar:
-    """Laws and stops on joints are elements of their own, and so is friction."""
+def _follower(model: Model, name: str, spec: OnJoint, functions: Functions) -> Scalar:
     angular = joint_coordinate(model, spec) != "stroke"
-    if not isinstance(spec, JointSpringSpec):
+    if isinstance(spec, JointFrictionSpec | JointStopSpec):
         return Scalar(f"forces.{name}", angular=angular)
     return Scalar(
         f"forces.{name}",

@@ -137,6 +137,11 @@ class Sliders:
         """Where along the curves they begin [m]."""
         return [s.start for s in self.found]
 
+    def number(self, joint: str, on: str) -> int:
+        """Number of the curve marker of a joint on the curve of its marker I or J."""
+        mine = [k for k, s in enumerate(self.found) if s.joint == joint]
+        return mine[1 if on == "J" else 0]
+
     def of_group(self, group: int) -> tuple[int, ...]:
         """Numbers of the curve markers of a group."""
         return tuple(k for k, s in enumerate(self.found) if s.group == group)

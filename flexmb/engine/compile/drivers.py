@@ -89,7 +89,8 @@ def _integrated(
     model: Model, order: int, rate: Expression, line: tuple[float, float]
 ) -> Expression:
     """The displacement of a rate; `line` holds its first value and velocity."""
-    end = None if model.dynamics is None else model.dynamics.duration
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    end = max(spans, default=None)
     first, speed = line
     start = (("t", 0.0), ("const", speed), ("*", 0.0), ("const", first), ("+", 0.0))
     return Expression(rate.text, (*antiderivative(rate.ops, order, end), *start, ("+", 0.0)))

@@ -100,7 +100,7 @@ class _Builder:
         unit = self.model.units.scale("m")
         if isinstance(spec, JointStopSpec):
             row |= {"measure": COORDINATE_OF, "coordinate": self.scalars.index(f"forces.{name}")}
-            unit = 1.0 if spec.coordinate == "angle" else unit
+            unit = unit if spec.coordinate == "stroke" else 1.0
         elif isinstance(spec, StopSpec):
             row["measure"] = DISTANCE_OF if spec.axis is None else COMPONENT_OF
             ends = lookup.frames(self.model, spec.between, spec.axis, self.flexbodies)

@@ -28,6 +28,7 @@ from flexmb.engine.tables import (
     DOT2,
     ENERGY,
     EXPRESSION,
+    PLACE,
     REACTION,
     SEEN_OMD,
     STATE,
@@ -47,6 +48,7 @@ from flexmb.model.sensors import (
     JointSensorSpec,
     MarkerSensorSpec,
     OrientationSensorSpec,
+    PlaceSensorSpec,
     ReactionSensorSpec,
 )
 
@@ -72,7 +74,8 @@ class Channels:
     model: Model
     flexbodies: Mapping[str, FlexBody]
     markers: Markers
-    owners: list[str]  # scene paths of the groups
+    groups: Groups
+    places: tuple[int, int]  # position and velocity coordinate of the first curve marker
     states: Mapping[str, int]  # velocity coordinate of each state
     rows: list[tuple[int, ...]] = field(default_factory=list)
     terms: list[Term] = field(default_factory=list)
@@ -114,6 +117,9 @@ class Channels:
             self.add_sum([(DISTANCE, i, j, 0, 0, spec.derivative, 1.0)])
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
+        elif isinstance(spec, PlaceSensorSpec):
+            k = self.groups.sliders.number(spec.joint, spec.on)
+            self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
         elif isinstance(spec, EnergySensorSpec):
             body = -1 if spec.body is None else self.markers.bodies.index(spec.body)
             self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
@@ -155,7 +161,8 @@ class Channels:
 
     def _reaction(self, spec: ReactionSensorSpec) -> None:
         what, element = self._element(spec)
-        side, quantity = int(spec.on == "I"), int(spec.quantity == "moment")
+        turned = what == REACTION and element in self.groups.reversed
+        side, quantity = int((spec.on == "I") != turned), int(spec.quantity == "moment")
         axes = self.axes(spec.axes, _OWN)
         for a in range(3):
             self.rows.append((what, element, -1, 0, side, quantity, axes, a))
@@ -167,8 +174,8 @@ class Channels:
             ("drivers", spec.driver),
             ("forces", spec.force),
         ):
-            if name is not None and f"{section}.{name}" in self.owners:
-                return REACTION, self.owners.index(f"{section}.{name}")
+            if name is not None and f"{section}.{name}" in self.groups.owners:
+                return REACTION, self.groups.owners.index(f"{section}.{name}")
         assert spec.force is not None  # joints and drivers have groups
         return row_of(self.model, spec.force)
 
@@ -187,13 +194,14 @@ def sensor_tables(
     markers: Markers,
     groups: Groups,
     states: Mapping[str, int],
+    places: tuple[int, int],
 ) -> tuple[Sensors, dict[str, int]]:
     """The tables of all channels in the order of `Model.channels`, and their numbers by name.
 
     `states` is the velocity coordinate of each state by name; those that are no channel of the
-    results stand behind the others.
+    results stand behind the others; `places` as in `Channels`.
     """
-    made = Channels(model, flexbodies, markers, groups.owners, states)
+    made = Channels(model, flexbodies, markers, groups, places, states)
     for name, spec in model.sensors.items():
         made.add_sensor(name, spec)
     for name in (*model.states, *model.controllers):

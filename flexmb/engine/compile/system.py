@@ -114,7 +114,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = signals.starts(states, ivs, functions)
-    sensor_tables, numbers = sensors.sensor_tables(model, known, markers, groups, ivs)
+    sensor_tables, numbers = sensors.sensor_tables(
+        model, known, markers, groups, ivs, (nq + before, nv + before)
+    )
     n_functions = len(functions.programs)
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)

@@ -51,9 +51,9 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         slider_tangents(sys, sys.parts.sliders, wk, lam, cp)
         spring_tangents(sys, sys.springs, wk, v, cv, cp)
         load_tangents(sys, sys.loads, wk, cp)
-        element_tangents(sys, sys.elements, wk, v, cv, cp)
         contact_tangents(sys, sys.contacts, wk, v, cv, cp)
         joint_friction.add_tangents(sys, sys.frictions, wk, v, cv, cp)
+        element_tangents(sys, sys.elements, wk, v, cv, cp)
     if cv != 0.0:
         signal_tangents(sys.signals, sys, wk, v, cv, cp)
     if symmetric:
@@ -151,7 +151,7 @@ def factorise_metric(sys, wk, metric):
     slider.put_rows(sys, sys.parts.sliders, wk)
     for i in range(low.shape[0]):
         factor.low0[i] = low[i]
-    factor.replaced[0] = ldl.factor(kkt, factor)
+    factor.replaced[0] = ldl.factor_symmetric(kkt, factor)
     return factor.replaced[0]
 
 

@@ -38,15 +38,24 @@ def _guarded(d, a, sign):
 @kernel
 def factor(kkt, fac):
     """Factor fac.low (and fac.up) in place; returns the number of replaced pivots."""
+    if fac.symmetric[0] == 1:
+        return factor_symmetric(kkt, fac)
     fixes = 0
     for p in range(kkt.panels.shape[0]):
         panel = kkt.panels[p]
-        if fac.symmetric[0] == 1:
-            fixes += _factor_panel(panel, fac.low, fac.Wl, fac.d)
-            _update_low(panel, kkt.updates, fac.low, fac.Wl)
-        else:
-            fixes += _factor_panel_pair(panel, fac.low, fac.up, fac.Wl, fac.Wu, fac.d)
-            _update_pair(panel, kkt.updates, fac.low, fac.up, fac.Wl, fac.Wu)
+        fixes += _factor_panel_pair(panel, fac.low, fac.up, fac.Wl, fac.Wu, fac.d)
+        _update_pair(panel, kkt.updates, fac.low, fac.up, fac.Wl, fac.Wu)
+    return fixes
+
+
+@kernel
+def factor_symmetric(kkt, fac):
+    """Factor fac.low in place; returns the number of replaced pivots."""
+    fixes = 0
+    for p in range(kkt.panels.shape[0]):
+        panel = kkt.panels[p]
+        fixes += _factor_panel(panel, fac.low, fac.Wl, fac.d)
+        _update_low(panel, kkt.updates, fac.low, fac.Wl)
     return fixes
 
 

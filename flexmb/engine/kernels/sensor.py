@@ -27,6 +27,7 @@ from flexmb.engine.tables import (
     ANGLES_TURN,
     ENERGY,
     EXPRESSION,
+    PLACE,
     SEEN_OMD,
     STATE,
     SUM,
@@ -197,10 +198,12 @@ def _length(further, lines, term, mi, mj):
 
 @kernel
 def other(further, sys, wk, channel, q, v, lam, energies):
-    """What is no sum of terms: a component of a wrench, an energy, a state."""
+    """What is no sum of terms: a component of a wrench, an energy, a state, a place."""
     if further is not None:
         if channel["what"] == STATE:
             return v[channel["first"]]
+        if channel["what"] == PLACE:
+            return q[channel["first"]] if channel["n"] == 0 else v[channel["first"]]
         if channel["what"] == ENERGY:
             return wrench.energy(sys, wk, channel, q, v, energies)
         if channel["what"] != EXPRESSION:

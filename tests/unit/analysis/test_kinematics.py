@@ -76,6 +76,10 @@ loose = linkage()
 loose.add_body("stone", mass=1.0, inertia=[1, 1, 1])
 keep("free body", loose)
 
+stated = linkage()
+stated.add_state("warmth", rate="1 - warmth", start=0)
+keep("states", stated)
+
 twice = linkage(angle="t")
 twice.add_driver("other", joint="right", angle="t")
 keep("rates apart", twice)
@@ -98,6 +102,22 @@ flexible.add_joint("hinge", "revolute", between=["ground", "beam.root"], axis="z
 flexible.add_driver("motor", joint="hinge", angle="3*t")
 rows = keep("flexible", flexible, outputs=2)
 found["flexible.q"], found["flexible.v"] = rows["q"], rows["v"]
+
+wheel = Model("wheel", gravity=[0, -10, 0])
+wheel.add_body("wheel", mass=2, inertia=[1, 1, 1])
+wheel.add_joint("hinge", "revolute", between=["ground", "wheel"], axis="z")
+wheel.add_driver("motor", joint="hinge", angle="20*t")
+wheel.add_sensor("bearing", "reaction", joint="hinge", axes="global")
+wheel.add_sensor("torque", "reaction", driver="motor", quantity="moment")
+wheel.add_sensor("turned", "orientation", of="wheel")
+wheel.add_sensor("load", "expression", value="hypot(bearing.x, bearing.y)", unit="N")
+wheel.add_force("drag", "torque", at="wheel", value=[0, 0, "-0.05*load"])
+keep("wheel", wheel)
+_, _, columns = swept(wheel)
+for name in ("torque.z", "load", "turned.gamma"):
+    found[name] = columns[name]
+wheel.add_state("heat", rate="load")
+keep("state", wheel)
 
 module._CHUNK_WORK = 4 * 18  # four points of a four-bar
 made = linkage()
@@ -189,6 +209,10 @@ def test_motions_without_driver_are_named(runs):
     said(runs, "free body", "refused", "leave 3 motions free", "bodies.stone")
 
 
+def test_states_are_refused(runs):
+    said(runs, "states", "refused", "states.warmth: is integrated", "[dynamics]")
+
+
 @pytest.mark.parametrize("name", ["rates apart", "drift apart"])
 def test_conflicting_drivers_are_both_named(runs, name):
     said(runs, name, "failed", "drivers.motor and drivers.other", "contradict each other")
@@ -229,3 +253,17 @@ def test_an_interruption_keeps_the_points_until_then(runs):
 
 def test_a_change_of_branch_is_an_error(runs):
     said(runs, "branch", "failed", "changed its branch between t = 0.3", "assembly.guess")
+
+
+def test_forces_over_reactions_and_all_sensors(runs):
+    """A wheel of 20 N whose bearing drags with a twentieth of its load, turned ten times 20 rad."""
+    assert runs["wheel"][0] == "finished"
+    np.testing.assert_allclose(runs["load"], 20.0, rtol=1e-12)
+    np.testing.assert_allclose(runs["torque.z"], 1.0, rtol=1e-12)
+    np.testing.assert_allclose(runs["turned.gamma"], np.linspace(0.0, 20.0, 11), atol=1e-9)
+
+
+def test_states_are_no_kinematics(runs):
+    status, message = runs["state"][:2]
+    assert status == "refused"
+    assert message.startswith("kinematics has no states that change by rates: heat; run [dynamics]")

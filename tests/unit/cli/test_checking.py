@@ -78,7 +78,7 @@ def test_tables_define_the_model_in_its_units(tmp_path: Path) -> None:
         "markers of the joints, body axes",
         "motor crank_bearing angle = 2*pi*t",
         "ram.origin 1.5, 0, 0 global",
-        "load force at = ram, value = [-5 - t, 0, 0], axes = global",
+        "load force at = ram, value = [-5 - t, 0, 0]",
     ):
         assert any(found.startswith(line) for found in lines), line
     assert "slot" not in checked(tmp_path, model)

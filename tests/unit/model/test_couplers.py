@@ -4,24 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gearkit import planetary, wheels
 
-from flexmb.errors import FlexmbWarning, SceneError
+from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.counts import count
 from flexmb.model.gearing import equation
-
-
-def wheels(units="SI", second_axis="z", at=(0.3, 0.0, 0.0), backwards=False):
-    """Two wheels on ground about axes of one direction or another."""
-    model = Model("gears", units=units)
-    model.add_marker("ground.second", position=list(at))
-    for name, place, axis in (("a", (0, 0, 0), "z"), ("b", at, second_axis)):
-        model.add_body(name, mass=1, inertia=[1, 1, 1], position=list(place))
-        ends = ["ground" if name == "a" else "ground.second", name]
-        if backwards and name == "b":
-            ends = ends[::-1]
-        model.add_joint(f"pin_{name}", "revolute", between=ends, axis=axis)
-    return model
 
 
 def ratio(model, **fields):
@@ -88,28 +76,6 @@ def test_a_planetary_train_counts_angles_from_its_arm():
     assert [t.factor for t in ring] == [-40, -10]
     assert count(model).couplers == 2
     assert count(model).mobility == 3 * 6 - 3 * 5 - 2 == 1
-
-
-def planetary(planets=1):
-    model = Model("planetary")
-    model.add_body("arm", mass=1, inertia=[1, 1, 1])
-    model.add_body("wheel", mass=1, inertia=[1, 1, 1])
-    model.add_joint("arm_pin", "revolute", between=["ground", "arm"], axis="z")
-    model.add_joint("sun_pin", "revolute", between=["arm", "wheel"], axis="z")
-    for k in range(planets):
-        suffix, at = ("", "_b", "_c")[k], [0.3 * (-1) ** k, 0.0, 0.0]
-        model.add_body(f"planet{suffix}", mass=1, inertia=[1, 1, 1], position=at)
-        model.add_marker(f"arm.pin{suffix}", position=at)
-        pins = [f"arm.pin{suffix}", f"planet{suffix}"]
-        model.add_joint(f"pin{suffix}", "revolute", between=pins, axis="z")
-        model.add_coupler(
-            f"sun{suffix}", "gear", joints=["sun_pin", f"pin{suffix}"], teeth=[20, 10]
-        )
-        model.add_coupler(
-            f"ring{suffix}", "gear", joints=["arm_pin", f"pin{suffix}"], teeth=[40, 10],
-            internal=True,
-        )  # fmt: skip
-    return model
 
 
 def rack(pinion_at=(0, 0.1, 0), axis="z", slides="x"):
@@ -288,49 +254,6 @@ def test_mistakes_of_a_pitch_are_told(fields, sentence):
     assert str(caught.value).startswith(sentence)
 
 
-def test_a_circle_whose_ratios_disagree_is_told():
-    model = planetary()
-    model.add_coupler("belt", "gear", joints=["sun_pin", "arm_pin"], ratio=0.5)
-    (problem,) = model.problems()
-    assert problem.where == "couplers.belt"
-    assert problem.what == (
-        'closes a circle with "sun" and "ring" in which "sun_pin.angle", "pin.angle" and '
-        '"arm_pin.angle" cannot move, for its ratios multiply to -1 instead of 1; leave one of '
-        "these couplers out, or make their ratios agree"
-    )
-
-
-def test_two_gears_between_the_same_wheels():
-    model = wheels()
-    for k, teeth in enumerate(([20, 10], [30, 10])):
-        model.add_coupler(f"g{k}", "gear", joints=["pin_a", "pin_b"], teeth=teeth)
-    (problem,) = model.problems()
-    assert problem.what.startswith('closes a circle with "g0" in which "pin_a.angle" and "pin_b')
-    assert "multiply to 1.5 instead of 1" in problem.what
-
-
-def test_a_circle_whose_ratios_agree_is_warned_of():
-    model = planetary(2)
-    assert model.problems() == []
-    with pytest.warns(FlexmbWarning) as told:
-        model.validate()
-    (sentence,) = (str(warning.message) for warning in told)
-    assert sentence.startswith('couplers.ring_b repeats what "sun", "ring" and "sun_b" already')
-
-
-def test_a_thread_counts_as_a_coupler_of_its_own():
-    model = wheels()
-    model.add_body("c", mass=1, inertia=[1, 1, 1])
-    model.add_joint("thread", "screw", between=["ground", "c"], axis="x", pitch=0.5)
-    terms = [
-        {"joint": "thread", "coordinate": "stroke", "factor": 1},
-        {"joint": "thread", "coordinate": "angle", "factor": 1},
-    ]
-    model.add_coupler("other", "linear", terms=terms)
-    (problem,) = model.problems()
-    assert problem.what.startswith('closes a circle with "joints.thread" in which "thread.angle"')
-
-
 def test_the_wheels_of_a_gear_are_different_bodies():
     model = wheels()
     model.add_joint("again", "cylindrical", between=["a", "ground"], axis="z")
@@ -359,44 +282,3 @@ def test_in_a_plane_a_cylindrical_joint_has_one_coordinate():
     model.add_coupler("sum", "linear", terms=terms)
     assert [p.where for p in model.problems()] == ["couplers.sum"] * 2
     assert model.problems()[0].what == 'in the plane xy the joint "a" has no angle'
-
-
-def linear(model, name, factors, constant=0.0):
-    terms = [
-        {"joint": joint, "coordinate": "angle", "factor": factor}
-        for joint, factor in zip(("pin_a", "pin_b"), factors, strict=True)
-    ]
-    model.add_coupler(name, "linear", terms=terms, constant=constant)
-
-
-def test_equal_equations_with_different_constants_contradict():
-    model = wheels()
-    linear(model, "one", (1, 2), 0.5)
-    linear(model, "two", (2, 4), 1.0)
-    assert model.problems() == []
-    linear(model, "three", (-1, -2), 0.5)
-    (problem,) = model.problems()
-    assert problem.where == "couplers.three"
-    assert problem.what.startswith('contradicts "one": they demand the same but for another')
-
-
-def test_three_couplers_of_three_coordinates_are_no_circle_unless_one_is_held():
-    """x1 + x2 + x3 = 0 and x1 = x2 leave one motion; with x1 + x2 = x3 as well there is none."""
-    model = planetary()
-    model.couplers.clear()
-    joints = ("arm_pin", "sun_pin", "pin")
-
-    def add(name, *factors):
-        terms = [
-            {"joint": joint, "coordinate": "angle", "factor": factor}
-            for joint, factor in zip(joints, factors, strict=True)
-            if factor
-        ]
-        model.add_coupler(name, "linear", terms=terms)
-
-    add("sum", 1, 1, 1)
-    add("equal", 1, -1, 0)
-    assert model.problems() == []
-    add("other", 1, 1, -1)
-    (problem,) = model.problems()
-    assert 'closes a circle with "sum" and "equal" in which' in problem.what

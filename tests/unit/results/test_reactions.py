@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import crank_slider
 from resultfiles import FakeLayout, block
+from typer.testing import CliRunner
 
 import flexmb
-from flexmb.errors import ResultFileError
+from flexmb.cli import app
+from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.orientation import rotation_matrix
-from flexmb.results import Result, ResultWriter
+from flexmb.results import NOT_UNIQUE, Result, ResultWriter
 from flexmb.results.layout import Columns
 from flexmb.results.reactions import sides
 
@@ -97,6 +100,37 @@ def test_couplers_act_on_their_joints(tmp_path: Path) -> None:
         acting = found.reaction(name, on="J")
         assert (acting.on, acting.by) == (on, by)
     np.testing.assert_array_equal(found["mesh.pin.rod.moment.z"], [5, 5, 5])
+
+
+def test_reactions_that_redundant_equations_share_are_marked(tmp_path: Path, result) -> None:
+    assert result.reactions_not_unique == () and result.reaction("pin").unique
+    layout = dataclasses.replace(
+        FakeLayout(), reactions=("joints.pin", "joints.motor", "drivers.motor")
+    )
+    with ResultWriter(tmp_path / "shared.h5", layout, 3, scene=SCENE) as out:
+        out.append(block(0, 3, layout))
+        out.finish({NOT_UNIQUE: "joints.pin, drivers.motor"}, "finished")
+    shared = Result(out.path)
+    assert shared.reactions_not_unique == ("pin", "drivers.motor")
+    assert [shared.reaction(name).unique for name in shared.reactions] == [False, True, False]
+    shown = CliRunner().invoke(app, ["info", str(out.path)]).stdout
+    assert "reactions not unique at: pin, drivers.motor" in shown
+
+
+@pytest.mark.slow
+def test_a_run_marks_the_reactions_of_a_plane_mechanism_in_space() -> None:
+    """In-plane forces are unique: those of the mechanism without redundancy, R-S-C-T."""
+    model = crank_slider("RRRT", driven=True)
+    with pytest.warns(FlexmbWarning, match="3 of 21 equations repeat others.* bearing, pin, wrist"):
+        shared = flexmb.simulate(model, duration=0.2, step=1e-3, outputs=10)
+    assert shared.reactions_not_unique == ("bearing", "pin", "wrist", "guide")
+    assert shared.reaction("motor").unique and not shared.reaction("pin").unique
+    cured = crank_slider("RSCT", driven=True)
+    alone = flexmb.simulate(cured, duration=0.2, step=1e-3, outputs=10)
+    assert alone.reactions_not_unique == ()
+    for name in ("bearing", "pin", "wrist"):
+        forces = (found.reaction(name).force[:, :2] for found in (shared, alone))
+        np.testing.assert_allclose(*forces, rtol=0, atol=1e-6)
 
 
 def weighted_bar(**joint: object) -> flexmb.Model:

@@ -18,7 +18,7 @@ from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, SINGULAR, UNLIKE_RATES
 
 _ITERATIONS = 15
-_MOVED, _WEAK = 1, 2  # places in Path.number
+_MOVED, _PIVOT = 1, 2  # places in Path.number
 _OLD = 0.02  # motion after which a factor is renewed before it is used
 _RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
 _GIVE_UP_ABOVE = 0.9
@@ -28,9 +28,9 @@ _OPEN = 1e-10  # rows that repeat others may leave this much
 _ROUNDS = 6
 _EXACT = 1e-13  # relative, of velocities and accelerations
 _UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
-# Pivot of a row over its size without the rest of the mechanism: singular below, if that befalls
-# more rows than at the first pose; rows that repeat others blur the smaller ones.
-_SINGULAR, _NEARLY = 1e-8, 1e-6
+# Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
+# so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
+_SINGULAR = 1e-7
 _REGULARISATION = 1e-9
 
 
@@ -93,10 +93,11 @@ def _noise(rows, row_weights, fun):
 @inlined
 def rates(sys, settings, wk, path):
     """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
-    weak = _weak_rows(sys, wk.factor, _SINGULAR if settings.redundant == 0 else _NEARLY)
-    path.number[_WEAK] = min(path.number[_WEAK], weak)
-    if weak > path.number[_WEAK]:
-        return SINGULAR
+    if settings.redundant == 0:
+        pivot = _least_pivot(sys, wk.factor)
+        path.number[_PIVOT] = max(path.number[_PIVOT], pivot)
+        if pivot < _SINGULAR * path.number[_PIVOT]:
+            return SINGULAR
     tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
     nv = tr.dq.shape[0]
     scale, off = 0.0, math.inf
@@ -125,15 +126,14 @@ def rates(sys, settings, wk, path):
 
 
 @kernel
-def _weak_rows(sys, factor, limit):
-    """Rows that the others decide already: their pivots are small against their own compliance."""
-    n = 0
-    nv = sys.weights.shape[0]
+def _least_pivot(sys, factor):
+    """The smallest pivot of a row over its own compliance: small where others decide the row."""
+    least, nv = 1.0, sys.weights.shape[0]
     for i in range(sys.rows.shape[0]):
         k = sys.kkt.place[nv + i]
-        if abs(factor.d[k]) * _REGULARISATION < limit * factor.eps[k]:
-            n += 1
-    return n
+        if factor.eps[k] > 0.0:
+            least = min(least, abs(factor.d[k]) * _REGULARISATION / factor.eps[k])
+    return least
 
 
 @kernel
@@ -175,11 +175,3 @@ def _look(sys, wk, path):
     solve(sys.kkt, wk.factor, sol)
     for i in range(nv):
         path.look[i] = sol[place[i]]
-
-
-@kernel
-def shape_forces(bodies, res):
-    """No forces on modal coordinates: what holds the shapes takes them."""
-    for k in range(bodies.shape[0]):
-        for j in range(bodies[k]["m"]):
-            res[bodies[k]["iv"] + 6 + j] = 0.0

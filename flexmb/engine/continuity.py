@@ -23,11 +23,12 @@ _FLIPPED = -0.5  # cosine
 
 
 @kernel
-def finite(fun, n):
-    """Whether the first n functions and their derivatives are finite numbers."""
+def finite(functions, fun):
+    """Whether all functions of time alone and their derivatives are finite numbers."""
     s = 0.0
-    for k in range(n):
-        s += fun[k, 0] + fun[k, 1] + fun[k, 2]
+    for k in range(functions.live.shape[0]):
+        if functions.live[k] == 0:
+            s += fun[k, 0] + fun[k, 1] + fun[k, 2]
     return math.isfinite(s)
 
 
@@ -35,7 +36,7 @@ def finite(fun, n):
 def judge(sys, st, wk, path, h, last):
     """Compare the trial point with the state before it; returns the status."""
     tr, w = wk.trial, sys.weights
-    if last and _jumps(path.before, wk.con.fun, h, 0):
+    if last and _jumps(sys.functions, path.before, wk.con.fun, h, 0):
         return LEAP
     off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
     for i in range(w.shape[0]):
@@ -48,18 +49,20 @@ def judge(sys, st, wk, path, h, last):
         speed = max(speed, w[i] * max(abs(st.v[i]), abs(tr.v[i]), abs(mean)))
     far = off > _APART * motion and off > _NOTHING
     other = turned > _TURNED * speed and h * turned > _STILL
-    if far or (other and not (last and _jumps(path.before, wk.con.fun, h, 1))):
+    if far or (other and not (last and _jumps(sys.functions, path.before, wk.con.fun, h, 1))):
         return JUMP
     return FINE
 
 
 @kernel
-def _jumps(before, now, h, order):
+def _jumps(functions, before, now, h, order):
     """Whether a function (order 0) or its rate (order 1) jumps between two times.
 
     Otherwise it changes by no more than the larger of its slopes says.
     """
-    for k in range(before.shape[0]):
+    for k in range(functions.live.shape[0]):
+        if functions.live[k] == 1:
+            continue
         change = abs(now[k, order] - before[k, order])
         slope = max(abs(before[k, order + 1]), abs(now[k, order + 1]))
         size = 1.0 + max(abs(before[k, order]), abs(now[k, order]))

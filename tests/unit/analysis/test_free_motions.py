@@ -1,0 +1,163 @@
+"""Free and idle motions in words, singular poses, locked mechanisms, drivers in contradiction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mechanisms import Sketch, X, Z, bennett, crank_slider, four_bar, stewart
+
+import flexmb
+from flexmb.errors import AssemblyError, FlexmbError
+from flexmb.model import Model
+
+
+def test_idle_spins():
+    (spin, rest) = flexmb.mobility(crank_slider("RSST")).motions
+    assert spin.idle and spin.bodies == ("rod",)
+    assert spin.sentence == "rod can turn about the line through its joints pin and wrist"
+    assert (rest.idle, rest.count) == (False, 1)
+    idle = [motion for motion in flexmb.mobility(stewart("UCS")).motions if motion.idle]
+    assert [motion.bodies for motion in idle] == [(f"upper{k}",) for k in range(6)]
+    assert not any(motion.idle for motion in flexmb.mobility(stewart("UTS")).motions)
+
+
+def test_a_rod_of_two_parts_spins_idly_as_a_pair():
+    """Two parts joined by a slide between two ball joints: neither spins alone, both do."""
+    sketch = Sketch("strut")
+    sketch.body("arm", [0, 0, 0])
+    sketch.joint("bearing", "revolute", "ground", "arm", [0, 0, 0], axis=Z)
+    sketch.body("lower", [0.3, 0.1, 0.1])
+    sketch.body("upper", [0.6, 0.2, 0.2])
+    sketch.joint("foot", "spherical", "ground", "lower", [0, 0, 0])
+    sketch.joint("slide", "prismatic", "lower", "upper", [0.4, 0.1, 0.1], axis=[3, 1, 1])
+    sketch.joint("head", "spherical", "upper", "arm", [0.9, 0.3, 0.3])
+    idle = [motion for motion in flexmb.mobility(sketch.model).motions if motion.idle]
+    assert [motion.bodies for motion in idle] == [("lower", "upper")]
+    assert "lower and upper together can turn about the line through" in idle[0].sentence
+
+
+def test_free_motions_in_words():
+    sketch = Sketch("loose")
+    sketch.body("ball", [0, 0, 0])
+    sketch.body("bead", [1, 0, 0])
+    sketch.body("stone", [2, 0, 0])
+    sketch.joint("socket", "spherical", "ground", "ball", [0, 0, 1])
+    sketch.joint("wire", "prismatic", "ground", "bead", [1, 0, 0], axis=X)
+    assert [motion.sentence for motion in flexmb.mobility(sketch.model).motions] == [
+        "ball can move by itself: 3 turns",
+        "bead can slide along x",
+        "stone is held by no joint",
+    ]
+
+
+def test_a_dead_point_is_no_idle_motion():
+    """Crank and rod in line: at this moment the slider stands still while they turn."""
+    sketch = Sketch("dead point", plane="xy")
+    for name, at in (("crank", [0.1, 0, 0]), ("rod", [0.4, 0, 0]), ("slider", [0.6, 0, 0])):
+        sketch.body(name, at)
+    sketch.joint("bearing", "revolute", "ground", "crank", [0, 0, 0], axis=Z)
+    sketch.joint("pin", "revolute", "crank", "rod", [0.2, 0, 0], axis=Z)
+    sketch.joint("wrist", "revolute", "rod", "slider", [0.6, 0, 0], axis=Z)
+    sketch.joint("guide", "prismatic", "ground", "slider", [0.6, 0, 0], axis=X)
+    (motion,) = flexmb.mobility(sketch.model).motions
+    assert not motion.idle and motion.bodies == ("crank", "rod", "slider")
+
+
+def parallelogram(angle, plane=None):
+    """Two equal cranks and a coupler as long as the frame."""
+    sketch = Sketch("parallelogram", plane=plane)
+    arm = np.array([np.cos(angle), np.sin(angle), 0])
+    for name, at in (("left", arm / 2), ("coupler", arm + [1, 0, 0]), ("right", arm + [2, 0, 0])):
+        sketch.body(name, at)
+    for name, first, second, at in (
+        ("A", "ground", "left", 0 * arm), ("B", "left", "coupler", arm),
+        ("C", "coupler", "right", arm + [2, 0, 0]), ("D", "right", "ground", [2, 0, 0]),
+    ):  # fmt: skip
+        sketch.joint(name, "revolute", first, second, at, axis=Z)
+    return sketch.model
+
+
+@pytest.mark.parametrize("plane", ["xy", None])
+def test_a_singular_pose_is_told_from_redundancy(plane):
+    """Folded flat, a parallelogram can go on as a parallelogram or as an antiparallelogram."""
+    flat, up = (flexmb.mobility(parallelogram(angle, plane)) for angle in (0.0, 0.5))
+    assert flat.singular and not up.singular
+    assert flat.joint_rank == flat.generic_rank - 1 == up.joint_rank - 1
+    assert flat.redundancies == up.redundancies or plane is None
+    assert any("the assembled pose is singular: 1 equation" in note for note in flat.notes)
+
+
+# --- locked mechanisms and drivers that contradict each other ---
+
+
+def test_a_locked_mechanism_is_told_with_a_cure():
+    told = flexmb.mobility(four_bar(tilt=0.3))
+    assert told.delta == 0
+    (note,) = told.notes
+    assert "locked, its joints A, B, C, D hold every motion" in note
+    assert "exchange B: revolute -> spherical and C: revolute -> cylindrical" in note
+    assert "slightly off" not in note
+    (note,) = flexmb.mobility(four_bar(tilt=0.01)).notes
+    assert "nearly free, so axes or places that should fit may be slightly off" in note
+    (note,) = flexmb.mobility(bennett(skewed=0.01)).notes
+    assert "locked" in note
+
+
+def test_a_driver_in_a_locked_mechanism():
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.mobility(four_bar(tilt=0.3, driven=True))
+    (problem,) = caught.value.problems
+    assert problem.where == "drivers.motor"
+    assert problem.what.startswith("has nothing to drive: the mechanism is locked, its joints A, B")
+    assert "to free one motion exchange B: revolute -> spherical" in problem.what
+
+
+def test_drivers_of_one_freedom():
+    model = crank_slider("RSUT", driven=True)
+    model.add_driver("push", joint="guide", stroke="0.2*t")
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.mobility(model)
+    (problem,) = caught.value.problems
+    assert problem.where == "drivers.motor"
+    assert problem.what.startswith(
+        "drivers.motor and drivers.push, through joints bearing, pin, wrist, guide, prescribe the "
+        "same motion, and contradict each other at t = 0.001 s; take one driver out"
+    )
+
+
+def test_drivers_that_agree_are_a_note():
+    model = crank_slider("RSUT")
+    model.add_driver("hold", joint="bearing", angle=0.0)
+    model.add_driver("keep", joint="guide", stroke=0.0)
+    told = flexmb.mobility(model)
+    assert (told.redundant, told.delta) == (1, 0)
+    assert "they agree, but one driver is enough" in told.notes[0]
+    assert {u.path for u in told.undetermined} >= {"drivers.hold", "drivers.keep"}
+
+
+def test_drivers_that_contradict_each_other_at_the_start():
+    model = crank_slider("RSUT")
+    model.add_driver("hold", joint="bearing", angle=0.0)
+    model.add_driver("keep", joint="guide", stroke=-0.1)
+    with pytest.raises(AssemblyError, match="contradict each other at t = 0 s"):
+        flexmb.mobility(model)
+
+
+def test_a_driver_that_asks_for_too_much():
+    model = crank_slider("RSUT")
+    model.add_driver("push", joint="guide", stroke=-2.0)
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.mobility(model)
+    first, *gaps = caught.value.problems
+    assert str(first).startswith("drivers.push: the joints close alone, but not in the pose asked")
+    assert gaps[1].where == "drivers.push" and "stays open by" in gaps[1].what
+
+
+def test_what_has_no_joints_and_what_is_too_large():
+    model = Model("free")
+    model.add_body("stone", mass=1.0, inertia=[1, 1, 1])
+    assert flexmb.mobility(model).delta == 6
+    for k in range(100):
+        model.add_body(f"stone{k}", mass=1.0, inertia=[1, 1, 1])
+    with pytest.raises(FlexmbError, match="606 coordinates; the rank .* for up to 600"):
+        flexmb.mobility(model)
