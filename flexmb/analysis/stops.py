@@ -8,7 +8,8 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.force_elements import names_of
-from flexmb.engine.tables import COORDINATE_OF, DISTANCE_OF, LAW_WRENCH
+from flexmb.engine.element_tables import COORDINATE_OF, DISTANCE_OF
+from flexmb.engine.tables import LAW_WRENCH
 from flexmb.engine.work import State, Work
 from flexmb.model.model import Model
 from flexmb.model.stops import JointStopSpec

@@ -58,13 +58,15 @@ def test_every_public_name_resolves() -> None:
 
 def test_kernels_import_numpy_numba_jit_the_tables_and_each_other(project: Path) -> None:
     outside = ("__future__", "math", "typing", "numpy", "numba")
-    engine = ("flexmb.engine.jit", "flexmb.engine.tables", "flexmb.engine.kernels")
+    tables = ("flexmb.engine.tables", "flexmb.engine.element_tables")
+    engine = ("flexmb.engine.jit", *tables, "flexmb.engine.kernels")
     kernels = _sources(project, "flexmb/engine/kernels")
     assert kernels
     for path in kernels:
         assert _strangers(path, (*outside, *engine)) == [], path.name
-    tables = project / "flexmb" / "engine" / "tables.py"
-    assert _strangers(tables, outside) == []
+    for name in tables:
+        path = project.joinpath(*name.split(".")).with_suffix(".py")
+        assert _strangers(path, outside) == []
 
 
 def _strangers(path: Path, allowed: tuple[str, ...]) -> list[str]:

@@ -13,21 +13,17 @@ from flexmb.engine.compile.elements import line_ends
 from flexmb.engine.compile.frames import beam_numbers, bushing_numbers
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
-from flexmb.engine.functions import lower
-from flexmb.engine.tables import (
+from flexmb.engine.element_tables import (
     COMPONENT_OF,
     COORDINATE_OF,
     DISTANCE_OF,
     FRAME,
-    FRAME_WRENCH,
     LAW,
-    LAW_WRENCH,
-    LOAD_WRENCH,
     MUTUAL,
-    MUTUAL_WRENCH,
-    SPRING_WRENCH,
     Elements,
 )
+from flexmb.engine.functions import lower
+from flexmb.engine.tables import FRAME_WRENCH, LAW_WRENCH, LOAD_WRENCH, MUTUAL_WRENCH, SPRING_WRENCH
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.expression import Expression
