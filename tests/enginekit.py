@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.element_tables import FRAME, LAW, MUTUAL, Elements
 from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels import (
@@ -38,13 +39,9 @@ from flexmb.engine.sensor_tables import PARTIAL, PULL, Signals
 from flexmb.engine.tables import (
     CONTACT,
     COORDINATE,
-    FRAME,
     JOINT_FRICTION,
-    LAW,
-    MUTUAL,
     SLIDER,
     SPRING,
-    Elements,
 )
 from flexmb.engine.work import new_state, new_work
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.force_elements import names_of
+from flexmb.engine.element_tables import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.sensor_tables import LAW_WRENCH
-from flexmb.engine.tables import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.work import State, Work
 from flexmb.model.model import Model
 from flexmb.model.stops import JointStopSpec
@@ -39,7 +39,7 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
         place = _measure(compiled, row, state, work)
         depth = max(place - row["upper"], row["lower"] - place)
         spec = model.forces[name.partition(".")[2]]
-        angular = isinstance(spec, JointStopSpec) and spec.coordinate == "angle"
+        angular = isinstance(spec, JointStopSpec) and spec.coordinate != "stroke"
         if depth > _LEAST * (1.0 if angular else compiled.length):
             told = model.units.say(depth, "rad" if angular else "m", 4)
             notes.append(f"{name} is {told} inside the stop at the start: it pushes from there on")

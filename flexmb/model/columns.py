@@ -28,8 +28,11 @@ class Columns(NamedTuple):
     units: tuple[str, str] | None
 
 
+_TIMES = ("s", "times")
+
+
 def read_columns(
-    path: Path, columns: Columns, units: UnitSystem, slot: str
+    path: Path, columns: Columns, units: UnitSystem, slot: str, first: tuple[str, str] = _TIMES
 ) -> tuple[tuple[float, float], ...]:
     """The points of a file.
 
@@ -42,12 +45,14 @@ def read_columns(
     units : UnitSystem
         Units of the numbers, unless the columns say their own.
     slot : str
-        SI unit of the second column; the first one is a time [s].
+        SI unit of the second column.
+    first : pair of str
+        SI unit of the first column, and what it holds.
 
     Raises
     ------
     SceneError
-        No such file or column, no number, or times that do not increase.
+        No such file or column, no number, or a first column that does not increase.
     """
     lines = list(_lines(path))
     if not lines:
@@ -55,12 +60,12 @@ def read_columns(
     named = not any(_number(cell) is not None for cell in lines[0][1])
     header = lines.pop(0)[1] if named else []
     places = [_place(path, name, header) for name in columns.names]
-    scales = _scales(columns.units, units, slot)
+    scales = _scales(columns.units, units, (first[0], slot))
     found: list[tuple[float, float]] = []
     for number, cells in lines:
         t, y = (_cell(path, number, cells, place) for place in places)
         if found and not t * scales[0] > found[-1][0]:
-            what = f"times must increase, {t:g} does not lie after the one before"
+            what = f"{first[1]} must increase, {t:g} does not lie after the one before"
             raise SceneError(f"{path.name}, line {number}: {what}")
         found.append((t * scales[0], y * scales[1]))
     return tuple(found)
@@ -114,12 +119,12 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
     return value
 
 
-def _scales(told: tuple[str, str] | None, units: UnitSystem, slot: str) -> list[float]:
+def _scales(told: tuple[str, str] | None, units: UnitSystem, slots: tuple[str, str]) -> list[float]:
     """Factors of both columns to SI."""
     if told is None:
-        return [units.scale("s"), units.scale(slot)]
+        return [units.scale(slot) for slot in slots]
     factors = []
-    for text, unit in zip(told, ("s", slot), strict=True):
+    for text, unit in zip(told, slots, strict=True):
         try:
             found = parse_unit(text)
         except FlexmbError as error:

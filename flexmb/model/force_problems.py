@@ -17,7 +17,6 @@ from flexmb.model.contacts import ContactSpec
 from flexmb.model.driver_problems import finite
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
 from flexmb.model.forces import (
-    AnyForce,
     JointSpringSpec,
     LineForceSpec,
     LoadSpec,
@@ -26,6 +25,7 @@ from flexmb.model.forces import (
 from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.laws import Law
 from flexmb.model.names import GROUND, split_reference
+from flexmb.model.reading import Spec
 from flexmb.model.scope import Scope
 from flexmb.model.stops import JointStopSpec, StopSpec
 
@@ -41,6 +41,9 @@ _NOUNS = {
 }
 
 
+_PAIRS = SpringDamperSpec | LineForceSpec | BushingSpec | BeamForceSpec | StopSpec
+
+
 def force_problems(scope: Scope) -> Iterator[Problem]:
     """All problems of the forces of a model."""
     yield from scope.markers("forces")
@@ -54,11 +57,11 @@ def force_problems(scope: Scope) -> Iterator[Problem]:
             yield from contact_problems(scope, where, spec)
         elif isinstance(spec, JointFrictionSpec):
             yield from joint_friction_problems(scope, where, spec)
-        else:
+        elif isinstance(spec, _PAIRS):
             yield from scope.pair(where, spec.between, _NOUNS[spec.type])
             yield from _length(scope, where, spec)
         if isinstance(spec, SpringDamperSpec | JointSpringSpec):
-            yield from _laws(scope, where, spec)
+            yield from _laws(where, spec)
         elif isinstance(spec, LineForceSpec):
             yield from finite(f"{where}.value", spec.value)
 
@@ -86,7 +89,7 @@ def _load(scope: Scope, where: str, spec: LoadSpec) -> Iterator[Problem]:
         yield from found or scope.material(f"{where}.axes", axes)
 
 
-def _laws(scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec) -> Iterator[Problem]:
+def _laws(where: str, spec: SpringDamperSpec | JointSpringSpec) -> Iterator[Problem]:
     if spec.value is not None:
         yield from finite(f"{where}.value", spec.value)
     if spec.does_nothing:
@@ -94,34 +97,24 @@ def _laws(scope: Scope, where: str, spec: SpringDamperSpec | JointSpringSpec) ->
         yield Problem(where, f"{what}, or spring_force or damper_force")
     for word, law in (("spring_force", spec.spring_force), ("damper_force", spec.damper_force)):
         if law is not None:
-            yield from _law(scope, f"{where}.{word}", law)
+            yield from _law(f"{where}.{word}", law)
 
 
-def _law(scope: Scope, where: str, law: Law) -> Iterator[Problem]:
-    """A law that has a value and a slope at rest, or a file with points."""
-    if law.expression is not None:
-        jet = law.expression.value(0.0)
-        for part, value in zip(("value", "slope"), jet, strict=False):
-            if not math.isfinite(value):
-                what = f'the {part} of "{law.expression.text}" is {value:g} at 0, not finite'
-                yield Problem(where, what)
-                return
-        return
-    try:
-        law.points_in(scope.model.folder)
-    except FlexmbError as error:
-        for problem in error.problems:
-            yield Problem(where, problem.what, problem.allowed, problem.nearest)
+def _law(where: str, law: Law) -> Iterator[Problem]:
+    """A law has a value and a slope at rest."""
+    for part, value in zip(("value", "slope"), law.expression.value(0.0), strict=False):
+        if not math.isfinite(value):
+            what = f'the {part} of "{law.expression.text}" is {value:g} at 0, not finite'
+            yield Problem(where, what)
+            return
 
 
-def _length(scope: Scope, where: str, spec: AnyForce) -> Iterator[Problem]:
+def _length(scope: Scope, where: str, spec: Spec) -> Iterator[Problem]:
     """A direction needs two points apart, as far as they are known."""
     if isinstance(spec, BushingSpec) or (isinstance(spec, StopSpec) and spec.axis is not None):
         return
     model = scope.model
-    assert isinstance(
-        spec, SpringDamperSpec | LineForceSpec | BeamForceSpec | StopSpec
-    )  # the caller knows
+    assert isinstance(spec, _PAIRS)  # the caller knows
     try:
         ends = [lookup.placed(model, reference, scope.flexbodies) for reference in spec.between]
     except FlexmbError:

@@ -3,31 +3,39 @@
 In: an expression in its own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
 ``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or
 ``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`Law`, which keeps what was
-given and holds the expression, or the points, in SI. Beyond its ends a tabulated law goes on
+given (of a file its points) and holds programs in SI. Beyond its ends a tabulated law goes on
 straight.
 """
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
 from flexmb.errors import Problem, SceneError
+from flexmb.model import splines
+from flexmb.model.columns import Columns, read_columns
 from flexmb.model.expression import Expression, Ops, parse
+from flexmb.model.piecewise import Piecewise
 from flexmb.model.quantities import plain, read_number
-from flexmb.model.reading import Names, Spec, fail, given, names_of, read_entry, units_of
+from flexmb.model.reading import (
+    Names,
+    Spec,
+    fail,
+    folder_of,
+    given,
+    names_of,
+    read_entry,
+    units_of,
+)
 from flexmb.model.unit_texts import expression_and_factor
 
-__all__ = ["INTERPOLATIONS", "Law", "LawOf", "LawTable"]
+__all__ = ["Law", "LawOf", "LawTable"]
 
-INTERPOLATIONS = ("monotone", "akima", "cubic", "linear")
 Points = tuple[tuple[float, float], ...]
 
 
@@ -43,36 +51,24 @@ class LawTable(Spec):
     interpolation: Literal["monotone", "akima", "cubic", "linear"] = "monotone"
 
 
+_CURVES: dict[str, Callable[[Any, Any, str], Piecewise]] = {
+    "monotone": splines.monotone,
+    "akima": splines.akima,
+    "cubic": lambda x, y, beyond: splines.cubic(x, y, "natural", beyond),
+    "linear": splines.linear,
+}
+
+
 @dataclass(frozen=True)
 class Law:
-    """A law: what the user gave, and its expression or its points in SI.
+    """A law: what the user gave, and its program in SI, over its variable in place of time.
 
-    A law from a file has neither; ``points_in(folder)`` reads it. ``scales`` are one unit of the
-    variable and of the force, in SI.
+    Of a tabulated law also its antiderivative, counted from 0.
     """
 
     given: Any
-    scales: tuple[float, float]
-    expression: Expression | None = None
-    points: Points | None = None
-    file: str | None = None
-    interpolation: str = "monotone"
-
-    def points_in(self, folder: Path) -> Points:
-        """The points in SI; of a file beside the scene if need be.
-
-        Raises
-        ------
-        SceneError
-            A file that cannot be read, or no increasing numbers in it.
-        """
-        if self.file is None:
-            assert self.points is not None  # the caller asks of tables only
-            return self.points
-        rows = _read_csv(folder / self.file)
-        _refuse_disorder([x for x, _ in rows], self.file)
-        x, y = self.scales
-        return tuple((a * x, b * y) for a, b in rows)
+    expression: Expression
+    stored: Expression | None = None
 
 
 @dataclass(frozen=True)
@@ -106,12 +102,10 @@ class LawOf:
         if isinstance(value, Law):
             return value
         value = plain(value)
-        units = units_of(names)
-        scales = units.scale(self.unit), units.scale(self.force)
         if isinstance(value, str):
-            return Law(value, scales, expression=self._expression(value, names, scales))
+            return Law(value, self._expression(value, names))
         if isinstance(value, list):
-            return Law(value, scales, points=self._points(value, names))
+            return _tabulated(value, self._points(value, names), "monotone")
         if not isinstance(value, Mapping):
             raise SceneError(
                 f"an expression in {self.variable}, a list of points [{self.variable}, force] or "
@@ -122,17 +116,34 @@ class LawOf:
             raise SceneError.from_problems(problems)
         if (table.points is None) == (table.file is None):
             raise SceneError('give one of "points" and "file"')
-        points = None if table.points is None else self._points(plain(table.points), names)
-        return Law(value, scales, None, points, table.file, table.interpolation)
+        if table.file is None:
+            return _tabulated(value, self._points(plain(table.points), names), table.interpolation)
+        points = self._from_file(table.file, names)
+        units = units_of(names)
+        written = [[units.written(x, self.unit), units.written(y, self.force)] for x, y in points]
+        told = {"points": written, "interpolation": table.interpolation}
+        return _tabulated(told, points, table.interpolation)
 
-    def _expression(self, text: str, names: Names, scales: tuple[float, float]) -> Expression:
-        """The program in SI, its variable in place of time."""
+    def _expression(self, text: str, names: Names) -> Expression:
+        """The program in SI."""
         if self.variable in names:
             what = f'"{self.variable}" is the variable of this law and a parameter'
             raise SceneError(f"{what}: rename the parameter")
+        units = units_of(names)
         front, factor = expression_and_factor(text, names, self.force)
         ops = parse(front, names, variable=self.variable).ops
-        return Expression(text, _scaled(ops, scales[0], factor * scales[1]))
+        return Expression(
+            text, _scaled(ops, units.scale(self.unit), factor * units.scale(self.force))
+        )
+
+    def _from_file(self, file: str, names: Names) -> Points:
+        points = read_columns(
+            folder_of(names) / file, Columns((1, 2), None), units_of(names), self.force,
+            (self.unit, "points"),
+        )  # fmt: skip
+        if len(points) < 2:
+            raise SceneError(f"{file}: at least two points are expected, given {len(points)}")
+        return points
 
     def _points(self, rows: list[Any], names: Names) -> Points:
         """Points in SI, their variable increasing."""
@@ -159,44 +170,33 @@ class LawOf:
         return tuple(found)
 
 
+def _tabulated(told: Any, points: Points, interpolation: str) -> Law:
+    """The law through points, going on straight beyond them."""
+    x, y = zip(*points, strict=True)
+    curve = splines.straight_beyond(_CURVES[interpolation](x, y, "hold"))
+    whole = curve.antiderivative()
+    rows = whole.coefficients.copy()
+    rows[:, 0] -= whole.jet(0.0)[0]
+    stored = Piecewise(whole.knots, rows)
+    force, energy = (
+        Expression(f"a {interpolation} table", (("t", 0.0), ("piecewise", one)))
+        for one in (curve, stored)
+    )
+    return Law(told, force, energy)
+
+
 def _scaled(ops: Ops, x: float, y: float) -> Ops:
     """A program in the scene's units as one in SI: its variable over x, its value times y."""
     if x != 1.0:
-        own = (("t", 0.0), ("const", x), ("/", 0.0))
+        own: Ops = (("t", 0.0), ("const", x), ("/", 0.0))
         ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
     return ops if y == 1.0 else (*ops, ("const", y), ("*", 0.0))
 
 
-def _refuse_disorder(x: list[float], file: str | None = None) -> None:
-    where = "" if file is None else f"{file}: "
+def _refuse_disorder(x: list[float]) -> None:
     if len(x) < 2:
-        raise SceneError(f"{where}at least two points are expected, given {len(x)}")
+        raise SceneError(f"at least two points are expected, given {len(x)}")
     for k in range(1, len(x)):
         if not x[k] > x[k - 1]:
             what = f"points must increase: point {k + 1} at {x[k]:g} follows {x[k - 1]:g}"
-            raise SceneError(where + what)
-
-
-def _read_csv(path: Path) -> list[tuple[float, float]]:
-    """Rows of two numbers, separated by commas or semicolons; lines of words on top are skipped."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path}: is no text in UTF-8") from None
-    rows: list[tuple[float, float]] = []
-    delimiter = ";" if ";" in text else ","
-    for number, cells in enumerate(csv.reader(text.splitlines(), delimiter=delimiter), start=1):
-        if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
-            continue
-        try:
-            pair = tuple(float(cell) for cell in cells if cell.strip())
-        except ValueError:
-            if not rows:
-                continue  # headings
-            raise SceneError(f"{path}: line {number} holds no numbers") from None
-        if len(pair) != 2 or not all(math.isfinite(item) for item in pair):
-            raise SceneError(f"{path}: line {number} must hold two finite numbers")
-        rows.append((pair[0], pair[1]))
-    return rows
+            raise SceneError(what)

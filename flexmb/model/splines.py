@@ -1,7 +1,9 @@
-"""Curves through points as piecewise polynomials: straight, cubic spline, Akima.
+"""Curves through points as piecewise polynomials: straight, cubic spline, Akima, monotone.
 
 In: points (x, y) with increasing x. Out: a :class:`Piecewise`. Sources: de Boor, A Practical Guide
-to Splines (2001), ch. IV, for the slopes of the cubic spline; Akima, J. ACM 17 (1970) 589.
+to Splines (2001), ch. IV, for the slopes of the cubic spline; Akima, J. ACM 17 (1970) 589; Fritsch
+and Carlson, SIAM J. Numer. Anal. 17 (1980) 238, with the means of Fritsch and Butland, SIAM J. Sci.
+Stat. Comput. 5 (1984) 300.
 """
 
 from __future__ import annotations
@@ -9,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.piecewise import Piecewise
+from flexmb.model.piecewise import Piecewise, shifted
 
-__all__ = ["akima", "cubic", "hermite", "linear"]
+__all__ = ["akima", "cubic", "hermite", "linear", "monotone", "straight_beyond"]
 
 Array = NDArray[np.float64]
 # Slopes that differ by less than this share of the largest difference count as equal.
@@ -47,6 +49,37 @@ def akima(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
     inner = (right * m[1:-2] + left * m[2:-1])[differ]
     slopes[differ] = inner / both[differ]
     return hermite(x, y, slopes, beyond)
+
+
+def monotone(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
+    """Cubics that rise and fall as the points do: no extreme between two of them."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    h, d = np.diff(x), np.diff(y) / np.diff(x)
+    slopes = np.full(len(x), d[0])
+    if len(d) > 1:
+        before, after = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = (before + after) / (before / d[:-1] + after / d[1:])
+        slopes[1:-1] = np.where(d[:-1] * d[1:] > 0.0, mean, 0.0)
+        slopes[0] = _end_slope(h[0], h[1], d[0], d[1])
+        slopes[-1] = _end_slope(h[-1], h[-2], d[-1], d[-2])
+    return hermite(x, y, slopes, beyond)
+
+
+def _end_slope(h0: float, h1: float, d0: float, d1: float) -> float:
+    """Slope of the parabola through three points, as far as it leaves no extreme."""
+    slope = ((2.0 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
+    if slope * d0 <= 0.0:
+        return 0.0
+    return 3.0 * d0 if d0 * d1 < 0.0 and abs(slope) > 3.0 * abs(d0) else slope
+
+
+def straight_beyond(curve: Piecewise) -> Piecewise:
+    """The same curve, going on straight with the slopes of its ends."""
+    x, c, rows = curve.knots, curve.coefficients, curve.coefficients.copy()
+    rows[0], rows[-1] = 0.0, 0.0
+    rows[0, :2], rows[-1, :2] = c[1, :2], shifted(c[-2], x[-1] - x[-2])[:2]
+    return Piecewise(x, rows)
 
 
 def hermite(x: Array, y: Array, slopes: Array, beyond: str) -> Piecewise:

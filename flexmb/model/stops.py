@@ -94,14 +94,18 @@ class JointStopSpec(AnyStop):
 
     @property
     def coordinate(self) -> str:
-        """``"angle"`` or ``"stroke"``."""
+        """``"angle"``, ``"second_angle"`` or ``"stroke"``."""
         raise NotImplementedError
 
 
 class RotationalStopSpec(JointStopSpec):
-    """Stops the angle of a joint, which counts turns, at ``lower`` and ``upper``; see stop."""
+    """Stops the angle of a joint, which counts turns, at ``lower`` and ``upper``; see stop.
+
+    ``about = "second_axis"``: the second angle of a universal joint.
+    """
 
     type: Literal["rotational-stop"]
+    about: Literal["axis", "second_axis"] = "axis"
     lower: _Angle | None = None
     upper: _Angle | None = None
     stiffness: Annotated[float, Quantity("N m/rad", "positive")]
@@ -110,7 +114,7 @@ class RotationalStopSpec(JointStopSpec):
 
     @property
     def coordinate(self) -> str:
-        return "angle"
+        return "angle" if self.about == "axis" else "second_angle"
 
 
 class TranslationalStopSpec(JointStopSpec):

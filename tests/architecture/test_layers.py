@@ -58,7 +58,11 @@ def test_every_public_name_resolves() -> None:
 
 def test_kernels_import_numpy_numba_jit_the_tables_and_each_other(project: Path) -> None:
     outside = ("__future__", "math", "typing", "numpy", "numba")
-    tables = ("flexmb.engine.tables", "flexmb.engine.sensor_tables")
+    tables = (
+        "flexmb.engine.tables",
+        "flexmb.engine.sensor_tables",
+        "flexmb.engine.element_tables",
+    )
     engine = ("flexmb.engine.jit", *tables, "flexmb.engine.kernels")
     kernels = _sources(project, "flexmb/engine/kernels")
     assert kernels

@@ -48,10 +48,9 @@ class Scalar:
     size: float = 0.0  # of a state: from where on it is large; 0: a motion
 
 
-def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
-    """The springs and stops on joint coordinates, by name."""
-    kinds = JointSpringSpec | JointStopSpec
-    return {name: spec for name, spec in model.forces.items() if isinstance(spec, kinds)}
+def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
+    """The springs on joint coordinates, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
 OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
@@ -60,8 +59,10 @@ OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
 
 def followers(model: Model) -> dict[str, OnJoint]:
     """Forces on joint coordinates by name, in the order of the scalars that follow these."""
-    frictions = {n: spec for n, spec in model.forces.items() if isinstance(spec, JointFrictionSpec)}
-    return {**joint_springs(model), **frictions}
+    forces = model.forces.items()
+    stops = {n: spec for n, spec in forces if isinstance(spec, JointStopSpec)}
+    frictions = {n: spec for n, spec in forces if isinstance(spec, JointFrictionSpec)}
+    return {**joint_springs(model), **stops, **frictions}
 
 
 def joint_coordinate(model: Model, spec: OnJoint) -> str:

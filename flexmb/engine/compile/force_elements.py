@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.elements import line_ends
 from flexmb.engine.compile.frames import beam_numbers, bushing_numbers
-from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
+from flexmb.engine.element_tables import (
+    COMPONENT_OF,
+    COORDINATE_OF,
+    DISTANCE_OF,
+    FRAME,
+    LAW,
+    MUTUAL,
+    Elements,
+)
 from flexmb.engine.functions import lower
 from flexmb.engine.sensor_tables import (
     FRAME_WRENCH,
@@ -22,31 +30,17 @@ from flexmb.engine.sensor_tables import (
     MUTUAL_WRENCH,
     SPRING_WRENCH,
 )
-from flexmb.engine.tables import (
-    COMPONENT_OF,
-    COORDINATE_OF,
-    CURVE,
-    DISTANCE_OF,
-    FRAME,
-    LAW,
-    MUTUAL,
-    NOTHING,
-    PROGRAM,
-    Elements,
-)
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.expression import Expression
 from flexmb.model.force_elements import BeamForceSpec, BushingSpec
 from flexmb.model.forces import (
-    AnyForce,
     JointSpringSpec,
-    LineForceSpec,
     LoadSpec,
     SpringDamperSpec,
 )
-from flexmb.model.laws import Law
 from flexmb.model.model import Model
+from flexmb.model.reading import Spec
 from flexmb.model.stops import AnyStop, JointStopSpec, StopSpec
 
 __all__ = ["couples", "element_tables", "names_of", "place", "row_of", "table_of"]
@@ -108,7 +102,7 @@ class _Builder:
         unit = self.model.units.scale("m")
         if isinstance(spec, JointStopSpec):
             row |= {"measure": COORDINATE_OF, "coordinate": self.scalars.index(f"forces.{name}")}
-            unit = 1.0 if spec.coordinate == "angle" else unit
+            unit = unit if spec.coordinate == "stroke" else 1.0
         elif isinstance(spec, StopSpec):
             row["measure"] = DISTANCE_OF if spec.axis is None else COMPONENT_OF
             ends = lookup.frames(self.model, spec.between, spec.axis, self.flexbodies)
@@ -129,18 +123,19 @@ class _Builder:
         self.mutual.append((*found, spec.type == "torque", programs, -1, -1, -1))
 
     def _laws_of(self, spec: SpringDamperSpec | JointSpringSpec) -> dict[str, float]:
-        """Where the spring and the damper law of a force stand."""
+        """Programs of the laws of a force."""
         row: dict[str, float] = {}
-        for word, law in (("spring", spec.spring_force), ("damper", spec.damper_force)):
-            if law is not None:
-                row[word], row[f"{word}_at"] = self._law(law)
+        spring, damper = spec.spring_force, spec.damper_force
+        parts = {
+            "spring": spring and spring.expression,
+            "stored": spring and spring.stored,
+            "damper": damper and damper.expression,
+        }
+        for word, expression in parts.items():
+            if expression is not None:
+                row[word] = len(self.programs)
+                self.programs.append(expression)
         return row
-
-    def _law(self, law: Law) -> Pair:
-        if law.expression is not None:
-            self.programs.append(law.expression)
-            return PROGRAM, len(self.programs) - 1
-        return CURVE, self.pool.add(curve(law.points_in(self.model.folder), law.interpolation))
 
     def tables(self) -> Elements | None:
         """All tables; links are filled in later."""
@@ -188,7 +183,7 @@ def element_tables(
     return builder.tables()
 
 
-def table_of(spec: AnyForce) -> int:
+def table_of(spec: Spec) -> int:
     """Which table a force has its row in: by the kind of its wrench; −1: none."""
     if isinstance(spec, BushingSpec | BeamForceSpec):
         return FRAME_WRENCH
@@ -197,11 +192,9 @@ def table_of(spec: AnyForce) -> int:
         return LOAD_WRENCH if alone else MUTUAL_WRENCH
     if isinstance(spec, SpringDamperSpec):
         return SPRING_WRENCH if spec.linear else LAW_WRENCH
-    if isinstance(spec, LineForceSpec):
-        return -1
     if isinstance(spec, JointSpringSpec):
         return -1 if spec.spring_force is None and spec.damper_force is None else LAW_WRENCH
-    return LAW_WRENCH
+    return LAW_WRENCH if isinstance(spec, AnyStop) else -1
 
 
 def names_of(model: Model, table: int) -> tuple[str, ...]:
@@ -217,9 +210,8 @@ def row_of(model: Model, name: str) -> tuple[int, int]:
 
 def _law_table(rows: list[dict[str, float]]) -> NDArray[np.void]:
     table = np.zeros(len(rows), LAW)
-    for name in ("I", "J", "coordinate", "couple", "fun"):
+    for name in ("I", "J", "coordinate", "couple", "fun", "spring", "stored", "damper"):
         table[name] = -1
-    table["spring"] = table["damper"] = NOTHING
     for k, row in enumerate(rows):
         for name, value in row.items():
             table[name][k] = value

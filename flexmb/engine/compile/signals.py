@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.compile.sensors import of_acceleration, sides_of
+from flexmb.engine.element_tables import Elements
 from flexmb.engine.sensor_tables import PARTIAL, PLACE, PULL, STATE, SUM, Sensors, Signals
 from flexmb.engine.symbolic import Symbolic
-from flexmb.engine.tables import Elements
 from flexmb.model.signals import State
 
 __all__ = ["Start", "SignalTables", "signal_tables", "starts"]

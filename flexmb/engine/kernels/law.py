@@ -1,20 +1,15 @@
 """Forces by a law of one measure: springs, dampers, actuators, stops; force, slopes, energy, power.
 
 A law resists the growth of its measure s with R(s, ṡ). A spring has, with x = s − free,
-R = k x + c ṡ + S(x) + D(ṡ) − u(t): numbers, and S, D tabulated or as programs. A stop has one bound
+R = k x + c ṡ + S(x) + D(ṡ) − u(t), S and D as programs. A stop has one bound
 or two: at a penetration p > 0 of one it pushes back with max(0, k p^e + c step(p/d) ṗ), step the
 cubic from 0 to 1 over the depth d (IMPACT and BISTOP of MSC Adams). The elastic parts are stored.
-
-A tabulated law stands in the pool as n, x (n), and for its n + 1 pieces, the two outer ones
-straight, (c0, c1, c2, c3, I): c0 + c1 y + c2 y² + c3 y³ and its integral from I, y from the
-piece's left end (the first from x_0).
 """
 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.function import evaluate
-from flexmb.engine.tables import CURVE, NOTHING
 
 _PANELS = 16
 # Points and half weights of Gauss–Legendre's rule of eight points on (0, 1), the lower four.
@@ -27,48 +22,19 @@ _GAUSS = (
 
 
 @kernel
-def curve(pool, at, x):
-    """Value, slope and integral from 0 of a tabulated law."""
-    n = int(pool[at])
-    low, high = 0, n  # piece k begins at x_(k-1)
-    while low < high:
-        middle = (low + high) // 2
-        if x < pool[at + 1 + middle]:
-            high = middle
-        else:
-            low = middle + 1
-    y = x - pool[at + 1 + max(low - 1, 0)]
-    k = at + 1 + n + 5 * low
-    a, b, c, d = pool[k], pool[k + 1], pool[k + 2], pool[k + 3]
-    value = a + y * (b + y * (c + y * d))
-    slope = b + y * (2.0 * c + 3.0 * y * d)
-    return value, slope, pool[k + 4] + y * (a + y * (0.5 * b + y * (c / 3.0 + 0.25 * y * d)))
-
-
-@kernel
-def _part(kind, at, elements, stack, x):
-    """Value and slope of the spring or the damper of a law."""
-    if kind == CURVE:
-        value, slope, _ = curve(elements.pool, at, x)
-        return value, slope
-    value, slope, _ = evaluate(elements.programs, at, x, stack, stack)
-    return value, slope
-
-
-@kernel
 def resistance(law, elements, stack, s, v, u):
     """R, ∂R/∂s, ∂R/∂ṡ; u the present value of its function of time."""
     if law["stop"] == 1:
         return _stop(law, s, v)
     x = s - law["free"]
     f, k, c = law["k"] * x - u, law["k"], 0.0
-    if law["spring"] != NOTHING:
-        a, b = _part(law["spring"], law["spring_at"], elements, stack, x)
+    if law["spring"] >= 0:
+        a, b, _ = evaluate(elements.programs, law["spring"], x, stack, stack)
         f, k = f + a, k + b
     if law["c"] != 0.0:
         f, c = f + law["c"] * v, law["c"]
-    if law["damper"] != NOTHING:
-        a, b = _part(law["damper"], law["damper_at"], elements, stack, v)
+    if law["damper"] >= 0:
+        a, b, _ = evaluate(elements.programs, law["damper"], v, stack, stack)
         f, c = f + a, c + b
     return f, k, c
 
@@ -116,15 +82,15 @@ def energy(law, elements, stack, s):
         return law["k"] * p**e / e if p > 0.0 else 0.0
     x = s - law["free"]
     stored = 0.5 * law["k"] * x * x
-    if law["spring"] == CURVE:
-        stored += curve(elements.pool, law["spring_at"], x)[2]
-    elif law["spring"] != NOTHING:
-        stored += _integral(elements.programs, law["spring_at"], stack, x)
+    if law["stored"] >= 0:
+        stored += evaluate(elements.programs, law["stored"], x, stack, stack)[0]
+    elif law["spring"] >= 0:
+        stored += integral(elements.programs, law["spring"], stack, x)
     return stored
 
 
 @kernel
-def _integral(programs, at, stack, x):
+def integral(programs, at, stack, x):
     """Integral of a program from 0 to x by Gauss's rule, exact to the 15th power of x."""
     total = 0.0
     h = x / _PANELS
@@ -146,6 +112,6 @@ def damper_power(law, elements, stack, s, v):
         f, _, _ = _stop(law, s, v)
         return -(side * f - law["k"] * p ** law["exponent"]) * side * v
     f = law["c"] * v if law["c"] != 0.0 else 0.0
-    if law["damper"] != NOTHING:
-        f += _part(law["damper"], law["damper_at"], elements, stack, v)[0]
+    if law["damper"] >= 0:
+        f += evaluate(elements.programs, law["damper"], v, stack, stack)[0]
     return -f * v

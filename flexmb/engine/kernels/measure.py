@@ -4,11 +4,12 @@ row whose multiplier is R."""
 
 from __future__ import annotations
 
+from flexmb.engine.element_tables import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import law, primitive, row_tangent
 from flexmb.engine.kernels.blocks import clear
 from flexmb.engine.kernels.dots import separation
-from flexmb.engine.tables import COORDINATE_OF, DISTANCE, DISTANCE_OF, DOT2
+from flexmb.engine.tables import DISTANCE, DOT2
 
 Z = 2
 

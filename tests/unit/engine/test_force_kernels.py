@@ -16,20 +16,27 @@ X = [-2.0, -1.2, -0.3, 0.4, 0.5, 1.7, 2.5]
 Y = [-3.0, -1.0, -0.9, 0.8, 0.7, 2.0, 8.0]
 CODE = f"""
 from scipy.spatial.transform import Rotation
-from flexmb.engine.compile.law_curves import curve
 from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.kernels import law, pair
+from flexmb.engine.kernels.function import evaluate
 from flexmb.model.expression import parse
+from flexmb.model.laws import LawOf
 
 x, y = {X!r}, {Y!r}
 at = np.linspace(-4.0, 5.0, 181)
+
+def read(points, name, places):
+    made = LawOf("x", "m", "N").read({{"points": points, "interpolation": name}}, {{}})
+    table = lower([made.expression, made.stored])
+    stack = stack_for(table)
+    jets = [[evaluate(table, k, s, stack, stack) for k in (0, 1)] for s in places]
+    return [(force[0], force[1], energy[0]) for force, energy in jets]
+
 for name in ("monotone", "akima", "cubic", "linear"):
-    numbers = np.concatenate([[9.0], curve(tuple(zip(x, y)), name)])  # somewhere in a pool
-    found[name] = [law.curve(numbers, 1, s) for s in [*at, *x]]
-    two = np.concatenate([curve(((1.0, 2.0), (3.0, 8.0)), name)])
-    found["two " + name] = [law.curve(two, 0, s) for s in (0.0, 2.0, 4.0)]
+    found[name] = read(list(zip(x, y)), name, [*at, *x])
+    found["two " + name] = read([(1.0, 2.0), (3.0, 8.0)], name, (0.0, 2.0, 4.0))
 table = lower([parse("3*x**5 - x**2 + 2", variable="x"), parse("exp(x)*cos(3*x)", variable="x")])
-found["integrals"] = [law._integral(table, k, stack_for(table), s) for k in (0, 1)
+found["integrals"] = [law.integral(table, k, stack_for(table), s) for k in (0, 1)
                       for s in (-1.3, 2.0)]
 
 rng = np.random.default_rng(1)

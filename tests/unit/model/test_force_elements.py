@@ -6,7 +6,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from goodscene import GOOD
+from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.force_elements import names_of
@@ -171,12 +171,15 @@ def test_units_of_stiffness_stops_and_laws(tmp_path):
     assert gap["upper"] == pytest.approx(0.12) and stroke["upper"] == pytest.approx(0.02)
     assert gap["k"] == pytest.approx(5.0 / 1e-3**1.5)
     assert stroke["k"] == pytest.approx(5.0 / 1e-3**2)
-    assert (law["spring_at"], table["damper_at"]) == (0, 1)
+    assert (law["spring"], law["stored"]) == (0, -1)  # the energy of a table has a program too
+    assert (table["spring"], table["stored"], table["damper"]) == (1, 2, 3)
     made = scene(tmp_path, MM)
     spring, damper = made.forces["law"].spring_force, made.forces["table"].damper_force
     assert spring.expression.value(0.01)[0] == pytest.approx(2 * 10 + 3 * 10**2)
     assert damper.expression.value(0.3)[0] == pytest.approx(0.5 * 300)
-    assert made.forces["table"].spring_force.points == ((0.0, 0.0), (0.01, 40.0))
+    tabled = made.forces["table"].spring_force
+    assert tabled.expression.value(0.005)[0] == pytest.approx(20.0)  # N at 5 mm
+    assert tabled.stored.value(0.01)[0] == pytest.approx(0.5 * 0.01 * 40.0)
 
 
 def test_a_law_from_a_file(tmp_path):
@@ -188,15 +191,19 @@ def test_a_law_from_a_file(tmp_path):
     )
     made = scene(tmp_path, text)
     law = made.forces["f"].spring_force
-    assert law.points_in(made.folder) == ((-1.0, -3.0), (0.0, 0.0), (2.0, 9.0))
-    written = made.to_scene_dict(tmp_path / "laws")["forces"]["f"]["spring_force"]
-    assert written == {"file": "spring.csv", "interpolation": "linear"}
-    (tmp_path / "laws" / "spring.csv").write_text("0,1\n0,2\n")
-    assert "points must increase: point 2 at 0 follows 0" in str(made.problems()[0])
-    (tmp_path / "laws" / "spring.csv").write_text("0,1\n1,two\n")
-    assert "spring.csv: line 2 holds no numbers" in str(made.problems()[0])
+    found = [law.expression.value(x)[0] for x in (-2.0, -1.0, 0.5, 2.0, 4.0)]
+    np.testing.assert_allclose(found, [-6, -3, 2.25, 9, 18])
+    written = made.to_scene_dict()["forces"]["f"]["spring_force"]
+    assert written == {"points": [[-1, -3], [0, 0], [2, 9]], "interpolation": "linear"}
+    for lines, sentence in (
+        ("0,1\n0,2\n", "line 2: points must increase, 0 does not lie after the one before"),
+        ("0,1\n1,two\n", 'line 2: "two" is no finite number'),
+        ("0,1\n", "laws/spring.csv: at least two points are expected, given 1"),
+    ):
+        (tmp_path / "laws" / "spring.csv").write_text(lines)
+        assert sentence in message(tmp_path, text=text)
     (tmp_path / "laws" / "spring.csv").unlink()
-    assert "spring.csv: cannot be read" in str(made.problems()[0])
+    assert "forces.f.spring_force: there is no file" in message(tmp_path, text=text)
 
 
 def test_scenes_without_them_pay_nothing(tmp_path):
