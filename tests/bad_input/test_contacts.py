@@ -121,3 +121,9 @@ def test_friction_in_a_joint_that_has_none(tmp_path):
     )
     assert "there is no friction in in-plane joints" in text
     assert "revolute" in text
+
+
+def test_no_reaction_sensor_reads_a_contact(tmp_path):
+    felt = '[sensors.felt]\ntype = "reaction"\nforce = "touch"\n[sensors.tip]'
+    found = told(tmp_path, CONTACT, ("[sensors.tip]", felt))
+    assert found.startswith('sensors.felt.force: "touch" is a contact, whose force no reaction')
