@@ -16,7 +16,6 @@ from flexmb.engine.kernels.primitive import wrapped
 from flexmb.engine.tables import ANGLE_TURNS, ANGLES_TURN, SUM
 
 
-
 @kernel
 def stage(signals, sys, wk, t, q, v, vd, lam):
     """Values of all functions over channels, after a position stage."""
