@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
 from flexmb.engine.kernels import (
     constraint,
     contact,
     coordinate,
+    element,
     energy,
     force,
     joint_friction,
@@ -35,11 +37,15 @@ from flexmb.engine.kernels.tangent import marker_jacobian
 from flexmb.engine.tables import (
     CONTACT,
     COORDINATE,
+    FRAME,
     JOINT_FRICTION,
+    LAW,
+    MUTUAL,
     PARTIAL,
     PULL,
     SLIDER,
     SPRING,
+    Elements,
     Signals,
 )
 from flexmb.engine.work import new_state, new_work
@@ -68,6 +74,7 @@ def run(sys, st, wk, out, what, cv, cp, k):
         out[3] = force.spring_energy(sys.springs, now.marker)
         out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
         out[3] += contact.energy(sys.contacts, now.marker)
+        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
         energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
         coordinates = sys.parts.coordinates
         out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
@@ -106,12 +113,25 @@ def padded(system):
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
+        elements=_padded_elements(system.elements),
         kinks=None,
         further=np.zeros(1),
         signals=NO_SIGNALS if system.signals is None else system.signals,
         contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
         frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )
+
+
+def _padded_elements(elements):
+    if elements is None:
+        elements = Elements(None, None, None, np.zeros(1), lower([]))
+    tables = {"frames": FRAME, "laws": LAW, "mutual": MUTUAL}
+    empty = {
+        name: np.zeros(0, dtype)
+        for name, dtype in tables.items()
+        if getattr(elements, name) is None
+    }
+    return elements._replace(**empty)
 
 
 def interpreted(code, folder):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from enginekit import padded
+from enginekit import Bench, padded
 from scipy.spatial.transform import Rotation
 
 from flexmb.analysis.assembly import assemble
@@ -34,6 +34,13 @@ def compiled(model):
     """The compiled model, with tables of everything even if they are empty."""
     made = compile_system(model)
     return replace(made, system=padded(made.system))
+
+
+def stiffness_and_mass(model):
+    """K and M (nv, nv) of a model without joints, at rest in its placed pose."""
+    bench = Bench(model)
+    M = bench.mass_matrix()
+    return bench.matrix(cp=1.0)[: len(M), : len(M)] - M, M
 
 
 class Memory:

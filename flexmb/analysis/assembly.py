@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexmb.analysis.closing import Closer, body_weights, close_positions, mass_closer
 from flexmb.analysis.gaps import Gap, Moved, gaps
 from flexmb.analysis.metric import slowest_period, stiff_system, weighted_system
+from flexmb.analysis.stops import stop_notes
 from flexmb.analysis.velocities import AskedVelocities
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import (
@@ -105,6 +106,7 @@ def assemble(
     solve_level(system, state, work, REMEMBER)
     _solve_accelerations(system, state, work)
     solve_level(system, state, work, BEGIN)
+    notes = [*notes, *stop_notes(compiled, model, state, work)]
     return Assembled(state, work, tuple(notes))
 
 

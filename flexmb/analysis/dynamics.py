@@ -232,6 +232,7 @@ def loop_settings(
     system = compiled.system
     works = bool(
         system.springs is not None
+        or system.elements is not None
         or len(system.loads) > 0
         or system.signals is not None
         or system.parts.coordinates is not None
@@ -241,6 +242,7 @@ def loop_settings(
     )
     stiff = bool(
         system.springs is not None
+        or system.elements is not None
         or system.parts.coordinates is not None
         or system.signals is not None
         or system.contacts is not None

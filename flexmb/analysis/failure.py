@@ -18,7 +18,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import RESIDUAL, solve_level
 from flexmb.engine.status import sentence
 from flexmb.engine.work import Work, new_state, new_work
-from flexmb.model.forces import LoadSpec
+from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions import Function
 from flexmb.model.model import Model
 from flexmb.model.signals import live_functions, resolved
@@ -128,3 +128,7 @@ def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
             for k, function in enumerate(force.value):
                 if not function.expression.channels:
                     yield f"forces.{name}.value[{k}]", function, 0
+        elif isinstance(force, SpringDamperSpec | LineForceSpec | JointSpringSpec):
+            actuator = force.value
+            if actuator is not None and not actuator.expression.channels:
+                yield f"forces.{name}.value", actuator, 0

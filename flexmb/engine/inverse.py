@@ -7,7 +7,7 @@ repeat others, the least λ. What holds the shapes of flexible bodies takes the 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import inertia, joint_friction, signal
+from flexmb.engine.kernels import element, inertia, joint_friction, signal
 from flexmb.engine.kernels.ldl import solve_refined
 from flexmb.engine.kernels.residual import forces
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING, ZERO_LENGTH
@@ -21,6 +21,7 @@ def reactions(sys, st, wk):
     """λ of Cqᵀ λ = Q − M v̇ with the factor of this pose; returns the status."""
     fac, place, nv, before = wk.factor, sys.kkt.place, st.v.shape[0], wk.con.gamma
     inertia.prepare(sys.parts, wk.now, st.q)
+    element.position(sys.elements, sys.parts.coordinates, wk.now, st.q)
     for n in range(_LOOPS):
         signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
         joint_friction.put_grips(sys, sys.frictions, wk, st.lam)

@@ -19,6 +19,7 @@ from flexmb.engine.kernels import (
     constraint,
     contact,
     coordinate,
+    element,
     energy,
     force,
     joint_friction,
@@ -89,6 +90,7 @@ def _accept(sys, settings, st, wk, h):
         copy(st.kept, before.kept)
     kinematics.position(sys.parts, now, tr.q)
     if settings.works == 1:
+        element.position(sys.elements, sys.parts.coordinates, now, tr.q)
         kinematics.velocity(sys.parts, now, tr.v)
         signal.stage(sys.signals, sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam)
         joint_friction.put_grips(sys, sys.frictions, wk, tr.lam)
@@ -208,6 +210,7 @@ def _report(sys, method, settings, st, wk, out):
     out.energy[row, 3] = force.spring_energy(sys.springs, now.marker)
     out.energy[row, 3] += coordinate.spring_energy(sys.parts.coordinates, tr.q)
     out.energy[row, 3] += contact.energy(sys.contacts, now.marker)
+    out.energy[row, 3] += element.energy(sys.elements, sys.parts.coordinates, now, tr.v)
     for k in range(3):
         out.energy[row, 4 + k] = tr.work_done[k]
     # The power of friction counts what goes into its bristles too; that is not lost yet.

@@ -20,7 +20,8 @@ _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
     NOT_FINITE: "the solution is no longer finite",
     TOO_SMALL: "no step is small enough for the accuracy asked for",
-    ZERO_LENGTH: "a spring-damper has no length, so its direction is undefined",
+    ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
+    "undefined",
     NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
     SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
 }
@@ -31,7 +32,8 @@ _LOCKS = (
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
-    NOT_FINITE: "smaller steps were tried; check functions of time at this moment",
+    NOT_FINITE: "smaller steps were tried; check functions of time, and laws of springs, at this "
+    "moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
     NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",

@@ -139,6 +139,56 @@ LOAD = np.dtype(
     align=True,
 )
 
+# Six forces and moments between two markers by a law linear in their relative motion (bushing,
+# beam). `at` is the offset in Elements.pool of u0 (3), p0 (6), K (6, 6), C (6, 6).
+FRAME = np.dtype(
+    [("I", _I), ("J", _I), ("couple", _I), ("at", _I), ("damped", _I)],
+    align=True,
+)
+
+# A force by a law of one measure s and its rate: the distance of two markers, the component of
+# their separation along z of I, or a scalar coordinate. It resists the growth of s with
+# k (s - free) + c s' + spring(s - free) + damper(s') - u(t), or as a stop does (see kernels.law).
+LAW = np.dtype(
+    [
+        ("measure", _I),  # DISTANCE_OF, COMPONENT_OF, COORDINATE_OF
+        ("I", _I),
+        ("J", _I),
+        ("coordinate", _I),  # the scalar coordinate, or -1
+        ("couple", _I),
+        ("stop", _I),  # 1: a stop; then k, c are at full depth, free is not used
+        ("k", _F),
+        ("c", _F),
+        ("free", _F),
+        ("fun", _I),  # u(t), or -1
+        ("spring", _I),  # NOTHING, CURVE or PROGRAM, and where it is
+        ("spring_at", _I),
+        ("damper", _I),
+        ("damper_at", _I),
+        ("exponent", _F),
+        ("depth", _F),
+        ("lower", _F),
+        ("upper", _F),
+    ],
+    align=True,
+)
+
+# Force or torque at a marker with components in the axes of another one, or with its opposite on
+# another body at the same point (-1: none, of `axes`: global ones).
+MUTUAL = np.dtype(
+    [
+        ("marker", _I),
+        ("other", _I),
+        ("axes", _I),
+        ("torque", _I),
+        ("fun", _I, (3,)),
+        ("couple", _I),  # LINK between the bodies of other and marker
+        ("couple_marker", _I),  # between those of marker and axes
+        ("couple_other", _I),  # between those of other and axes
+    ],
+    align=True,
+)
+
 # One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. Wrenches: of the element
 # `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
 # axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
@@ -293,6 +343,16 @@ class Parts(NamedTuple):
     sliders: object  # SLIDER or None
 
 
+class Elements(NamedTuple):
+    """Force elements between two markers or on a coordinate; each table is None if unused."""
+
+    frames: object  # FRAME
+    laws: object  # LAW
+    mutual: object  # MUTUAL
+    pool: np.ndarray  # numbers of frames and of tabulated laws
+    programs: object  # FunctionTable of laws, their variable in place of time
+
+
 class Kkt(NamedTuple):
     """Symbolic factorisation of the KKT matrix (block minimum degree, supernodal panels)."""
 
@@ -341,6 +401,7 @@ class System(NamedTuple):
     functions: object  # FunctionTable
     springs: object  # SPRING or None
     loads: np.ndarray  # LOAD
+    elements: object  # Elements or None
     kinks: object  # (n, 2) times just before and after kinks of functions, in order, or None
     sensors: Sensors
     further: object  # one number if sensors read more than motions along axes and angles, or None
@@ -352,8 +413,12 @@ class System(NamedTuple):
 # Kinds of constraint rows.
 POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
 LINES = (TWIST, RADIAL, MOMENT)
+# Measures of laws, and where a law comes from.
+DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
+NOTHING, CURVE, PROGRAM = 0, 1, 2
 # What channels are.
 SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
+FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 8, 9, 10
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90

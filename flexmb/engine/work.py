@@ -72,6 +72,25 @@ class State(NamedTuple):
     kept: np.ndarray  # memory of the elements: time of the last accepted step, then their own
 
 
+class ElementNow(NamedTuple):
+    """Scratch of one force element: relative motion, force, and what tangents are made of."""
+
+    x: np.ndarray  # (6,) separation and rotation vector of J from I, axes of I
+    rate: np.ndarray  # (6,) velocity and angular velocity of J seen from I, axes of I
+    Q: np.ndarray  # (3, 3) axes of J in those of I
+    p: np.ndarray  # (6,) force conjugate to x
+    f: np.ndarray  # (6,) force and moment with which J is pulled to I, axes of I
+    K: np.ndarray  # (6, 6) its change with the relative motion
+    C: np.ndarray  # (6, 6) and with the relative velocity
+    E: np.ndarray  # (6, 12) relative motion per motion of the markers
+    D: np.ndarray  # (6, 12) change of the relative velocity with their position
+    S: np.ndarray  # (6, 12)
+    W: np.ndarray  # (12, 12) damping between the markers
+    N: np.ndarray  # (6, 6 + m) change of a marker's velocity with q at constant v
+    s: np.ndarray  # scalar coordinates
+    stack: np.ndarray  # (depth, 3) of the function evaluator
+
+
 class Now(NamedTuple):
     """Bodies and markers at the last evaluated position."""
 
@@ -82,6 +101,7 @@ class Now(NamedTuple):
     kept: np.ndarray  # memory of the elements that forces are evaluated with, as State.kept
     span: np.ndarray  # (1,) time since then, s
     grip: np.ndarray  # (joint frictions, 2): normal force and force of friction, N
+    element: object  # ElementNow, or None without such elements
 
 
 class Constraints(NamedTuple):
@@ -251,6 +271,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         _nan(_memory(system)),
         _nan(1),
         _nan(_rows(system.frictions), 2),
+        _new_element(system),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
@@ -272,6 +293,18 @@ def _new_live(system: System) -> Live:
     partials = len(system.signals.partials)
     channels = len(system.sensors.channels)
     return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
+
+
+def _new_element(system: System) -> ElementNow | None:
+    if system.elements is None:
+        return None
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    scalars = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    return ElementNow(
+        _nan(6), _nan(6), _nan(3, 3), _nan(6), _nan(6), _nan(6, 6), _nan(6, 6), _nan(6, 12),
+        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n), _nan(scalars),
+        _nan(int(system.elements.programs.depth), 3),
+    )  # fmt: skip
 
 
 def _new_dense(system: System) -> Dense:

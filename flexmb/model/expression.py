@@ -108,6 +108,7 @@ def parse(
     names: Mapping[str, float] | None = None,
     *,
     time: bool = True,
+    variable: str = "t",
     channels: bool = False,
 ) -> Expression:
     """Parse an expression.
@@ -119,7 +120,9 @@ def parse(
     names : mapping
         Values of the parameters it may use.
     time : bool
-        Whether ``t`` may occur.
+        Whether the variable may occur.
+    variable : str
+        Name of the variable, in place of the time.
     channels : bool
         Whether names that are no parameters stand for channels (checked once all are known).
 
@@ -128,7 +131,7 @@ def parse(
     SceneError
         One problem, with the text and a caret under the character that is wrong.
     """
-    return Expression(text, _Lowering(text, dict(names or {}), time, channels).run())
+    return Expression(text, _Lowering(text, dict(names or {}), time, channels, variable).run())
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -197,8 +200,16 @@ def _error(
 class _Lowering:
     """Turns the syntax tree into postfix operations, folding constants on the way."""
 
-    def __init__(self, text: str, names: Mapping[str, float], time: bool, channels: bool) -> None:
+    def __init__(
+        self,
+        text: str,
+        names: Mapping[str, float],
+        time: bool,
+        channels: bool,
+        variable: str = "t",
+    ) -> None:
         self.text, self.names, self.time, self.channels = text, names, time, channels
+        self.variable = variable
         flat = text.replace("\n", " ")
         self.lead = len(flat) - len(flat.lstrip())
 
@@ -250,7 +261,7 @@ class _Lowering:
         return (("const", value),)
 
     def name(self, node: ast.expr, name: str) -> Ops:
-        if name == "t" and self.time:
+        if name == self.variable and self.time:
             return (("t", 0.0),)
         value = self.names.get(name, CONSTANTS.get(name))
         if value is not None:
@@ -261,7 +272,7 @@ class _Lowering:
             raise self.fail(node, f'"{name}" is a function, written {FUNCTIONS[name][1]}')
         if self.channels:
             return ((f"@{name}", 0.0),)
-        known = (*self.names, *(("t",) if self.time else ()), *CONSTANTS)
+        known = (*self.names, *((self.variable,) if self.time else ()), *CONSTANTS)
         raise self.fail(node, f'unknown name "{name}"', known, name)
 
     def binary(self, node: ast.BinOp, operator: str) -> Ops:

@@ -31,7 +31,9 @@ from flexmb.model.interfaces import (
     Weights,
 )
 from flexmb.model.joints import JOINT_TYPES, JointSpec
+from flexmb.model.laws import Law, LawTable
 from flexmb.model.material import MATERIAL_KINDS, MaterialField
+from flexmb.model.matrices import BY_DIRECTION, SIX_BY_SIX
 from flexmb.model.meshes import MESH_TYPES, Divisions, MeshSource
 from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import Axis, Integer, Quantity
@@ -48,6 +50,8 @@ Form = dict[str, Any]
 NUMBER: Form = {"type": ["number", "string"]}  # a string is an expression
 VECTOR: Form = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3}
 _MATRIX: Form = {"type": "array", "items": VECTOR, "minItems": 3, "maxItems": 3}
+_ROW: Form = {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}
+_SIX: Form = {"type": "array", "items": _ROW, "minItems": 6, "maxItems": 6}
 _NAMED: Form = {"type": ["string", "integer"]}
 _COUNT: Form = {"type": ["integer", "string"], "minimum": 1}
 _SIGNS: dict[str, Form] = {
@@ -103,6 +107,12 @@ def _of_class(cls: type) -> Form:
         return {
             "anyOf": [NUMBER, *(reference(form) for form in FUNCTION_FORMS.values())],
             "description": "as a function of t",
+        }
+    if issubclass(cls, Law):
+        points = {"type": "array", "items": _list((float, float))}
+        return {
+            "anyOf": [{"type": "string"}, points, reference(LawTable)],
+            "description": "or an expression",
         }
     plain: dict[type, Form] = {str: {"type": "string"}, bool: {"type": "boolean"}}
     return dict(plain.get(cls, NUMBER if cls in (int, float) else {}))
@@ -193,6 +203,8 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}],
             "description": "[N/m, N m/rad]",
         },
+        **{_reader(field): _by_direction(unit) for unit, field in BY_DIRECTION.items()},
+        **{_reader(field): _six_by_six(unit) for unit, field in SIX_BY_SIX.items()},
         _reader(MeshSource): lambda: {
             "anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]
         },
@@ -212,6 +224,14 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             ]
         },
     }
+
+
+def _by_direction(unit: str) -> Callable[[], Form]:
+    return lambda: {"anyOf": [NUMBER, VECTOR, _MATRIX], "description": f"[{unit}]"}
+
+
+def _six_by_six(unit: str) -> Callable[[], Form]:
+    return lambda: {**_SIX, "description": f"[{unit}]"}
 
 
 def _signed(letters: str) -> list[str]:

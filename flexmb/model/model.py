@@ -25,6 +25,7 @@ from flexmb.model.curves import CurveSpec
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.dynamics import DynamicsSpec
 from flexmb.model.entries import read_named
+from flexmb.model.forces import AnyForce
 from flexmb.model.head import read_gravity
 from flexmb.model.joints import JointSpec
 from flexmb.model.kinematics import KinematicsSpec
@@ -102,7 +103,7 @@ class Model:
         self.joints: dict[str, JointSpec] = {}
         self.couplers: dict[str, CouplerSpec] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, Spec] = {}
+        self.forces: dict[str, AnyForce] = {}
         self.sensors: dict[str, SensorSpec] = {}
         self.states: dict[str, StateSpec] = {}
         self.controllers: dict[str, ControllerSpec] = {}
@@ -182,7 +183,7 @@ class Model:
         return spec
 
     def add_force(self, name: str, type: str, **fields: Any) -> Spec:
-        """Add a force, a torque or a spring-damper: along a line, or on a joint."""
+        """Add a force, a torque, a spring-damper, bushing, beam or stop."""
         return self._add("forces", name, {"type": type, **fields})
 
     def add_sensor(self, name: str, type: str, **fields: Any) -> Spec:

@@ -25,6 +25,7 @@ from flexmb.model.joints import JOINT_TYPES, JointSpec
 from flexmb.model.names import GROUND
 from flexmb.model.orientation import rotation_matrix
 from flexmb.model.reading import given
+from flexmb.model.stops import JointStopSpec, StopSpec
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -115,7 +116,9 @@ def planar_problems(model: Model, flexbodies: lookup.Bodies) -> Iterator[Problem
             yield from _driver(model, f"drivers.{name}", driver, flexbodies, plane)
     for name, force in model.forces.items():
         if isinstance(force, LoadSpec):
-            yield from _load(model, f"forces.{name}", force, plane)
+            yield from _load(model, f"forces.{name}", force, flexbodies, plane)
+        elif isinstance(force, StopSpec) and not keeps_plane(force.axis or (0.0,) * 3, plane):
+            yield Problem(f"forces.{name}.axis", f"must lie in the plane {plane}")
 
 
 def _body(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
@@ -169,7 +172,7 @@ def _coordinates(model: Model, flexbodies: lookup.Bodies, plane: str) -> Iterato
         if d.joint is not None
     ]
     for n, force in model.forces.items():
-        if isinstance(force, JointSpringSpec):
+        if isinstance(force, JointSpringSpec | JointStopSpec):
             used.append((f"forces.{n}", force.joint, force.coordinate))
     for n, coupler in model.couplers.items():
         used += [(f"couplers.{n}", *term) for term in terms_of(coupler)]
@@ -200,17 +203,21 @@ def _driver(
             yield Problem(f"{where}.{coordinate}", f"{axis} leads out of the plane {plane}")
 
 
-def _load(model: Model, where: str, force: LoadSpec, plane: str) -> Iterator[Problem]:
+def _load(
+    model: Model, where: str, force: LoadSpec, flexbodies: lookup.Bodies, plane: str
+) -> Iterator[Problem]:
     """Components out of the plane must be the number zero."""
     normal = np.array(PLANES[plane])
-    if force.axes == "body":
-        body = force.at.partition(".")[0]
+    if force.axes != "global":
+        reference = force.at if force.axes == "body" else force.axes
+        body = reference.partition(".")[0]
+        try:
+            marker = lookup.placed(model, reference, flexbodies)
+        except FlexmbError:
+            return
         if body in model.bodies:
-            try:
-                marker = lookup.placed(model, force.at, {})
-            except FlexmbError:
-                return
-            normal = marker.R.T @ normal_in_body(model.bodies[body], plane)
+            normal = normal_in_body(model.bodies[body], plane)
+        normal = marker.R.T @ normal
     for i, function in enumerate(force.value):
         inside = abs(normal[i]) <= _ALIGNED
         wanted = inside if force.type == "force" else not inside

@@ -9,21 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.errors import Problem, nearest
 from flexmb.model import curve_uses, lookup
 from flexmb.model.assembly import assembly_problems
 from flexmb.model.bodies import FlexbodySpec
 from flexmb.model.carriers import body_problems
-from flexmb.model.contact_checks import contact_problems, joint_friction_problems
-from flexmb.model.contacts import ContactSpec
 from flexmb.model.coupling import coupler_problems
-from flexmb.model.driver_problems import driver_problems, finite
-from flexmb.model.forces import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
-from flexmb.model.friction import JointFrictionSpec
+from flexmb.model.driver_problems import driver_problems
+from flexmb.model.force_problems import force_problems
 from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.names import GROUND, split_reference
 from flexmb.model.plane import planar_problems
 from flexmb.model.scope import Broken, Scope
 from flexmb.model.signal_checks import sensor_problems, signal_problems
@@ -39,7 +33,7 @@ def problems(
 ) -> list[Problem]:
     """All problems of a model; see :meth:`Model.problems`."""
     scope = Scope(model, flexbodies, broken or {})
-    named = (body_problems, _joints, coupler_problems, driver_problems, _forces)
+    named = (body_problems, _joints, coupler_problems, driver_problems, force_problems)
     further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
     parts = (*named, *further, _channels, _judged, _frequencies, _times)
     found = [problem for part in parts for problem in part(scope)]
@@ -53,55 +47,6 @@ def _joints(scope: Scope) -> Iterator[Problem]:
     for name, spec in scope.model.joints.items():
         yield from scope.pair(f"joints.{name}", spec.between, "a joint")
         yield from curve_uses.of_joint(scope, name, spec)
-
-
-def _forces(scope: Scope) -> Iterator[Problem]:
-    yield from scope.markers("forces")
-    for name, spec in scope.model.forces.items():
-        where = f"forces.{name}"
-        if isinstance(spec, SpringDamperSpec):
-            yield from scope.pair(where, spec.between, "a spring-damper")
-            yield from _length(scope, where, spec.between, "a spring")
-        elif isinstance(spec, LineForceSpec):
-            yield from scope.pair(where, spec.between, "a line-force")
-            yield from _length(scope, where, spec.between, "a force along a line")
-            yield from finite(f"{where}.value", spec.value)
-        elif isinstance(spec, JointSpringSpec):
-            yield from _joint_spring(scope, where, spec)
-        elif isinstance(spec, ContactSpec):
-            yield from contact_problems(scope, where, spec)
-        elif isinstance(spec, JointFrictionSpec):
-            yield from joint_friction_problems(scope, where, spec)
-        elif isinstance(spec, LoadSpec):
-            for i, function in enumerate(spec.value):
-                yield from finite(f"{where}.value[{i}]", function)
-            if split_reference(spec.at)[0] == GROUND:
-                yield Problem(f"{where}.at", f"a {spec.type} on ground moves nothing")
-            yield from scope.material(f"{where}.at", spec.at)
-
-
-def _joint_spring(scope: Scope, where: str, spec: JointSpringSpec) -> Iterator[Problem]:
-    yield from scope.coordinate(where, spec.joint, spec.coordinate)
-    if spec.value is not None:
-        yield from finite(f"{where}.value", spec.value)
-    if spec.stiffness == 0 and spec.damping == 0 and spec.value is None:
-        yield Problem(where, "does nothing: give stiffness, damping or value")
-
-
-def _length(scope: Scope, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
-    """A line needs two points apart, as far as they are known."""
-    model = scope.model
-    try:
-        ends = [lookup.placed(model, reference, scope.flexbodies) for reference in between]
-    except FlexmbError:
-        return
-    flexible = {m.body for m in ends if m.body != GROUND and model.bodies[m.body].flexible}
-    if any(lookup.flexbody_of(model, body, scope.flexbodies) is None for body in flexible):
-        return
-    points = [lookup.global_position(model, marker) for marker in ends]
-    if np.linalg.norm(points[1] - points[0]) == 0:
-        what = f"its markers coincide in the placed pose: {noun} of length zero pulls nowhere"
-        yield Problem(f"{where}.between", what)
 
 
 def _channels(scope: Scope) -> Iterator[Problem]:

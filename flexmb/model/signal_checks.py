@@ -65,7 +65,7 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
         if name is not None:
             yield from _known(f"{where}.{noun}", noun, name, scope.names(f"{noun}s"))
     force = scope.model.forces.get(spec.force or "")
-    if isinstance(force, LoadSpec) and spec.on == "I":
+    if isinstance(force, LoadSpec) and force.reaction is None and spec.on == "I":
         what = f'"{spec.force}" acts on one marker: its reaction is on ground; leave it out'
         yield Problem(f"{where}.on", what)
 

@@ -45,6 +45,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
         scene[section] = {
             name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
         }
+    _move_files(model, scene["forces"], folder)
     scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
     scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
     for section in ("assembly", "dynamics", "kinematics", "study"):
@@ -92,6 +93,16 @@ def _body(
         if isinstance(table.get(key), str) and folder is not None:
             table[key] = _relative(model.path(table[key]), Path(folder))
     return table
+
+
+def _move_files(model: Model, forces: dict[str, Any], folder: str | Path | None) -> None:
+    """Files of laws relative to another folder."""
+    for force in forces.values() if folder is not None else ():
+        for word in ("spring_force", "damper_force"):
+            law = force.get(word)
+            if isinstance(law, dict) and "file" in law:
+                assert folder is not None  # else there is nothing to do
+                force[word] = {**law, "file": _relative(model.path(law["file"]), Path(folder))}
 
 
 def _relative(path: Path, folder: Path) -> str:

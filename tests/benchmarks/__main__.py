@@ -12,6 +12,11 @@ def main():
         seconds, iterations, factors = timing.per_step(*models.chain(n), 1e-3, count)
         micro = 1e6 * seconds
         print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
+    print("\nChain of 10 bars held by force elements, h = 1 ms, no output")
+    print(f"{'element':>16} {'us/step':>10} {'iterations':>11} {'factors':>8}")
+    for force in models.FORCES:
+        seconds, iterations, factors = timing.per_step(*models.held_by(force), 1e-3, 2000)
+        print(f"{force:>16} {1e6 * seconds:10.2f} {iterations:11.2f} {factors:8.2f}")
     print("\nSlider-crank with a flexible rod, h = 10 us, no output")
     print(f"{'modes':>8} {'us/step':>10} {'iterations':>21} {'factors':>8}")
     for modes in (14, 20, 94):

@@ -26,6 +26,30 @@ def chain(n):
     return made, compile_system(made)
 
 
+FORCES = {
+    "bushing": {"stiffness": 1e5, "rotational_stiffness": 1e3},
+    "damped bushing": {"stiffness": 1e5, "rotational_stiffness": 1e3, "damping": 10},
+    "beam": {"E": 1e9, "G": 4e8, "A": 1e-4, "Iy": 1e-8, "Iz": 1e-8, "J": 1e-8},
+    "law": {"spring_force": "1e4*x + 1e5*x**3"},
+}
+
+
+def held_by(force, n=10):
+    """The bars of `chain`, each held to the one before by a force element across a gap of 0.1 m."""
+    made = Model(f"chain of {n} by {force}", gravity=[0, 0, -9.81])
+    kind = {"damped bushing": "bushing", "law": "spring-damper"}.get(force, force)
+    for k in range(n):
+        made.add_body(
+            f"b{k}", mass=1.0, center=[0.5, 0, 0], inertia=[0.01, 1 / 12, 1 / 12],
+            position=[0.1 + 1.1 * k, 0, 0],
+        )  # fmt: skip
+        made.add_marker(f"b{k}.end", position=[1, 0, 0])
+        before = f"b{k - 1}.end" if k else "ground"
+        made.add_force(f"f{k}", kind, between=[before, f"b{k}"], **FORCES[force])
+    made.set_dynamics(duration=1.0, step=1e-3, newton_tolerance=1e-6)
+    return made, compile_system(made)
+
+
 def slider_crank(modes):
     """The case with a flexible rod of 6 + `modes` coordinates."""
     fixed = {"dynamics.step": "1e-5", "dynamics.newton_tolerance": "1e-6"}

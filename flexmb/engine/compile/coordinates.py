@@ -21,6 +21,7 @@ from flexmb.model.forces import JointSpringSpec, LineForceSpec
 from flexmb.model.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.signals import State
+from flexmb.model.stops import JointStopSpec
 
 __all__ = [
     "Scalar",
@@ -47,18 +48,23 @@ class Scalar:
     size: float = 0.0  # of a state: from where on it is large; 0: a motion
 
 
-def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
-    """The springs on joint coordinates, by name."""
-    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
+def joint_springs(model: Model) -> dict[str, JointSpringSpec | JointStopSpec]:
+    """The springs and stops on joint coordinates, by name."""
+    kinds = JointSpringSpec | JointStopSpec
+    return {name: spec for name, spec in model.forces.items() if isinstance(spec, kinds)}
 
 
-def followers(model: Model) -> dict[str, JointSpringSpec | JointFrictionSpec]:
+OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
+"""Forces on a coordinate of a joint."""
+
+
+def followers(model: Model) -> dict[str, OnJoint]:
     """Forces on joint coordinates by name, in the order of the scalars that follow these."""
     frictions = {n: spec for n, spec in model.forces.items() if isinstance(spec, JointFrictionSpec)}
     return {**joint_springs(model), **frictions}
 
 
-def joint_coordinate(model: Model, spec: JointSpringSpec | JointFrictionSpec) -> str:
+def joint_coordinate(model: Model, spec: OnJoint) -> str:
     """The coordinate of its joint that a force acts on."""
     if isinstance(spec, JointFrictionSpec):
         return friction_coordinate(model, spec)
@@ -71,7 +77,10 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 
 
 def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint springs, lines of forces, couplers, states."""
+    """The scalar coordinates of a model: of joint forces, lines of forces, couplers, states.
+
+    Laws and stops on joints are elements of their own.
+    """
     joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
     lines = [
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
@@ -85,11 +94,9 @@ def scalars(model: Model, functions: Functions, states: tuple[State, ...]) -> li
     return [*joints, *lines, *coupled, *own]
 
 
-def _follower(
-    model: Model, name: str, spec: JointSpringSpec | JointFrictionSpec, functions: Functions
-) -> Scalar:
-    angular = joint_coordinate(model, spec) == "angle"
-    if isinstance(spec, JointFrictionSpec):
+def _follower(model: Model, name: str, spec: OnJoint, functions: Functions) -> Scalar:
+    angular = joint_coordinate(model, spec) != "stroke"
+    if isinstance(spec, JointFrictionSpec | JointStopSpec):
         return Scalar(f"forces.{name}", angular=angular)
     return Scalar(
         f"forces.{name}",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.force_elements import row_of
 from flexmb.engine.compile.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.joints import Groups
 from flexmb.engine.compile.markers import Markers
@@ -27,11 +28,9 @@ from flexmb.engine.tables import (
     DOT2,
     ENERGY,
     EXPRESSION,
-    LOAD_WRENCH,
     PLACE,
     REACTION,
     SEEN_OMD,
-    SPRING_WRENCH,
     STATE,
     SUM,
     TERM,
@@ -41,7 +40,6 @@ from flexmb.engine.tables import (
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup, signals
 from flexmb.model.expression import Expression
-from flexmb.model.forces import LoadSpec, SpringDamperSpec
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensors import (
@@ -179,11 +177,7 @@ class Channels:
             if name is not None and f"{section}.{name}" in self.groups.owners:
                 return REACTION, self.groups.owners.index(f"{section}.{name}")
         assert spec.force is not None  # joints and drivers have groups
-        forces, asked = self.model.forces, self.model.forces[spec.force]
-        kind = SpringDamperSpec if isinstance(asked, SpringDamperSpec) else LoadSpec
-        alike = [name for name, force in forces.items() if isinstance(force, kind)]
-        what = SPRING_WRENCH if kind is SpringDamperSpec else LOAD_WRENCH
-        return what, alike.index(spec.force)
+        return row_of(self.model, spec.force)
 
 
 def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.compile.sensors import of_acceleration, sides_of
 from flexmb.engine.symbolic import Symbolic
-from flexmb.engine.tables import PARTIAL, PULL, REACTION, STATE, SUM, Sensors, Signals
+from flexmb.engine.tables import PARTIAL, PULL, REACTION, STATE, SUM, Elements, Sensors, Signals
 from flexmb.model.signals import State
 
 __all__ = ["Start", "SignalTables", "signal_tables", "starts"]
@@ -78,6 +78,7 @@ def signal_tables(
     loads: NDArray[np.void],
     scalars: NDArray[np.void] | None,
     markers: Markers,
+    elements: Elements | None,
 ) -> SignalTables | None:
     """Tables of all functions that name channels; None if there are none.
 
@@ -91,7 +92,9 @@ def signal_tables(
     partials: list[tuple[int, int]] = []
     pulls: list[tuple[int, ...]] = []
     blocks: list[tuple[int, int]] = []
-    for effect in _effects(live, loads, scalars, markers):
+    for effect in _effects(live, loads, scalars, markers) + _acting(
+        live, len(loads), markers, elements
+    ):
         for name in live[effect.program]:
             pair = effect.program, numbers[name]
             if pair not in partials:
@@ -126,6 +129,28 @@ def _effects(live, loads, scalars, markers: Markers) -> list[_Effect]:
             block = len(markers.bodies) + k
             found.append(_Effect(int(scalar["fun"]), -1, 0, int(scalar["iv"]), block))
     return found
+
+
+def _acting(live, n_loads: int, markers: Markers, elements: Elements | None) -> list[_Effect]:
+    """The same of mutual loads and actuators, both sides of each numbered behind the loads."""
+    if elements is None:
+        return []
+    mutual: Any = () if elements.mutual is None else elements.mutual
+    laws: Any = () if elements.laws is None else elements.laws
+    found = [
+        _Effect(int(program), 2 * k + side, a, -1, markers.body(int(load[end])))
+        for k, load in enumerate(mutual)
+        for a, program in enumerate(load["fun"])
+        for side, end in enumerate(("marker", "other"))
+        if int(program) in live and load[end] >= 0
+    ]
+    found += [
+        _Effect(int(row["fun"]), 2 * (len(mutual) + k) + side, 0, -1, markers.body(int(row[end])))
+        for k, row in enumerate(laws)
+        for side, end in enumerate(("J", "I"))
+        if int(row["fun"]) in live
+    ]
+    return [e._replace(load=n_loads + e.load) for e in found if e.block >= 0]
 
 
 def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies: int):

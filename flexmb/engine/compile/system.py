@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import contacts, coordinates, elements, joints, sensors, signals
+from flexmb.engine.compile import (
+    contacts,
+    coordinates,
+    elements,
+    force_elements,
+    joints,
+    sensors,
+    signals,
+)
 from flexmb.engine.compile.curves import Contact
 from flexmb.engine.compile.groups import (
     Groups,
@@ -100,6 +108,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     kept = 1 + sum(contacts.memory_of(row) for row in _rows(touching))
     frictions = contacts.joint_friction_table(model, groups, kept)
     loads = elements.load_table(model, known, markers, functions)
+    held = force_elements.element_tables(
+        model, known, markers, functions, [scalar.name for scalar in scalars]
+    )
     length, sizes = _length(model, known), 6 + table["m"]
     nq, nv = int((7 + table["m"]).sum()), int(sizes.sum())
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -111,8 +122,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     scalar_table = coordinates.coordinate_table(scalars, nq, nv)
     rows, follows = row_table(groups, sizes, n_functions), follow_table(groups)
     columns = _columns(model, table)
-    acting = signals.signal_tables(functions, numbers, sensor_tables, loads, scalar_table, markers)
+    acting = signals.signal_tables(
+        functions, numbers, sensor_tables, loads, scalar_table, markers, held
+    )
     blocks = _blocks(columns, groups, before, (springs, touching), markers)
+    blocks.couples.extend(force_elements.couples(held, markers))
     if acting is not None:
         blocks.couples.extend(acting.couples)
     symbolic = analyse(blocks)
@@ -120,6 +134,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         acting.place(symbolic)
     group_table = _place(table, groups, (springs, touching), markers, symbolic)
     _place_coordinates(follows, group_table, scalar_table, symbolic)
+    force_elements.place(held, markers, symbolic.couple_links)
     gravity = np.array(model.gravity or (0.0,) * 3)
     system = System(
         parts=Parts(
@@ -148,6 +163,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         signals=None if acting is None else acting.signals,
         contacts=touching,
         frictions=frictions,
+        elements=held,
     )
     layout = Layout(
         bodies=tuple(

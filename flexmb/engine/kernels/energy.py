@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import contact, coordinate, force
+from flexmb.engine.kernels import contact, coordinate, element, force
 from flexmb.engine.kernels.inertia_tangent import mass_block
 from flexmb.engine.kernels.rotation import transform
 from flexmb.engine.kernels.vector import dot
@@ -100,5 +100,7 @@ def powers(sys, now, fun, v, lam, out):
     out[1] = force.damper_power(sys.springs, now.marker) + _modal_damping_power(sys.parts, v)
     out[1] += coordinate.damper_power(sys.parts.coordinates, v)
     out[1] += contact.power(sys.contacts, now)
+    out[1] += element.damper_power(sys.elements, sys.parts.coordinates, now, v)
     out[2] = force.load_power(sys.loads, now.marker, fun)
     out[2] += coordinate.force_power(sys.parts.coordinates, fun, v)
+    out[2] += element.applied_power(sys.elements, sys.parts.coordinates, now, fun, v)

@@ -22,6 +22,7 @@ from flexmb.engine.kernels import (
 from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.contact_tangent import contact_tangents
 from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
+from flexmb.engine.kernels.force_tangent import add_coordinate_tangents, element_tangents
 from flexmb.engine.kernels.signal_tangent import signal_tangents
 from flexmb.engine.kernels.slider_tangent import slider_tangents
 
@@ -43,6 +44,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         kinematics.velocity(sys.parts, wk.now, v)
     _bodies(sys.parts, sys.kkt, wk, v, vd, cv, cp)
     coordinate.add_tangents(sys.parts.coordinates, sys.kkt, cv, cp, low, up)
+    add_coordinate_tangents(sys.elements, sys.parts.coordinates, sys.kkt, wk, v, cv, cp)
     constraint.jacobian(sys.lines, sys.parts, wk.now, sys.rows, wk.dense)
     if cp != 0.0 or cv != 0.0:
         group_tangents(sys, wk, lam, cp)
@@ -51,6 +53,7 @@ def factorise(sys, wk, v, vd, lam, cv, cp):
         load_tangents(sys, sys.loads, wk, cp)
         contact_tangents(sys, sys.contacts, wk, v, cv, cp)
         joint_friction.add_tangents(sys, sys.frictions, wk, v, cv, cp)
+        element_tangents(sys, sys.elements, wk, v, cv, cp)
     if cv != 0.0:
         signal_tangents(sys.signals, sys, wk, v, cv, cp)
     if symmetric:

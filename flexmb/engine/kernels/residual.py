@@ -7,6 +7,7 @@ from flexmb.engine.kernels import (
     constraint,
     contact,
     coordinate,
+    element,
     force,
     inertia,
     joint_friction,
@@ -24,6 +25,7 @@ def position_stage(sys, wk, t, q):
     evaluate_all(sys.functions, t, wk.trial.variables, wk.trial.stack, wk.con.fun)
     coordinate.put_values(sys.parts.coordinates, sys, q, wk.con.fun)
     kinematics.position(sys.parts, wk.now, q)
+    element.position(sys.elements, sys.parts.coordinates, wk.now, q)
     inertia.prepare(sys.parts, wk.now, q)
     memory.put_span(sys.contacts, wk.now, t)
 
@@ -36,8 +38,8 @@ def velocity_stage(sys, wk, v):
 
 
 @kernel
-def _velocities_for_forces(springs, contacts, parts, now, v):
-    if springs is not None or contacts is not None:
+def _velocities_for_forces(springs, contacts, elements, parts, now, v):
+    if springs is not None or contacts is not None or elements is not None:
         kinematics.velocity(parts, now, v)
 
 
@@ -45,7 +47,7 @@ def _velocities_for_forces(springs, contacts, parts, now, v):
 def residual(sys, wk, t, q, v, vd, lam):
     """res = M v̇ − Q + Cqᵀ λ and C, in the work; returns a spring of no length, or −1."""
     position_stage(sys, wk, t, q)
-    _velocities_for_forces(sys.springs, sys.contacts, sys.parts, wk.now, v)
+    _velocities_for_forces(sys.springs, sys.contacts, sys.elements, sys.parts, wk.now, v)
     signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
     constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
     joint_friction.put_grips(sys, sys.frictions, wk, lam)
@@ -60,12 +62,16 @@ def forces(sys, wk, q, v, vd, lam):
     """
     kinematics.clear_wrenches(wk.now)
     bad = force.add_spring_wrenches(sys.springs, wk.now.marker)
+    undefined = element.add_wrenches(sys.elements, wk.now, wk.con.fun)
     force.add_load_wrenches(sys.loads, wk.now.marker, wk.con.fun)
     contact.add_wrenches(sys.contacts, wk.now, wk.dense.g[0])
     constraint.subtract_reactions(sys.lines, sys.rows, wk.now.marker, lam, wk.dense.g[0])
     inertia.inertia_forces(sys.parts, wk.now, q, v, vd, wk.trial.res)
     kinematics.subtract_wrenches(sys.parts, wk.now, wk.trial.res)
     coordinate.put_forces(sys, sys.parts.coordinates, wk, q, v, vd, lam)
+    element.put_coordinate_forces(
+        sys.elements, sys.parts.coordinates, wk.now, wk.con.fun, v, wk.trial.res
+    )
     slider.subtract_forces(sys.parts.sliders, sys.parts, wk.now, wk.trial.res)
     joint_friction.put_forces(sys, sys.frictions, wk, q, v)
-    return bad
+    return max(bad, undefined)

@@ -13,6 +13,7 @@ import math
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import primitive, row_tangent, tangent, turning
 from flexmb.engine.kernels.blocks import clear
+from flexmb.engine.kernels.force_tangent import put_unit_force
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.kinematics import add_pulled_back
 from flexmb.engine.kernels.rotation import cross
@@ -71,6 +72,9 @@ def _left(sys, wk, pull):
     if pull["load"] < 0:
         left[0] = 1.0
         return pull["iv"], 1
+    beyond = pull["load"] - sys.loads.shape[0]
+    if beyond >= 0:
+        return put_unit_force(sys.elements, sys.parts, wk, beyond, pull["a"])
     load, a, w = sys.loads[pull["load"]], pull["a"], wk.dense.g[1]
     k, o = load["marker"], 3 * load["torque"]
     body = sys.parts.bodies[sys.parts.markers[k]["body"]]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels import element, force, reaction
 from flexmb.engine.kernels import energy as energies_of
-from flexmb.engine.kernels import force, reaction
 from flexmb.engine.tables import LOAD_WRENCH, REACTION, SPRING_WRENCH
 
 
@@ -25,8 +25,10 @@ def component(sys, wk, channel, lam):
         i, j = sys.loads[k]["marker"], sys.loads[k]["marker"]
         o = 6 + 3 * sys.loads[k]["torque"]
         w[o], w[o + 1], w[o + 2] = force.load_vector(sys.loads[k], wk.now.marker, wk.con.fun)
+    elif channel["what"] == SPRING_WRENCH:
+        i, j = _spring(sys.springs, wk.now.marker, k, w)
     else:
-        i, j = _spring(sys.springs, wk.now.marker, channel["what"] == SPRING_WRENCH, k, w)
+        i, j = element.wrenches(sys.elements, wk.now, wk.con.fun, channel["what"], k, w)
     o = 6 * (1 - channel["side"]) + 3 * channel["quantity"]
     if axes == -1:
         return w[o + channel["a"]]
@@ -36,9 +38,9 @@ def component(sys, wk, channel, lam):
 
 
 @kernel
-def _spring(springs, markers, asked, k, w):
+def _spring(springs, markers, k, w):
     """Forces of one spring–damper into w (12); returns its two markers."""
-    if springs is not None and asked:
+    if springs is not None:
         i, j = springs[k]["I"], springs[k]["J"]
         d, x, y, z = force.direction(markers[i], markers[j])
         f = force.spring_force(springs[k], markers[i], markers[j], d, x, y, z)

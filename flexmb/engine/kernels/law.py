@@ -1,0 +1,151 @@
+"""Forces by a law of one measure: springs, dampers, actuators, stops; force, slopes, energy, power.
+
+A law resists the growth of its measure s with R(s, ṡ). A spring has, with x = s − free,
+R = k x + c ṡ + S(x) + D(ṡ) − u(t): numbers, and S, D tabulated or as programs. A stop has one bound
+or two: at a penetration p > 0 of one it pushes back with max(0, k p^e + c step(p/d) ṗ), step the
+cubic from 0 to 1 over the depth d (IMPACT and BISTOP of MSC Adams). The elastic parts are stored.
+
+A tabulated law stands in the pool as n, x (n), and for its n + 1 pieces, the two outer ones
+straight, (c0, c1, c2, c3, I): c0 + c1 y + c2 y² + c3 y³ and its integral from I, y from the
+piece's left end (the first from x_0).
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.function import evaluate
+from flexmb.engine.tables import CURVE, NOTHING
+
+_PANELS = 16
+# Points and half weights of Gauss–Legendre's rule of eight points on (0, 1), the lower four.
+_GAUSS = (
+    (0.019855071751231884, 0.05061426814518813),
+    (0.10166676129318664, 0.11119051722668724),
+    (0.2372337950418355, 0.15685332293894364),
+    (0.4082826787521751, 0.18134189168918100),
+)
+
+
+@kernel
+def curve(pool, at, x):
+    """Value, slope and integral from 0 of a tabulated law."""
+    n = int(pool[at])
+    low, high = 0, n  # piece k begins at x_(k-1)
+    while low < high:
+        middle = (low + high) // 2
+        if x < pool[at + 1 + middle]:
+            high = middle
+        else:
+            low = middle + 1
+    y = x - pool[at + 1 + max(low - 1, 0)]
+    k = at + 1 + n + 5 * low
+    a, b, c, d = pool[k], pool[k + 1], pool[k + 2], pool[k + 3]
+    value = a + y * (b + y * (c + y * d))
+    slope = b + y * (2.0 * c + 3.0 * y * d)
+    return value, slope, pool[k + 4] + y * (a + y * (0.5 * b + y * (c / 3.0 + 0.25 * y * d)))
+
+
+@kernel
+def _part(kind, at, elements, stack, x):
+    """Value and slope of the spring or the damper of a law."""
+    if kind == CURVE:
+        value, slope, _ = curve(elements.pool, at, x)
+        return value, slope
+    value, slope, _ = evaluate(elements.programs, at, x, stack, stack)
+    return value, slope
+
+
+@kernel
+def resistance(law, elements, stack, s, v, u):
+    """R, ∂R/∂s, ∂R/∂ṡ; u the present value of its function of time."""
+    if law["stop"] == 1:
+        return _stop(law, s, v)
+    x = s - law["free"]
+    f, k, c = law["k"] * x - u, law["k"], 0.0
+    if law["spring"] != NOTHING:
+        a, b = _part(law["spring"], law["spring_at"], elements, stack, x)
+        f, k = f + a, k + b
+    if law["c"] != 0.0:
+        f, c = f + law["c"] * v, law["c"]
+    if law["damper"] != NOTHING:
+        a, b = _part(law["damper"], law["damper_at"], elements, stack, v)
+        f, c = f + a, c + b
+    return f, k, c
+
+
+@kernel
+def _penetration(law, s):
+    """Depth in a bound, negative clear of both, and the direction: 1 upper, −1 lower."""
+    if s - law["upper"] > law["lower"] - s:
+        return s - law["upper"], 1.0
+    return law["lower"] - s, -1.0
+
+
+@kernel
+def _step(law, p):
+    """Share of the damping at penetration p, and its slope."""
+    y = p / law["depth"]
+    if y >= 1.0:
+        return 1.0, 0.0
+    return y * y * (3.0 - 2.0 * y), 6.0 * y * (1.0 - y) / law["depth"]
+
+
+@kernel
+def _stop(law, s, v):
+    p, side = _penetration(law, s)
+    if p <= 0.0:
+        return 0.0, 0.0, 0.0
+    e = law["exponent"]
+    f, k, c = law["k"] * p**e, law["k"] * e * p ** (e - 1.0), 0.0
+    if law["c"] != 0.0:
+        share, slope = _step(law, p)
+        c = law["c"] * share
+        f += c * side * v
+        k += law["c"] * slope * side * v
+        if f <= 0.0:  # it does not pull
+            return 0.0, 0.0, 0.0
+    return side * f, k, c
+
+
+@kernel
+def energy(law, elements, stack, s):
+    """What the elastic part stores, J; nothing at x = 0 or clear of the stop."""
+    if law["stop"] == 1:
+        p, _ = _penetration(law, s)
+        e = law["exponent"] + 1.0
+        return law["k"] * p**e / e if p > 0.0 else 0.0
+    x = s - law["free"]
+    stored = 0.5 * law["k"] * x * x
+    if law["spring"] == CURVE:
+        stored += curve(elements.pool, law["spring_at"], x)[2]
+    elif law["spring"] != NOTHING:
+        stored += _integral(elements.programs, law["spring_at"], stack, x)
+    return stored
+
+
+@kernel
+def _integral(programs, at, stack, x):
+    """Integral of a program from 0 to x by Gauss's rule, exact to the 15th power of x."""
+    total = 0.0
+    h = x / _PANELS
+    for n in range(_PANELS):
+        for place, weight in _GAUSS:
+            f, _, _ = evaluate(programs, at, h * (n + place), stack, stack)
+            g, _, _ = evaluate(programs, at, h * (n + 1.0 - place), stack, stack)
+            total += weight * (f + g)
+    return h * total
+
+
+@kernel
+def damper_power(law, elements, stack, s, v):
+    """Power of the dissipative part on the system, W."""
+    if law["stop"] == 1:
+        p, side = _penetration(law, s)
+        if p <= 0.0 or law["c"] == 0.0:
+            return 0.0
+        f, _, _ = _stop(law, s, v)
+        return -(side * f - law["k"] * p ** law["exponent"]) * side * v
+    f = law["c"] * v if law["c"] != 0.0 else 0.0
+    if law["damper"] != NOTHING:
+        f += _part(law["damper"], law["damper_at"], elements, stack, v)[0]
+    return -f * v

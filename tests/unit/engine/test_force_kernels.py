@@ -1,0 +1,131 @@
+"""Kernels of force elements without compilation: tabulated laws, integrals, rotation vectors.
+
+The truth of the interpolations is SciPy's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from enginekit import interpreted
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
+from scipy.spatial.transform import Rotation
+
+LAST_DIGITS = 1e-13
+X = [-2.0, -1.2, -0.3, 0.4, 0.5, 1.7, 2.5]
+Y = [-3.0, -1.0, -0.9, 0.8, 0.7, 2.0, 8.0]
+CODE = f"""
+from scipy.spatial.transform import Rotation
+from flexmb.engine.compile.law_curves import curve
+from flexmb.engine.functions import lower, stack_for
+from flexmb.engine.kernels import law, pair
+from flexmb.model.expression import parse
+
+x, y = {X!r}, {Y!r}
+at = np.linspace(-4.0, 5.0, 181)
+for name in ("monotone", "akima", "cubic", "linear"):
+    numbers = np.concatenate([[9.0], curve(tuple(zip(x, y)), name)])  # somewhere in a pool
+    found[name] = [law.curve(numbers, 1, s) for s in [*at, *x]]
+    two = np.concatenate([curve(((1.0, 2.0), (3.0, 8.0)), name)])
+    found["two " + name] = [law.curve(two, 0, s) for s in (0.0, 2.0, 4.0)]
+table = lower([parse("3*x**5 - x**2 + 2", variable="x"), parse("exp(x)*cos(3*x)", variable="x")])
+found["integrals"] = [law._integral(table, k, stack_for(table), s) for k in (0, 1)
+                      for s in (-1.3, 2.0)]
+
+rng = np.random.default_rng(1)
+turns = rng.standard_normal((40, 3))
+lengths = [*np.geomspace(1e-9, 1.0, 20), *np.linspace(1.1, np.pi - 1e-6, 20)]
+turns *= (lengths / np.linalg.norm(turns, axis=1))[:, None]
+found["turns"] = turns
+found["vectors"] = [pair.rotation_vector(Q) for Q in Rotation.from_rotvec(turns).as_matrix()]
+found["none"] = pair.rotation_vector(np.eye(3))
+found["e"] = [pair.inverse_coefficient(s) for s in (0.4999999, 0.5000001, 1e-12, 9.0)]
+"""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return interpreted(CODE, tmp_path_factory.mktemp("kernels"))
+
+
+TRUTH = {
+    "monotone": PchipInterpolator(X, Y),
+    "akima": Akima1DInterpolator(X, Y),
+    "cubic": CubicSpline(X, Y, bc_type="natural"),
+}
+
+
+@pytest.mark.parametrize("name", TRUTH)
+def test_tabulated_laws_are_the_known_splines(found, name):
+    """Value, slope and integral from 0 between the points, and straight lines beyond."""
+    truth, at = TRUTH[name], np.linspace(-4.0, 5.0, 181)
+    value, slope, integral = found[name][: len(at)].T
+    inside = (at >= X[0]) & (at <= X[-1])
+    area = truth.antiderivative()
+    for mine, theirs in (
+        (value, truth(at)),
+        (slope, truth(at, 1)),
+        (integral, area(at) - area(0.0)),
+    ):
+        np.testing.assert_allclose(mine[inside], theirs[inside], rtol=0, atol=20 * LAST_DIGITS)
+    for end, beyond in ((X[0], at < X[0]), (X[-1], at > X[-1])):
+        y, d = float(truth(end)), float(truth(end, 1))
+        s = at[beyond] - end
+        np.testing.assert_allclose(value[beyond], y + d * s, atol=20 * LAST_DIGITS)
+        np.testing.assert_allclose(slope[beyond], d, atol=20 * LAST_DIGITS)
+        whole = area(end) - area(0.0) + y * s + 0.5 * d * s * s
+        np.testing.assert_allclose(integral[beyond], whole, atol=100 * LAST_DIGITS)
+
+
+def test_a_straight_law(found):
+    value, slope, _ = found["linear"].T
+    at = np.linspace(-4.0, 5.0, 181)
+    inside = (at > X[0]) & (at < X[-1])
+    np.testing.assert_allclose(
+        value[: len(at)][inside], np.interp(at, X, Y)[inside], atol=20 * LAST_DIGITS
+    )
+    assert slope[0] == pytest.approx(2.0 / 0.8) and slope[180] == pytest.approx(6.0 / 0.8)
+
+
+@pytest.mark.parametrize("name", [*TRUTH, "linear"])
+def test_they_pass_through_their_points(found, name):
+    np.testing.assert_allclose(found[name][181:, 0], Y, rtol=0, atol=LAST_DIGITS)
+    # two points make a line through both, y = 3x − 1, its integral from 0 is 3x²/2 − x
+    np.testing.assert_allclose(found[f"two {name}"][:, 0], [-1, 5, 11], atol=LAST_DIGITS)
+    np.testing.assert_allclose(found[f"two {name}"][:, 2], [0, 4, 20], atol=10 * LAST_DIGITS)
+
+
+def test_a_monotone_law_makes_no_extremes(found):
+    at = np.linspace(-4.0, 5.0, 181)
+    value = found["monotone"][:181, 0]
+    for k in range(len(X) - 1):
+        inside = value[(at >= X[k]) & (at <= X[k + 1])]
+        low, high = sorted(Y[k : k + 2])
+        assert low - LAST_DIGITS <= inside.min() and inside.max() <= high + LAST_DIGITS
+
+
+def test_programs_integrate(found):
+    """A polynomial exactly; exp(x) cos 3x as (eˣ (cos 3x + 3 sin 3x) − 1)/10."""
+    one = [0.5 * s**6 - s**3 / 3.0 + 2.0 * s for s in (-1.3, 2.0)]
+    other = [0.1 * (np.exp(s) * (np.cos(3 * s) + 3 * np.sin(3 * s)) - 1.0) for s in (-1.3, 2.0)]
+    np.testing.assert_allclose(found["integrals"], [*one, *other], rtol=1e-13)
+
+
+def test_rotation_vectors_at_all_angles(found):
+    np.testing.assert_allclose(found["vectors"], found["turns"], rtol=0, atol=1e-9)
+    small = np.linalg.norm(found["turns"], axis=1) < 3.0
+    np.testing.assert_allclose(
+        found["vectors"][small], found["turns"][small], rtol=0, atol=100 * LAST_DIGITS
+    )
+    np.testing.assert_array_equal(found["none"], 0.0)
+    again = Rotation.from_rotvec(found["vectors"]).as_rotvec()
+    np.testing.assert_allclose(again, found["vectors"], atol=1e-9)
+
+
+def test_the_series_meets_the_closed_form(found):
+    """e and its slope on both sides of the switch; 1/12 and 1/720 at nothing; e(3) by hand."""
+    before, after, none, large = found["e"]
+    assert before[0] - after[0] == pytest.approx(-2e-7 * after[1], abs=1e-15)
+    assert before[1] == pytest.approx(after[1], rel=1e-6)
+    np.testing.assert_allclose(none, [1 / 12, 1 / 720], rtol=1e-12)
+    assert large[0] == pytest.approx((1.0 - 1.5 / np.tan(1.5)) / 9.0, rel=1e-14)
