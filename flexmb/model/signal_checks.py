@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
 from flexmb.model import curve_uses, signals
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.expression import CONSTANTS, unknown_channel
 from flexmb.model.forces import LoadSpec
 from flexmb.model.gearing import acting_names
@@ -75,6 +76,10 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
     if isinstance(force, LoadSpec) and force.reaction is None and spec.on == "I":
         what = f'"{spec.force}" acts on one marker: its reaction is on ground; leave it out'
         yield Problem(f"{where}.on", what)
+    if isinstance(force, ContactSpec):
+        readable = (n for n, f in scope.model.forces.items() if not isinstance(f, ContactSpec))
+        what = f'"{spec.force}" is a contact, whose force no reaction sensor reads'
+        yield Problem(f"{where}.force", what, tuple(readable))
 
 
 def signal_problems(scope: Scope) -> Iterator[Problem]:

@@ -151,3 +151,9 @@ def test_a_group_that_the_mesh_does_not_have():
     ) as error:
         model.validate()
     assert '"tip"' in str(error.value) or "tip" in error.value.problems[0].nearest
+
+
+def test_no_reaction_sensor_reads_a_contact(tmp_path):
+    felt = '[sensors.felt]\ntype = "reaction"\nforce = "touch"\n[sensors.tip]'
+    found = told(tmp_path, CONTACT, ("[sensors.tip]", felt))
+    assert 'sensors.felt.force: "touch" is a contact, whose force no reaction sensor reads' in found
