@@ -216,12 +216,14 @@ def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
 
 def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
     """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
-    joints = close(compiled, compiled.placed, _joint_rows(compiled))
+    mask = _joint_rows(compiled)
+    joints = close(compiled, compiled.placed, mask)
     if not model.drivers or not joints.kept:
         return gaps
     found = weighted(compiled, joints)
     told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
-    if told:
+    nearby = [weighted(compiled, other) for other in other_poses(compiled, joints, mask)]
+    if told and all(surplus_drivers(other) for other in nearby):  # else the pose is singular
         return told
     names = ", ".join(f"drivers.{name}" for name in model.drivers)
     what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
