@@ -12,7 +12,6 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels import energy, kinematics, signal
 from flexmb.engine.kernels.projection import LOOP, accelerations
-from flexmb.engine.kernels.residual import position_stage
 from flexmb.engine.kernels.vector import copy, store
 from flexmb.engine.method import (
     AGE,
@@ -20,7 +19,9 @@ from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
     JERK_ERROR,
+    MOTION,
     NO_LOOP,
+    SHARE,
     SINCE,
     STEP,
     ZERO_LENGTH,
@@ -55,25 +56,28 @@ def _reached(kinks, t):
 
 
 @kernel
-def cross(sys, kinks, st, wk, cp):
+def cross(sys, kinks, settings, st, wk, cp):
     """Take a state just before a kink to its far side; returns the status.
 
-    cp is the factor of the tangent beside M, as for reported accelerations.
+    cp is the factor of the tangent beside M, as for reported accelerations. A kink whose jump is
+    within the tolerance of the next step changes nothing but the time.
     """
     if kinks is not None:
         k = _reached(kinks, st.t[0]) - 1
         if k >= 0 and kinks[k, 0] == st.t[0]:
             st.t[0] = kinks[k, 1]
-            return _begin_anew(sys, st, wk, cp)
+            status = _accelerate(sys, st, wk, cp)
+            allowed = settings.tolerance * st.memory[SHARE] * st.memory[MOTION]
+            if status == FINE and _jump(sys.weights, st, wk.trial) > allowed:
+                _begin_anew(sys, st, wk)
+            return status
     return FINE
 
 
 @kernel
-def _begin_anew(sys, st, wk, cp):
-    """Velocities, accelerations, multipliers and powers at the state; memory of steps forgotten."""
-    tr, now = wk.trial, wk.now
-    position_stage(sys, wk, st.t[0], st.q)
-    before = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
+def _accelerate(sys, st, wk, cp):
+    """Velocities, accelerations and multipliers of the far side in the trial state."""
+    tr = wk.trial
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
     copy(st.v, tr.v)
@@ -82,6 +86,25 @@ def _begin_anew(sys, st, wk, cp):
     code = accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, _PROJECT_VELOCITIES)
     if code < 0:
         return NO_LOOP if code == LOOP else ZERO_LENGTH
+    return FINE
+
+
+@kernel
+def _jump(weights, st, tr):
+    """What the jumps of velocities and accelerations do to positions within the next step."""
+    h = st.memory[STEP]
+    jump = 0.0
+    for i in range(weights.shape[0]):
+        moved = h * abs(tr.v[i] - st.v[i]) + 0.5 * h * h * abs(tr.vd[i] - st.vd[i])
+        jump = max(jump, weights[i] * moved)
+    return jump
+
+
+@kernel
+def _begin_anew(sys, st, wk):
+    """The trial state becomes the state; powers anew, memory of steps forgotten."""
+    tr, now = wk.trial, wk.now
+    before = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
     store(tr.v, st.v)
     store(tr.vd, st.vd)
     store(tr.lam, st.lam)
@@ -102,4 +125,3 @@ def _begin_anew(sys, st, wk, cp):
     st.memory[JERK_ERROR] = 0.0
     st.memory[CALM] = 0.0
     st.memory[STEP] *= _RESTART
-    return FINE

@@ -123,7 +123,7 @@ def _accept(sys, settings, st, wk, h):
 def _advance(sys, method, settings, st, wk, room):
     """One accepted step of the size that works; or the status of the last one tried."""
     if settings.step == 0.0:
-        status = kinks.cross(sys, sys.kinks, st, wk, _filter(method.alpha, settings, st))
+        status = kinks.cross(sys, sys.kinks, settings, st, wk, _filter(method.alpha, settings, st))
         if status != FINE:
             return status
     while True:

@@ -13,10 +13,11 @@ _I = "i8"
 _F = "f8"
 
 # One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. Wrenches: of the element
-# `first`, force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the
-# axes of a marker, -1: global, -2: those of the side. ENERGY: number `first` of the energies, of
-# body `n` or -1. EXPRESSION: program `first` over channels. STATE: velocity coordinate `first`.
-# PLACE of a curve marker: position coordinate `first`, or with `n` = 1 velocity coordinate `first`.
+# `first` (of contacts: of `n` from there on), force or moment (`quantity` 0, 1) on marker J or I
+# (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
+# ENERGY: number `first` of the energies, of body `n` or -1. EXPRESSION: program `first` over
+# channels. STATE: velocity coordinate `first`. PLACE of a curve marker: position coordinate
+# `first`, or with `n` = 1 velocity coordinate `first`.
 CHANNEL = np.dtype(
     [
         ("what", _I),
@@ -80,7 +81,7 @@ class Signals(NamedTuple):
 
 # What channels are.
 SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
-FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH = 8, 9, 10
+FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH, CONTACT_WRENCH = 8, 9, 10, 11
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90

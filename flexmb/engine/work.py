@@ -226,7 +226,8 @@ def new_state(system: System, channels: int = 0) -> State:
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
     memory = np.zeros(MEMORY)
-    memory[CONTRACTION], memory[AGE], memory[SYMMETRIC], memory[SHARE] = 1.0, -1.0, 1.0, 1.0
+    memory[CONTRACTION], memory[AGE], memory[SHARE] = 1.0, -1.0, 1.0
+    memory[SYMMETRIC] = 0.0 if _rubs(system) else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
@@ -236,6 +237,13 @@ def new_state(system: System, channels: int = 0) -> State:
 
 def _rows(table: object) -> int:
     return 0 if table is None else len(table)  # type: ignore[arg-type]
+
+
+def _rubs(system: System) -> bool:
+    """Whether there is dry friction, whose matrix is far from symmetric."""
+    touching = system.contacts
+    found = isinstance(touching, np.ndarray) and bool(np.any(touching["model"] != NO_FRICTION))
+    return found or _rows(system.frictions) > 0
 
 
 def _memory(system: System) -> int:

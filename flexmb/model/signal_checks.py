@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
 from flexmb.model import curve_uses, signals
+from flexmb.model.contacts import ContactSpec, PointsSide
 from flexmb.model.expression import CONSTANTS, unknown_channel
 from flexmb.model.forces import LoadSpec
 from flexmb.model.gearing import acting_names
@@ -75,6 +76,11 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
     if isinstance(force, LoadSpec) and force.reaction is None and spec.on == "I":
         what = f'"{spec.force}" acts on one marker: its reaction is on ground; leave it out'
         yield Problem(f"{where}.on", what)
+    if isinstance(force, ContactSpec) and spec.quantity == "moment":
+        k = "IJ".index(spec.on)
+        if isinstance(force.shapes[k], PointsSide):
+            what = "points are touched at many places: ask for the force, or for the other side"
+            yield Problem(f"{where}.quantity", what)
 
 
 def signal_problems(scope: Scope) -> Iterator[Problem]:

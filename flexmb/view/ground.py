@@ -13,7 +13,8 @@ from flexmb.view.mechanism import Mechanism
 
 __all__ = ["ground", "is_ground"]
 
-_RAIL = 0.005  # radius as share of the mechanism's size
+# as shares of the mechanism's size: radius of a rail, how far behind a cam its pedestal stands
+_RAIL, _BEHIND = 0.005, 0.08
 
 
 def ground(mechanism: Mechanism, size: float, camera: Camera) -> list[Triangles]:
@@ -26,7 +27,11 @@ def ground(mechanism: Mechanism, size: float, camera: Camera) -> list[Triangles]
         if spec.type in ("prismatic", "cylindrical"):
             shapes.append(_rail(mechanism, name, size))
         else:
-            shapes.append(_pedestal(mechanism.point(grounded[0]), size, camera))
+            point = mechanism.point(grounded[0])
+            held = [ref for ref in spec.between if not is_ground(ref)]
+            if held and contours(mechanism, split_reference(held[0])[0], size):  # behind a cam
+                point = point - _BEHIND * size * np.array(camera.direction)
+            shapes.append(_pedestal(point, size, camera))
     return shapes
 
 

@@ -116,8 +116,9 @@ def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
     for path, group in zip(compiled.layout.reactions, compiled.system.groups, strict=True):
         section, _, name = path.partition(".")
         first = compiled.system.rows[group["row"]]
-        for side in "IJ" if section == "joints" else "":
-            marker = compiled.system.parts.markers[first[side]]
+        ends = "JI" if group["reversed"] else "IJ"  # the markers I and J of the joint in its rows
+        for side, end in zip("IJ", ends, strict=True) if section == "joints" else ():
+            marker = compiled.system.parts.markers[first[end]]
             axes = (_vector(model.units, marker["R"][:, k], "") for k in (0, 2))
             place = _vector(model.units, marker["rho"] + marker["arm"], "m")
             rows.append((name, side, bodies[marker["body"]], place, *axes))

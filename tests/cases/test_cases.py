@@ -18,7 +18,7 @@ SHORTER = {
 
 
 # Cases whose combination of features is compiled for them alone.
-APART = ("andrews", "cam_valve", "planetary_gear", "quick_return", "servo")
+APART = ("andrews", "bowling_ball", "cam_valve", "planetary_gear", "quick_return", "servo")
 
 
 def of_a_run(scene: Path) -> object:

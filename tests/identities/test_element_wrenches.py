@@ -19,6 +19,9 @@ forces = {
     "bush": ("bushing", dict(stiffness=[1, 2, 3], rotational_stiffness=4, damping=1)),
     "beam": ("beam", dict(E=10, G=4, A=1, Iy=1, Iz=1, J=2, damping=0.2)),
     "stop": ("stop", dict(upper=0.1, stiffness=3, exponent=2)),
+    "touch": ("contact", dict(shapes=[{"type": "sphere", "radius": r} for r in (0.2, 0.4)],
+                              stiffness=20, restitution=0.7,
+                              friction={"static": 0.4, "dynamic": 0.3, "stiffness": 9})),
     "push": ("force", dict(value=["t", 1, 2], axes="body")),
     "twist": ("torque", dict(value=["t", 1, 2], axes="global")),
     "alone": ("force", dict(value=[1, 2, "t"], axes="body")),
@@ -41,6 +44,10 @@ for name, (kind, fields) in forces.items():
                             axes="global")
     bench = Bench(made, as_compiled=True)
     bench.randomise(9)
+    if name == "touch":  # wherever the random state has put them
+        bench.sys.contacts["ri"], bench.sys.contacts["rj"] = 5.0, 7.0
+    bench.work.now.kept[:] = 0.3
+    bench.work.now.span[:] = 0.1
     bench.at(vd=0.0)
     W, body = bench.work.now.marker["W"], bench.sys.parts.markers["body"]
     acts = [W[body == "ab".index("a" if side == "I" else "b")].sum(axis=0) for side in sides]
@@ -59,7 +66,7 @@ def found(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "name", ["spring", "law", "bush", "beam", "stop", "push", "twist", "alone"]
+    "name", ["spring", "law", "bush", "beam", "stop", "touch", "push", "twist", "alone"]
 )
 def test_what_is_read_is_what_acts(found, name):
     read, acts = found[name]

@@ -196,6 +196,8 @@ def test_in_a_plane_as_in_space(friction):
         found.append(run(made, duration=0.15, outputs=30, step=1e-4))
     np.testing.assert_allclose(found[0]["place.x"], found[1]["place.x"], atol=1e-9)
     np.testing.assert_allclose(found[0]["place.z"], found[1]["place.z"], atol=1e-9)
+    assert found[0].statistics["steps"] == 1500  # nothing is shortened for the impact
+    assert "events" not in found[0].statistics
 
 
 def test_energy_never_grows_in_impacts():

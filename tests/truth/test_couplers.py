@@ -12,6 +12,7 @@ from enginekit import Bench
 from scipy.linalg import null_space
 from truthkit import order, reference, run
 
+import flexmb
 from flexmb.model import Model
 
 LAST_DIGITS = 1e-12
@@ -315,3 +316,17 @@ def test_a_planetary_train_runs_up():
     np.testing.assert_allclose(found["arm_pin"], wanted, rtol=0, atol=1e-5 * wanted[-1])
     np.testing.assert_allclose(found["sun_pin"], 2 * found["arm_pin"], rtol=0, atol=1e-9)
     assert wanted[-1] > 2 * np.pi
+
+
+@pytest.mark.slow
+def test_kinematics_counts_the_turns_of_gears():
+    """A driven sun, 20 rad ahead of its arm in the end: ω_sun = 3 ω_arm, at every point."""
+    model = planetary(1)
+    model.forces.clear()
+    model.add_driver("motor", joint="sun_pin", angle="10*t")
+    model.add_sensor("arm", "angle", joint="arm_pin")
+    model.add_sensor("planet", "angle", joint="pin0")
+    model.set_kinematics(duration=2.0, outputs=200)
+    found = flexmb.kinematics(model)
+    np.testing.assert_allclose(found["arm"], 5 * found.time, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found["planet"], -20 * found.time, rtol=0, atol=1e-11)

@@ -40,7 +40,7 @@ from flexmb.model.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.model import Model
 from flexmb.model.names import GROUND, split_reference
 
-__all__ = ["contact_table", "joint_friction_table", "memory_of"]
+__all__ = ["contact_rows", "contact_table", "joint_friction_table", "memory_of"]
 
 Bodies = Mapping[str, FlexBody]
 Table = NDArray[np.void]
@@ -72,6 +72,19 @@ def contact_table(model: Model, flexbodies: Bodies, markers: Markers) -> Table |
                 rows.append((I, J, kind, ri, rj, half, *law, -1, *friction, kept))
                 kept += 1 if spec.friction is None else 5
     return np.array(rows, CONTACT) if rows else None
+
+
+def contact_rows(model: Model, name: str, flexbodies: Bodies) -> tuple[int, int]:
+    """First row and number of rows of a contact in its table."""
+    first = 0
+    for other, spec in model.forces.items():
+        if isinstance(spec, ContactSpec):
+            k = spec.round_side
+            n = sum(1 for _ in _round(model, spec.between[k], spec.shapes[k], flexbodies))
+            if other == name:
+                return first, n
+            first += n
+    raise KeyError(name)
 
 
 def _parameters(spec: BaseFriction) -> tuple[Any, ...]:

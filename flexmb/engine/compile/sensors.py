@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.compile.contacts import contact_rows
 from flexmb.engine.compile.force_elements import row_of
 from flexmb.engine.compile.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.joints import Groups
@@ -23,6 +24,7 @@ from flexmb.engine.sensor_tables import (
     ANGLE_TURNS,
     ANGLES_TURN,
     CHANNEL,
+    CONTACT_WRENCH,
     ENERGY,
     EXPRESSION,
     PLACE,
@@ -37,6 +39,7 @@ from flexmb.engine.sensor_tables import (
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup, signals
+from flexmb.model.contacts import ContactSpec
 from flexmb.model.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
@@ -158,12 +161,27 @@ class Channels:
         self.add_sum([(kind, i, j, a, b, spec.derivative, 1.0)], turns)
 
     def _reaction(self, spec: ReactionSensorSpec) -> None:
+        force = self.model.forces.get(spec.force or "")
+        if isinstance(force, ContactSpec):
+            self._touch(spec, force)
+            return
         what, element = self._element(spec)
         turned = what == REACTION and element in self.groups.reversed
         side, quantity = int((spec.on == "I") != turned), int(spec.quantity == "moment")
         axes = self.axes(spec.axes, _OWN)
         for a in range(3):
             self.rows.append((what, element, -1, 0, side, quantity, axes, a))
+
+    def _touch(self, spec: ReactionSensorSpec, force: ContactSpec) -> None:
+        """What a contact does to a side: the sum over its points."""
+        assert spec.force is not None  # it is a contact
+        first, n = contact_rows(self.model, spec.force, self.flexbodies)
+        side, quantity = int((spec.on == "I") != (force.round_side == 1)), spec.quantity
+        axes = self.axes(spec.axes, _OWN)
+        for a in range(3):
+            self.rows.append(
+                (CONTACT_WRENCH, first, n, 0, side, int(quantity == "moment"), axes, a)
+            )
 
     def _element(self, spec: ReactionSensorSpec) -> tuple[int, int]:
         """What kind of wrench, and the index of its element."""

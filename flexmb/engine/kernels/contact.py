@@ -136,6 +136,31 @@ def add_wrenches(contacts, now, w):
 
 
 @kernel
+def wrenches(contacts, now, first, n, g, w):
+    """Add the wrenches of n contacts to w (12): on the marker I of the first, and on J.
+
+    Returns the two markers; g (12) is scratch.
+    """
+    if contacts is not None:
+        i, j = contacts[first]["I"], contacts[first]["J"]
+        for k in range(first, first + n):
+            c = contacts[k]
+            mi, mj = now.marker[c["I"]], now.marker[c["J"]]
+            d, normal, _ = penetration(c, mi, mj)
+            if d > 0.0:
+                f = force(c, now, normal, d, relative_velocity(c, normal, mi, mj), mj)
+                put_wrench(c, normal, mi, mj, f, g)
+                for r in range(12):
+                    w[r] += g[r]
+                x, y, z = outer(separation(now.marker[i], mi), f)
+                w[3] += x
+                w[4] += y
+                w[5] += z
+        return i, j
+    return 0, 0
+
+
+@kernel
 def energy(contacts, markers):
     """Elastic energy Σ K dⁿ⁺¹/(n + 1), J."""
     e = 0.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import element, force, reaction
+from flexmb.engine.kernels import contact, element, force, reaction
 from flexmb.engine.kernels import energy as energies_of
-from flexmb.engine.sensor_tables import LOAD_WRENCH, REACTION, SPRING_WRENCH
+from flexmb.engine.sensor_tables import CONTACT_WRENCH, LOAD_WRENCH, REACTION, SPRING_WRENCH
 
 
 @kernel
@@ -27,6 +27,8 @@ def component(sys, wk, channel, lam):
         w[o], w[o + 1], w[o + 2] = force.load_vector(sys.loads[k], wk.now.marker, wk.con.fun)
     elif channel["what"] == SPRING_WRENCH:
         i, j = _spring(sys.springs, wk.now.marker, k, w)
+    elif channel["what"] == CONTACT_WRENCH:
+        i, j = contact.wrenches(sys.contacts, wk.now, k, channel["n"], wk.dense.g[0], w)
     else:
         i, j = element.wrenches(sys.elements, wk.now, wk.con.fun, channel["what"], k, w)
     o = 6 * (1 - channel["side"]) + 3 * channel["quantity"]
