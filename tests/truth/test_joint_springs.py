@@ -106,7 +106,7 @@ def test_a_first_order_state_follows_its_law(method, monkeypatch):
     """T z' + z = sin 5t, z the rate of a coordinate with mass T and damping 1; slopes 2 and 3."""
     T = 0.3
 
-    def scalars(model, functions):
+    def scalars(model, functions, states):
         return [coordinates.Scalar("lag", mass=T, damping=1.0,
                                    function=functions.add(parse("sin(5*t)", {})))]  # fmt: skip
 
