@@ -6,6 +6,7 @@ drivers and joints that prescribe the same motion, and what to change.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +15,14 @@ from scipy.linalg import qr
 
 from flexmb.analysis.dependence import Dependence, circuits, dependence, null_space
 from flexmb.analysis.exchange import MACHINE_JOINTS, Weaker, exchanges
-from flexmb.analysis.poses import close
+from flexmb.analysis.poses import close, joint_rows, other_poses
 from flexmb.analysis.redundancy import Exchange, choices_of, in_words, joint_dependence
-from flexmb.analysis.weighted import Weighted, plain_name
-from flexmb.errors import Problem
+from flexmb.analysis.weighted import Weighted, plain_name, weighted
+from flexmb.engine.compile import Compiled
+from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 
-__all__ = ["Surplus", "is_locked", "locked_sentence", "surplus_drivers", "surplus_problems"]
+__all__ = ["driver_notes", "driver_problems", "is_locked", "locked_sentence"]
 
 Array = NDArray[np.float64]
 _NOTHING = 1e-7
@@ -29,14 +31,14 @@ _ALIGNED = 1e-2  # singular value over the largest, below which a locked mechani
 
 
 @dataclass(frozen=True)
-class Surplus:
+class _Surplus:
     """Drivers that prescribe one motion more than is free, and the joints in between."""
 
     drivers: tuple[str, ...]
     joints: tuple[str, ...]
 
 
-def surplus_drivers(found: Weighted) -> tuple[Surplus, ...]:
+def _surplus_drivers(found: Weighted) -> tuple[_Surplus, ...]:
     """The drivers whose rows repeat those of joints or of each other."""
     joints, drivers = found.A[~found.driven], found.A[found.driven]
     if not len(drivers):
@@ -48,7 +50,7 @@ def surplus_drivers(found: Weighted) -> tuple[Surplus, ...]:
         y = _basic_solution(joints.T, -drivers.T @ circuit)
         names = owners[found.driven][circuit != 0.0]
         between = owners[~found.driven][np.abs(y) > _NOTHING * max(np.abs(y).max(), 1.0)]
-        told.append(Surplus(tuple(dict.fromkeys(names)), tuple(dict.fromkeys(between))))
+        told.append(_Surplus(tuple(dict.fromkeys(names)), tuple(dict.fromkeys(between))))
     return tuple(told)
 
 
@@ -72,8 +74,8 @@ def _basic_solution(A: Array, b: Array) -> Array:
     return y
 
 
-def surplus_problems(
-    model: Model, found: Weighted, surplus: tuple[Surplus, ...], moment: float | None = None
+def _surplus_problems(
+    model: Model, found: Weighted, surplus: tuple[_Surplus, ...], moment: float | None = None
 ) -> tuple[list[Problem], list[str]]:
     """Problems of surplus drivers that contradict what holds them, notes on those that agree.
 
@@ -100,7 +102,50 @@ def surplus_problems(
     return problems, notes
 
 
-def _words(one: Surplus) -> str:
+def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
+    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
+    joints = close(compiled, compiled.placed, joint_rows(compiled))
+    if not model.drivers or not joints.kept:
+        return gaps
+    found = weighted(compiled, joints)
+    told, _ = _surplus_problems(model, found, _lasting_surplus(compiled, found), moment=0.0)
+    if told:
+        return told
+    names = ", ".join(f"drivers.{name}" for name in model.drivers)
+    what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
+    return [Problem(names, what), *gaps]
+
+
+def driver_notes(compiled: Compiled, model: Model, found: Weighted) -> list[str]:
+    """What is worth knowing of drivers that share a freedom.
+
+    Raises
+    ------
+    AssemblyError
+        They contradict each other or the joints.
+    """
+    surplus = _lasting_surplus(compiled, found)
+    problems, notes = _surplus_problems(model, found, surplus)
+    if problems:
+        raise AssemblyError.from_problems(problems)
+    if not surplus:
+        notes += [
+            f"{' and '.join(one.drivers)} cannot lead the mechanism out of the assembled pose, a "
+            "dead point; begin in another pose, or drive another joint"
+            for one in _surplus_drivers(found)
+        ]
+    return notes
+
+
+def _lasting_surplus(compiled: Compiled, found: Weighted) -> tuple[_Surplus, ...]:
+    """Surplus drivers in a closed pose that are so nearby as well: it is no dead point."""
+    surplus = _surplus_drivers(found)
+    nearby = other_poses(compiled, found.pose, joint_rows(compiled)) if surplus else []
+    lasts = all(_surplus_drivers(weighted(compiled, other)) for other in nearby)
+    return surplus if lasts else ()
+
+
+def _words(one: _Surplus) -> str:
     """Who prescribes one motion twice."""
     joints = ", ".join(plain_name(path) for path in one.joints)
     through = (

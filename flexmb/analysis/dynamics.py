@@ -14,9 +14,10 @@ from typing import Protocol
 import numpy as np
 
 from flexmb.analysis.assembly import Begin, assemble
+from flexmb.analysis.conflicts import driver_problems
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.failure import first_rows, gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.mobility import driver_problems, redundant_reactions
+from flexmb.analysis.mobility import redundant_reactions
 from flexmb.analysis.rank import constraint_rank, n_free
 from flexmb.analysis.run import Clock, Run
 from flexmb.analysis.signal_notes import SingularPoses, loop_notes

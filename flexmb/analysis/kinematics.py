@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexmb.analysis.closing import Closer, body_weights, close_positions
+from flexmb.analysis.conflicts import driver_problems
 from flexmb.analysis.contacts import Lifts
 from flexmb.analysis.dynamics import Outcome, Sink
-from flexmb.analysis.mobility import driver_problems, redundant_reactions
+from flexmb.analysis.mobility import redundant_reactions
 from flexmb.analysis.run import Balance, Clock
 from flexmb.analysis.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.singular import LARGEST, decompose

@@ -8,7 +8,6 @@ compiled. Degrees of freedom δ = coordinates − rank (Hong & Liu 2011, section
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,16 +15,11 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly import AssemblyReport
 from flexmb.analysis.closing import body_weights, close_positions
-from flexmb.analysis.conflicts import (
-    is_locked,
-    locked_sentence,
-    surplus_drivers,
-    surplus_problems,
-)
+from flexmb.analysis.conflicts import driver_notes, driver_problems, is_locked, locked_sentence
 from flexmb.analysis.dependence import Dependence, dependence
 from flexmb.analysis.freedoms import FreeMotion, free_motions_of
 from flexmb.analysis.gaps import gaps
-from flexmb.analysis.poses import Closed, close, numpy_closer, other_poses
+from flexmb.analysis.poses import Closed, joint_rows, numpy_closer, other_poses
 from flexmb.analysis.redundancy import (
     Redundancy,
     Undetermined,
@@ -37,11 +31,11 @@ from flexmb.analysis.rows import rows_at
 from flexmb.analysis.weighted import Weighted, element, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
-from flexmb.errors import AssemblyError, Problem
+from flexmb.errors import AssemblyError
 from flexmb.model.drivers import DriverSpec
 from flexmb.model.model import Model
 
-__all__ = ["LARGEST", "Equations", "Mobility", "driver_problems", "examine", "redundant_reactions"]
+__all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
 
 LARGEST = 600
 """Coordinates up to which a dense decomposition is affordable."""
@@ -134,10 +128,8 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
     pose, moved = _assembled(compiled, model)
     found = weighted(compiled, pose)
     here = joint_dependence(found)
-    problems, notes = surplus_problems(model, found, surplus_drivers(found))
-    if problems:
-        raise AssemblyError.from_problems(problems)
-    joints = _joint_rows(compiled)
+    notes = driver_notes(compiled, model, found)
+    joints = joint_rows(compiled)
     nearby = [weighted(compiled, other) for other in other_poses(compiled, pose, joints)]
     poses = [(found, here), *((other, joint_dependence(other)) for other in nearby)]
     generic = max(told.rank for _, told in poses)
@@ -179,9 +171,7 @@ def redundant_reactions(
     """
     rows = rows_at(compiled, q)
     found = weighted(compiled, Closed(q, rows, True))
-    problems, notes = surplus_problems(model, found, surplus_drivers(found))
-    if problems:
-        raise AssemblyError.from_problems(problems)
+    notes = driver_notes(compiled, model, found)
     doubtful = tuple(told.path for told in _reactions_in_doubt(found))
     redundant = len(found.A) - dependence(found.A).rank
     if not redundant:
@@ -212,29 +202,6 @@ def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
         raise AssemblyError.from_problems(problems) from None
     told = AssemblyReport(open_as_placed, moved).sentences(model.units) if moved else []
     return Closed(state.q.copy(), rows_at(compiled, state.q), True), told
-
-
-def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
-    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
-    mask = _joint_rows(compiled)
-    joints = close(compiled, compiled.placed, mask)
-    if not model.drivers or not joints.kept:
-        return gaps
-    found = weighted(compiled, joints)
-    told, _ = surplus_problems(model, found, surplus_drivers(found), moment=0.0)
-    nearby = [weighted(compiled, other) for other in other_poses(compiled, joints, mask)]
-    if told and all(surplus_drivers(other) for other in nearby):  # else the pose is singular
-        return told
-    names = ", ".join(f"drivers.{name}" for name in model.drivers)
-    what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
-    return [Problem(names, what), *gaps]
-
-
-def _joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
-    """(nc,) rows that are not drivers'."""
-    driven = [path.startswith("drivers.") for path in compiled.layout.reactions]
-    joints: NDArray[np.bool_] = ~np.repeat(driven, compiled.system.groups["n"]).astype(bool)
-    return joints
 
 
 def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:

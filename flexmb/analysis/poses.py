@@ -17,7 +17,7 @@ from flexmb.analysis.rows import Rows, moved, rows_at
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import State, new_work
 
-__all__ = ["Closed", "close", "column_scales", "numpy_closer", "other_poses"]
+__all__ = ["Closed", "close", "column_scales", "joint_rows", "numpy_closer", "other_poses"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,6 +45,13 @@ def column_scales(compiled: Compiled) -> Array:
     scales: Array = np.where(compiled.system.kkt.column >= 0, 1.0 / compiled.system.weights, 0.0)
     scales[[start.iv for start in compiled.starts]] = 0.0  # states are no motion
     return scales
+
+
+def joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
+    """(nc,) rows that are not drivers'."""
+    driven = [path.startswith("drivers.") for path in compiled.layout.reactions]
+    joints: NDArray[np.bool_] = ~np.repeat(driven, compiled.system.groups["n"]).astype(bool)
+    return joints
 
 
 def close(compiled: Compiled, q: Array, which: Mask | None = None, t: float = 0.0) -> Closed:

@@ -10,21 +10,18 @@ All of it follows from `State` alone, so that a resumed run repeats it.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import energy, kinematics, signal
-from flexmb.engine.kernels.projection import LOOP, accelerations
+from flexmb.engine.kernels import energy, joint_friction, kinematics, signal
+from flexmb.engine.kernels.projection import accelerations
 from flexmb.engine.kernels.vector import copy, store
 from flexmb.engine.method import (
     AGE,
     CALM,
     FACTORISATIONS,
-    FINE,
     JERK_ERROR,
     MOTION,
-    NO_LOOP,
     SHARE,
     SINCE,
     STEP,
-    ZERO_LENGTH,
 )
 
 # The first step after a kink, over the last one that was free: estimates begin anew.
@@ -57,7 +54,7 @@ def _reached(kinks, t):
 
 @kernel
 def cross(sys, kinks, settings, st, wk, cp):
-    """Take a state just before a kink to its far side; returns the status.
+    """Take a state just before a kink to its far side; returns what `accelerations` does, or 0.
 
     cp is the factor of the tangent beside M, as for reported accelerations. A kink whose jump is
     within the tolerance of the next step changes nothing but the time.
@@ -66,12 +63,12 @@ def cross(sys, kinks, settings, st, wk, cp):
         k = _reached(kinks, st.t[0]) - 1
         if k >= 0 and kinks[k, 0] == st.t[0]:
             st.t[0] = kinks[k, 1]
-            status = _accelerate(sys, st, wk, cp)
+            code = _accelerate(sys, st, wk, cp)
             allowed = settings.tolerance * st.memory[SHARE] * st.memory[MOTION]
-            if status == FINE and _jump(sys.weights, st, wk.trial) > allowed:
+            if code >= 0 and _jump(sys.weights, st, wk.trial) > allowed:
                 _begin_anew(sys, st, wk)
-            return status
-    return FINE
+            return code
+    return 0
 
 
 @kernel
@@ -83,10 +80,8 @@ def _accelerate(sys, st, wk, cp):
     copy(st.v, tr.v)
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
-    code = accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, _PROJECT_VELOCITIES)
-    if code < 0:
-        return NO_LOOP if code == LOOP else ZERO_LENGTH
-    return FINE
+    copy(st.kept, wk.now.kept)
+    return accelerations(sys, wk, st.t[0], st.q, tr.v, tr.vd, tr.lam, cp, _PROJECT_VELOCITIES)
 
 
 @kernel
@@ -120,7 +115,9 @@ def _begin_anew(sys, st, wk):
             break
     kinematics.velocity(sys.parts, now, st.v)
     signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
+    joint_friction.put_grips(sys, sys.frictions, wk, st.lam)
     energy.powers(sys, now, wk.con.fun, st.v, st.lam, st.power)
+    st.power[1] += joint_friction.power(sys.frictions, sys.parts.coordinates, now, st.q, st.v)
     st.memory[SINCE] = 0.0
     st.memory[JERK_ERROR] = 0.0
     st.memory[CALM] = 0.0

@@ -123,9 +123,9 @@ def _accept(sys, settings, st, wk, h):
 def _advance(sys, method, settings, st, wk, room):
     """One accepted step of the size that works; or the status of the last one tried."""
     if settings.step == 0.0:
-        status = kinks.cross(sys, sys.kinks, settings, st, wk, _filter(method.alpha, settings, st))
-        if status != FINE:
-            return status
+        code = kinks.cross(sys, sys.kinks, settings, st, wk, _filter(method.alpha, settings, st))
+        if code < 0:
+            return control.failure(code)
     while True:
         h = control.proposed(settings, sys.kinks, st, room)
         status = generalized_alpha.step(sys, method.alpha, settings, st, wk, h)

@@ -48,7 +48,7 @@ _ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
 
 def read_plane(value: Any) -> tuple[str | None, list[Problem]]:
     """The plane of a scene, None for a spatial one; or the problem."""
-    if value is None or value in PLANES:
+    if value is None or (isinstance(value, str) and value in PLANES):
         return value, []
     names = tuple(PLANES)
     near = nearest(str(value), names)

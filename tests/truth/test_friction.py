@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from truthkit import run
+from truthkit import compiled, run
 
+from flexmb.analysis.dynamics import prepare
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 
@@ -73,9 +74,12 @@ def test_smooth_friction_creeps_as_it_says():
     a, creep = 0.4, 1e-4
     friction = {"dynamic": 0.5, "model": "smooth", "creep_speed": creep}
     pull = [G * math.sin(a), 0, -G * math.cos(a)]
-    found = run(slider(pull, friction), duration=0.5, outputs=10, accuracy=1e-3)
+    made = slider(pull, friction)
+    found = run(made, duration=0.5, outputs=10, accuracy=1e-3)
     share = math.tan(a) / 0.5
     assert found.v[-1, 0] == pytest.approx(creep * share / math.sqrt(1 - share**2), rel=1e-3)
+    notes = prepare(compiled(made), made).notes
+    assert any("forces.rub: smooth friction does not stick but creeps" in note for note in notes)
 
 
 def test_oscillator_with_friction():

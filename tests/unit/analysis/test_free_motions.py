@@ -64,6 +64,21 @@ def test_a_dead_point_is_no_idle_motion():
     assert not motion.idle and motion.bodies == ("crank", "rod", "slider")
 
 
+def test_a_driver_at_a_dead_point_is_no_contradiction():
+    """A slider that is to pull crank and rod out of line does not say which way they turn."""
+    sketch = Sketch("dead point", plane="xy")
+    for name, at in (("crank", [0.1, 0, 0]), ("rod", [0.4, 0, 0]), ("slider", [0.6, 0, 0])):
+        sketch.body(name, at)
+    sketch.joint("bearing", "revolute", "ground", "crank", [0, 0, 0], axis=Z)
+    sketch.joint("pin", "revolute", "crank", "rod", [0.2, 0, 0], axis=Z)
+    sketch.joint("wrist", "revolute", "rod", "slider", [0.6, 0, 0], axis=Z)
+    sketch.joint("guide", "prismatic", "ground", "slider", [0.6, 0, 0], axis=X)
+    sketch.model.add_driver("push", joint="guide", stroke="-0.1*t")
+    told = flexmb.mobility(sketch.model)
+    assert (told.delta_without_drivers, told.rank) == (1, 8)
+    assert told.notes[0].startswith("drivers.push cannot lead the mechanism out of the assembled")
+
+
 def parallelogram(angle, plane=None):
     """Two equal cranks and a coupler as long as the frame."""
     sketch = Sketch("parallelogram", plane=plane)
