@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import inlined, kernel
 from flexmb.engine.kernels import primitive, turning, wrench
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import joint_angle, wrapped
@@ -101,7 +101,7 @@ def _read_expressions(further, sys, wk, t, v, out):
                 )
 
 
-@kernel
+@inlined
 def total(further, lines, parts, now, channel, sensors, vd, dense):
     """Sum of the terms of a channel."""
     s = 0.0
@@ -114,7 +114,7 @@ def total(further, lines, parts, now, channel, sensors, vd, dense):
     return s
 
 
-@kernel
+@inlined
 def _along(further, parts, now, term, vd, J):
     """Component of a motion of marker J along the axis a of marker I, or the global one."""
     mj, kind = now.marker[term["J"]], term["kind"]
@@ -164,7 +164,7 @@ def acceleration(parts, now, k, vd, o, J):
     return x, y, z
 
 
-@kernel
+@inlined
 def _coordinate(further, lines, parts, now, term, vd, dense):
     """A primitive between two markers, or its first or second derivative in time."""
     i, j, kind, a, b = term["I"], term["J"], term["kind"], term["a"], term["b"]

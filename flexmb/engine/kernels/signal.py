@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import inlined, kernel
 from flexmb.engine.kernels import kinematics, sensor, turning
 from flexmb.engine.kernels.function import evaluate
 from flexmb.engine.kernels.primitive import wrapped
 from flexmb.engine.sensor_tables import ANGLE_TURNS, ANGLES_TURN, SUM
 
 
-@kernel
+@inlined
 def stage(signals, sys, wk, t, q, v, vd, lam):
     """Values of all functions over channels, after a position stage."""
     if signals is not None:
@@ -34,7 +34,7 @@ def stage(signals, sys, wk, t, q, v, vd, lam):
             fun[p, 0], fun[p, 1], fun[p, 2] = evaluate(sys.functions, p, t, x, wk.trial.stack)
 
 
-@kernel
+@inlined
 def _channel(sys, wk, c, q, v, vd, lam):
     """Value of one channel now."""
     channel = sys.sensors.channels[c]
