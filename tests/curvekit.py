@@ -6,7 +6,7 @@ import numpy as np
 from generators import cloud, interface, random_rotation
 
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 CARRIERS = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": (3, 4)}
 TYPES = tuple(name for name, row in JOINT_TYPES.items() if row.curves)

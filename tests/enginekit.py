@@ -17,24 +17,16 @@ from flexmb.engine.compile import compile_system
 from flexmb.engine.element_tables import FRAME, LAW, MUTUAL, Elements
 from flexmb.engine.functions import lower
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels import (
-    constraint,
-    contact,
-    coordinate,
-    element,
-    energy,
-    force,
-    joint_friction,
-    kinematics,
-    reaction,
-    sensor,
-    signal,
-)
+from flexmb.engine.kernels import energy
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.bodies.motion import move, position_rate
+from flexmb.engine.kernels.bodies.tangent import marker_jacobian
+from flexmb.engine.kernels.forces import contact, element, force, joint_friction
+from flexmb.engine.kernels.joints import constraint, coordinate, reaction
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.ldl import solve_refined
-from flexmb.engine.kernels.motion import move, position_rate
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
-from flexmb.engine.kernels.tangent import marker_jacobian
+from flexmb.engine.kernels.sensors import sensor, signal
 from flexmb.engine.sensor_tables import PARTIAL, PULL, Signals
 from flexmb.engine.tables import (
     CONTACT,

@@ -14,8 +14,8 @@ import numpy as np
 from enginekit import Bench, padded
 from scipy.spatial.transform import Rotation
 
-from flexmb.analysis.assembly import assemble
-from flexmb.analysis.dynamics import dynamics
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.engine import march, method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.consistent import ACCELERATIONS, BEGIN, VELOCITIES, solve_level

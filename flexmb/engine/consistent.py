@@ -4,13 +4,16 @@ accelerations with multipliers, residual. One entry for all, so that it compiles
 from __future__ import annotations
 
 from flexmb.engine.jit import entry, kernel
-from flexmb.engine.kernels import constraint, energy, joint_friction, memory, sensor, signal
+from flexmb.engine.kernels import energy
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.algebra.vector import copy, weighted_size
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.forces import joint_friction, memory
+from flexmb.engine.kernels.joints import constraint
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.ldl import solve_refined
-from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.projection import accelerations, project_velocity
 from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
-from flexmb.engine.kernels.vector import copy, weighted_size
+from flexmb.engine.kernels.sensors import sensor, signal
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
 # A correction of positions is cut to this share of the model size (or radians) per round.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.vector import copy
+from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.method import FINE, JUMP, LEAP
 
 _LONGEST = 0.5  # motion of an increment at most, of the model size or rad

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.kernels.projection import LOOP, UNSETTLED
-from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.kinks import next_end
 from flexmb.engine.method import (
     AGE,

@@ -13,8 +13,9 @@ Appl. 39 (2000) 43.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import contact, joint_friction, kinematics
-from flexmb.engine.kernels.triple import inner
+from flexmb.engine.kernels.algebra.triple import inner
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.forces import contact, joint_friction
 from flexmb.engine.method import AGE, EVENT_REST, EVENT_STEP, EVENT_TRIES, EVENTS, STEP
 from flexmb.engine.tables import BRISTLE, OPEN
 

@@ -1,7 +1,8 @@
 """Lower functions of time and of channels to the flat table that the kernel reads.
 
 In: expressions of the model (postfix pairs of operation and argument). Out: a
-:class:`FunctionTable`, whose programs :func:`flexmb.engine.kernels.function.evaluate` runs.
+:class:`FunctionTable`, whose programs
+:func:`flexmb.engine.kernels.functions.function.evaluate` runs.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flexmb.engine.kernels.function import ADD, HYPOT, OPCODES, TIME, VAR, FunctionTable
-from flexmb.model.expression import Expression, channel_of
-from flexmb.model.piecewise import Piecewise
+from flexmb.engine.kernels.functions.function import ADD, HYPOT, OPCODES, TIME, VAR, FunctionTable
+from flexmb.model.functions.expression import Expression, channel_of
+from flexmb.model.functions.piecewise import Piecewise
 
 __all__ = ["FunctionTable", "lower", "stack_for"]
 

@@ -7,9 +7,11 @@ repeat others, the least λ. What holds the shapes of flexible bodies takes the 
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import element, inertia, joint_friction, memory, signal
-from flexmb.engine.kernels.ldl import solve_refined
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.bodies import inertia
+from flexmb.engine.kernels.forces import element, joint_friction, memory
 from flexmb.engine.kernels.residual import forces
+from flexmb.engine.kernels.sensors import signal
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING, ZERO_LENGTH
 
 # Forces that depend on reactions: rounds until these settle, relative.

@@ -10,9 +10,12 @@ All of it follows from `State` alone, so that a resumed run repeats it.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import energy, joint_friction, kinematics, signal
+from flexmb.engine.kernels import energy
+from flexmb.engine.kernels.algebra.vector import copy, store
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.forces import joint_friction
 from flexmb.engine.kernels.projection import accelerations
-from flexmb.engine.kernels.vector import copy, store
+from flexmb.engine.kernels.sensors import signal
 from flexmb.engine.method import (
     AGE,
     CALM,

@@ -15,24 +15,14 @@ import numpy as np
 from flexmb.engine import control, events, kinks
 from flexmb.engine.integrators import explicit, generalized_alpha
 from flexmb.engine.jit import entry, inlined, kernel
-from flexmb.engine.kernels import (
-    constraint,
-    contact,
-    coordinate,
-    element,
-    energy,
-    force,
-    joint_friction,
-    kinematics,
-    memory,
-    reaction,
-    sensor,
-    signal,
-    slider,
-)
-from flexmb.engine.kernels.interpolation import hermite, interpolate
+from flexmb.engine.kernels import energy
+from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate
+from flexmb.engine.kernels.algebra.vector import copy, largest, store
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.forces import contact, element, force, joint_friction, memory
+from flexmb.engine.kernels.joints import constraint, coordinate, reaction, slider
 from flexmb.engine.kernels.projection import accelerations
-from flexmb.engine.kernels.vector import copy, largest, store
+from flexmb.engine.kernels.sensors import sensor, signal
 from flexmb.engine.method import (
     AGE,
     CURVE_END,

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import constraint, coordinate, kinematics
+from flexmb.engine.kernels.algebra.ldl import multiply, solve
+from flexmb.engine.kernels.algebra.vector import weighted_size
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.joints import constraint, coordinate
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.ldl import multiply, solve
-from flexmb.engine.kernels.motion import move
-from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, SINGULAR, UNLIKE_RATES
 
 _ITERATIONS = 15

@@ -17,26 +17,16 @@ import numpy as np
 from flexmb.engine import continuity
 from flexmb.engine.inverse import reactions
 from flexmb.engine.jit import entry, inlined
-from flexmb.engine.kernels import (
-    constraint,
-    contact,
-    coordinate,
-    element,
-    energy,
-    force,
-    joint_friction,
-    kinematics,
-    memory,
-    reaction,
-    sensor,
-    signal,
-    slider,
-)
+from flexmb.engine.kernels import energy
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.forces import contact, element, force, joint_friction, memory
+from flexmb.engine.kernels.functions.time_function import evaluate_all
+from flexmb.engine.kernels.joints import constraint, coordinate, reaction, slider
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.ldl import solve_refined
-from flexmb.engine.kernels.motion import move
-from flexmb.engine.kernels.time_function import evaluate_all
-from flexmb.engine.kernels.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.sensors import sensor, signal
 from flexmb.engine.method import (
     CURVE_END,
     FAILED,

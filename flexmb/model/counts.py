@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flexmb.model import lookup
-from flexmb.model.joints import JOINT_TYPES, JointType
+from flexmb.model.joints.joint import JOINT_TYPES, JointType
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model

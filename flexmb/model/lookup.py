@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.bodies import BodySpec, FlexbodySpec, RigidBodySpec
-from flexmb.model.joints import JOINT_TYPES
-from flexmb.model.markers import MarkerSpec, PlacedMarker, place
-from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.names import GROUND, split_reference
-from flexmb.model.orientation import rotation_matrix, triad
+from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec
+from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.joints.joint import JOINT_TYPES
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.orientation import rotation_matrix, triad
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody

@@ -1,8 +1,8 @@
 """The model: what the user says, by name, validated and ready to be compiled.
 
 In: a scene file (:func:`flexmb.load_scene`) or calls with the same words. Out: dictionaries of
-frozen specifications in SI. The model stores and names; :mod:`flexmb.model.references` checks how
-its parts fit together, the engine compiles it.
+frozen specifications in SI. The model stores and names; :mod:`flexmb.model.scenes.references`
+checks how its parts fit together, the engine compiles it.
 """
 
 from __future__ import annotations
@@ -14,31 +14,32 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
-from flexmb.model import lookup, references, writing
-from flexmb.model.assembly import AssemblySpec
-from flexmb.model.bodies import BodySpec
-from flexmb.model.carriers import far_markers
-from flexmb.model.checks import CheckSpec, FrequencyCheckSpec
-from flexmb.model.couplers import CouplerSpec
-from flexmb.model.coupling import repeated_couplers
-from flexmb.model.curves import CurveSpec
-from flexmb.model.drivers import DriverSpec
-from flexmb.model.dynamics import DynamicsSpec
-from flexmb.model.entries import read_named
-from flexmb.model.forces import AnyForce
-from flexmb.model.head import read_gravity
-from flexmb.model.joints import JointSpec
-from flexmb.model.kinematics import KinematicsSpec
-from flexmb.model.markers import GroundSpec, MarkerSpec
-from flexmb.model.names import GROUND, split_reference
-from flexmb.model.parameters import resolve
+from flexmb.model import lookup
+from flexmb.model.bodies.body import BodySpec
+from flexmb.model.bodies.carriers import far_markers
+from flexmb.model.bodies.markers import GroundSpec, MarkerSpec
+from flexmb.model.forces.force import AnyForce
+from flexmb.model.joints.couplers import CouplerSpec
+from flexmb.model.joints.coupling import repeated_couplers
+from flexmb.model.joints.curves import CurveSpec
+from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.joint import JointSpec
 from flexmb.model.plane import read_plane
-from flexmb.model.quantities import plain
-from flexmb.model.reading import Spec, Terms, read_entry, under
-from flexmb.model.sensors import SensorSpec, channel_unit, channels_of
-from flexmb.model.states import ControllerSpec, StateSpec
-from flexmb.model.study import StudySpec
-from flexmb.model.view import ViewSpec
+from flexmb.model.scenes import references, writing
+from flexmb.model.scenes.entries import read_named
+from flexmb.model.scenes.head import read_gravity
+from flexmb.model.sensors.sensor import SensorSpec, channel_unit, channels_of
+from flexmb.model.sensors.states import ControllerSpec, StateSpec
+from flexmb.model.tasks.assembly import AssemblySpec
+from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
+from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.tasks.kinematics import KinematicsSpec
+from flexmb.model.tasks.study import StudySpec
+from flexmb.model.tasks.view import ViewSpec
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.parameters import resolve
+from flexmb.model.values.quantities import plain
+from flexmb.model.values.reading import Spec, Terms, read_entry, under
 from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:
@@ -330,7 +331,7 @@ class Model:
         SceneError
             All that is wrong with it.
         """
-        from flexmb.model.building import build
+        from flexmb.model.scenes.building import build
 
         return build(cls, scene, Path(folder))
 

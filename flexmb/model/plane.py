@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planes import PLANES
-from flexmb.model import curve_uses, lookup
-from flexmb.model.bodies import BodySpec
-from flexmb.model.drivers import DriverSpec
-from flexmb.model.forces import JointSpringSpec, LoadSpec
-from flexmb.model.functions import Function
-from flexmb.model.gearing import terms_of
-from flexmb.model.joints import JOINT_TYPES, JointSpec
-from flexmb.model.names import GROUND
-from flexmb.model.orientation import rotation_matrix
-from flexmb.model.reading import given
-from flexmb.model.stops import JointStopSpec, StopSpec
+from flexmb.model import lookup
+from flexmb.model.bodies.body import BodySpec
+from flexmb.model.forces.force import JointSpringSpec, LoadSpec
+from flexmb.model.forces.stops import JointStopSpec, StopSpec
+from flexmb.model.functions.function import Function
+from flexmb.model.joints import curve_uses
+from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.gearing import terms_of
+from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.values.reading import given
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model

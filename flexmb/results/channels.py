@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from flexmb.errors import Problem, ResultFileError, nearest
-from flexmb.model.sensors import channel_unit
+from flexmb.model.sensors.sensor import channel_unit
 from flexmb.results.layout import Columns
 from flexmb.results.reactions import Sides, sides
 from flexmb.results.schema import DRIFT

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ResultFileError, nearest
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results.channels import Channel, all_channels, channels
 from flexmb.results.copying import copy_result
 from flexmb.results.export import write_csv

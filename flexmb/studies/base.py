@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.model import Model
-from flexmb.model.bodies import FlexbodySpec
-from flexmb.model.scene import load_scene, raw_scene
+from flexmb.model.bodies.body import FlexbodySpec
+from flexmb.model.scenes.scene import load_scene, raw_scene
 from flexmb.workflow import output_folder
 
 __all__ = ["Base", "base_of_model", "base_of_scene"]

@@ -12,9 +12,9 @@ from typing import Any
 
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.model import Model
-from flexmb.model.bodies import BodySpec
-from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.study import StudySpec
+from flexmb.model.bodies.body import BodySpec
+from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.tasks.study import StudySpec
 from flexmb.progress import Progress
 from flexmb.studies.base import Base
 from flexmb.studies.measure import Reading, difference, own_errors, read_run

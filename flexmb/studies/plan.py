@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import Model
-from flexmb.model.knobs import resolve_knob
-from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.overrides import override
-from flexmb.model.reading import under
+from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.tasks.knobs import resolve_knob
+from flexmb.model.tasks.overrides import override
+from flexmb.model.values.reading import under
 from flexmb.studies.sensing import with_velocities
 from flexmb.studies.store import content_key
 

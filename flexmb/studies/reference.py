@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, get_args
 
-from flexmb.model.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
 from flexmb.studies.words import error_text

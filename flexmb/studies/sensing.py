@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import SceneError
-from flexmb.model.reading import Spec
-from flexmb.model.sensors import channels_of, unit_of
+from flexmb.model.sensors.sensor import channels_of, unit_of
+from flexmb.model.values.reading import Spec
 
 if TYPE_CHECKING:
     from flexmb.model import Model

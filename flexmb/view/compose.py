@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ViewError, nearest
-from flexmb.model.joints import JointSpec
-from flexmb.model.names import GROUND
+from flexmb.model.joints.joint import JointSpec
+from flexmb.model.values.names import GROUND
 from flexmb.view.camera import camera_of
 from flexmb.view.content import Content, Deformed, Scale, Solid
 from flexmb.view.contours import contours, followed

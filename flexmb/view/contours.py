@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.curve_shape import curve_shape
-from flexmb.model.joints import JointSpec
+from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
-from flexmb.model.names import split_reference
+from flexmb.model.values.names import split_reference
 from flexmb.view.geometry import Triangles, box, cylinder, joined, plate, tube
 from flexmb.view.mechanism import Mechanism
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.names import GROUND, split_reference
+from flexmb.model.values.names import GROUND, split_reference
 from flexmb.view.content import Camera
 from flexmb.view.contours import contours
 from flexmb.view.geometry import Triangles, box, joined, tube

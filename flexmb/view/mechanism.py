@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import von_mises
 from flexmb.model import Model
-from flexmb.model.bodies import BodySpec
+from flexmb.model.bodies.body import BodySpec
 from flexmb.model.lookup import frames, placed
-from flexmb.model.names import GROUND, split_reference
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import Pose, Result
 
 __all__ = ["Mechanism"]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import ViewError
-from flexmb.model.sensors import CHANNEL_UNITS
+from flexmb.model.sensors.sensor import CHANNEL_UNITS
 from flexmb.results import Result
 from flexmb.units import SI, UnitSystem
 from flexmb.view.files import writable_file

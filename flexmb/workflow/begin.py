@@ -18,7 +18,7 @@ from flexmb.errors import Problem, ResultFileError
 from flexmb.workflow.origin import body_hash, origin
 
 if TYPE_CHECKING:
-    from flexmb.analysis.assembly import Begin
+    from flexmb.analysis.assembly.analysis import Begin
     from flexmb.engine.compile import Compiled
     from flexmb.engine.layout import BodyColumns
     from flexmb.engine.work import State
@@ -85,7 +85,7 @@ def beginning(
         The result cannot be read, holds no rows, has no body of a name of this model, or is not
         in the plane of a planar model.
     """
-    from flexmb.analysis.assembly import Begin
+    from flexmb.analysis.assembly.analysis import Begin
     from flexmb.results import Result
 
     other = given if isinstance(given, Result) else Result(given)

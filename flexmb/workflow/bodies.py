@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
-    from flexmb.model.bodies import FlexbodySpec
-    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.bodies.body import FlexbodySpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
 
 __all__ = ["bodies_of_surveys", "flexible_bodies", "surveyed_bodies"]
 
@@ -70,8 +70,8 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
-    from flexmb.model.bodies import FlexbodySpec
-    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.bodies.body import FlexbodySpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -122,8 +122,8 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb import fe
-    from flexmb.model.bodies import FlexbodySpec
-    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.bodies.body import FlexbodySpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
 
     problems: list[Problem] = []
     surveys: dict[str, Survey] = {}
@@ -153,8 +153,8 @@ def bodies_of_surveys(
     """
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
-    from flexmb.model.bodies import FlexbodySpec
-    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.bodies.body import FlexbodySpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
@@ -191,7 +191,7 @@ def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
-    from flexmb.model.meshbody import MeshBodySpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
 
     told = []
     for problem in problems:

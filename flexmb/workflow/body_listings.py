@@ -22,7 +22,7 @@ def elements() -> Listing:
 
 def meshes() -> Listing:
     """Simple shapes."""
-    from flexmb.model.meshes import MESH_TYPES
+    from flexmb.model.bodies.meshes import MESH_TYPES
 
     about = 'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
     about += '{ type = "box", size = [1, 0.1, 0.1] }. Elements not told by divisions: along the '
@@ -35,8 +35,8 @@ def meshes() -> Listing:
 
 def sections() -> Listing:
     """Sections of beams, shells and solids."""
-    from flexmb.model.beam_sections import ReleasesSpec
-    from flexmb.model.sections import SECTION_TYPES, LayerSpec
+    from flexmb.model.bodies.beam_sections import ReleasesSpec
+    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec
 
     about = "The section of each element group of a mesh; all takes what no other names:"
     kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
@@ -48,11 +48,11 @@ def sections() -> Listing:
 
 def reductions() -> Listing:
     """How meshes become modes."""
-    from flexmb.model.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
-    from flexmb.model.meshbody import MeshBodySpec
-    from flexmb.model.meshloads import LOAD_TYPES
-    from flexmb.model.reduction import METHODS as REDUCTIONS
-    from flexmb.model.reduction import ModesSpec
+    from flexmb.model.bodies.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
+    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.meshloads import LOAD_TYPES
+    from flexmb.model.bodies.reduction import METHODS as REDUCTIONS
+    from flexmb.model.bodies.reduction import ModesSpec
 
     kinds = {
         "a body": MeshBodySpec,
@@ -71,7 +71,7 @@ def reductions() -> Listing:
 def materials() -> Listing:
     """The library, and what a table of a material holds."""
     from flexmb.materials import LIBRARY
-    from flexmb.model.material import MATERIAL_KINDS
+    from flexmb.model.bodies.material import MATERIAL_KINDS
 
     rows = [
         (entry.name, f"{entry.E / 1e9:g}", f"{entry.nu:g}", f"{entry.density:g}", entry.source)

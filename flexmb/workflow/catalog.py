@@ -43,7 +43,7 @@ def listing(topic: str) -> Listing:
 
 
 def _joints() -> Listing:
-    from flexmb.model.joints import JOINT_TYPES, JointSpec
+    from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
 
     rows = [
         (
@@ -65,7 +65,7 @@ def _joints() -> Listing:
 
 
 def _curves() -> Listing:
-    from flexmb.model.curves import CurveSpec
+    from flexmb.model.joints.curves import CurveSpec
 
     about = {"a curve, in the axes of the marker that carries it": CurveSpec}
     return Listing("curves that joints slide along: [curves.name]", fields_tables(about))
@@ -73,7 +73,7 @@ def _curves() -> Listing:
 
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
-    from flexmb.engine.compile.joint_rows import JOINT_ROWS
+    from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
     from flexmb.engine.tables import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")
@@ -90,7 +90,7 @@ def _free_motions(joint: str, count: int) -> str:
 
 
 def _couplers() -> Listing:
-    from flexmb.model.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+    from flexmb.model.joints.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
 
     about = "Each relates the coordinates of two or three joints by one equation:"
     terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
@@ -101,9 +101,9 @@ def _couplers() -> Listing:
 
 
 def _forces() -> Listing:
-    from flexmb.model.contacts import CONTACT_SHAPES
-    from flexmb.model.forces import FORCE_TYPES
-    from flexmb.model.friction import FrictionSpec
+    from flexmb.model.forces.contacts import CONTACT_SHAPES
+    from flexmb.model.forces.force import FORCE_TYPES
+    from flexmb.model.forces.friction import FrictionSpec
 
     parts = {f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()}
     parts["friction of a contact"] = FrictionSpec
@@ -111,13 +111,13 @@ def _forces() -> Listing:
 
 
 def _sensors() -> Listing:
-    from flexmb.model.sensors import SENSOR_TYPES
+    from flexmb.model.sensors.sensor import SENSOR_TYPES
 
     return Listing("sensors: [sensors.name]", fields_tables(SENSOR_TYPES))
 
 
 def _controllers() -> Listing:
-    from flexmb.model.states import CONTROLLER_TYPES, StateSpec
+    from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
 
     kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
     return Listing(
@@ -126,14 +126,14 @@ def _controllers() -> Listing:
 
 
 def _shapes() -> Listing:
-    from flexmb.model.shapes import SHAPES
+    from flexmb.model.bodies.shapes import SHAPES
 
     return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", fields_tables(SHAPES))
 
 
 def _drivers() -> Listing:
-    from flexmb.model.drivers import DRIVEN, DriverSpec
-    from flexmb.model.joints import JOINT_TYPES
+    from flexmb.model.joints.drivers import DRIVEN, DriverSpec
+    from flexmb.model.joints.joint import JOINT_TYPES
 
     rows = []
     for target, coordinates in DRIVEN.items():
@@ -159,8 +159,8 @@ _DRIVEN_WORDS = {
 
 
 def _functions() -> Listing:
-    from flexmb.model.expression import CONSTANTS, FUNCTIONS
-    from flexmb.model.functions import FUNCTION_FORMS
+    from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
+    from flexmb.model.functions.function import FUNCTION_FORMS
 
     known = [
         ("functions", ", ".join(written for _, written in FUNCTIONS.values())),
@@ -177,9 +177,9 @@ def _functions() -> Listing:
 
 
 def _methods() -> Listing:
-    from flexmb.model.assembly import AssemblySpec, GuessSpec
-    from flexmb.model.dynamics import DynamicsSpec
-    from flexmb.model.kinematics import KinematicsSpec
+    from flexmb.model.tasks.assembly import AssemblySpec, GuessSpec
+    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.tasks.kinematics import KinematicsSpec
 
     names = get_args(DynamicsSpec.model_fields["method"].annotation)
     rows = [(name, METHODS.get(name, "")) for name in names]

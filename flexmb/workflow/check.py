@@ -11,7 +11,7 @@ from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility import Mobility
+    from flexmb.analysis.mobility.report import Mobility
     from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
@@ -41,7 +41,7 @@ def check_scene(
     AssemblyError
         It cannot be assembled, or its drivers contradict each other or the joints.
     """
-    from flexmb.analysis.mobility import LARGEST
+    from flexmb.analysis.mobility.report import LARGEST
     from flexmb.model import load_scene
     from flexmb.model.counts import count
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
@@ -127,7 +127,7 @@ def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
 
 def _notes(model: Model) -> list[str]:
     """What is worth knowing of a valid scene."""
-    from flexmb.model.head import gravity_in_words
+    from flexmb.model.scenes.head import gravity_in_words
 
     gravity = None
     if model.gravity is not None:

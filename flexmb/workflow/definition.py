@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from flexmb.model.names import GROUND
+from flexmb.model.values.names import GROUND
 from flexmb.workflow.listings import Table
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _inertia(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
 
 
 def _joints(model: Model) -> Titled:
-    from flexmb.model.joints import JOINT_TYPES
+    from flexmb.model.joints.joint import JOINT_TYPES
 
     rows = []
     for name, joint in model.joints.items():
@@ -136,7 +136,7 @@ def _drivers(model: Model) -> Titled:
 
 def _other_elements(model: Model) -> Iterator[Titled]:
     """Forces, couplers and whatever else the model has by name, by the words of the scene."""
-    from flexmb.model.reading import Spec
+    from flexmb.model.values.reading import Spec
 
     for section, entries in vars(model).items():
         if section in _OWN or not isinstance(entries, dict) or not entries:

@@ -14,7 +14,7 @@ from flexmb.workflow.frequencies import frequency_outcomes
 from flexmb.workflow.reports import CheckOutcome, RunReport
 
 if TYPE_CHECKING:
-    from flexmb.analysis.dynamics import Outcome
+    from flexmb.analysis.dynamics.analysis import Outcome
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result

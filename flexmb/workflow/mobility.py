@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flexmb.errors import FlexmbError, SceneError
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility import Mobility
+    from flexmb.analysis.mobility.report import Mobility
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
@@ -40,7 +40,7 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
     FlexmbError
         It has too many coordinates.
     """
-    from flexmb.analysis.mobility import LARGEST, examine
+    from flexmb.analysis.mobility.report import LARGEST, examine
     from flexmb.engine.compile import compile_system
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
 

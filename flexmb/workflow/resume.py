@@ -84,8 +84,8 @@ def resume_run(
     progress: Progress = silent,
 ) -> RunReport:
     """Go on with a run to its pictures; see :func:`resume`."""
-    from flexmb.analysis.dynamics import integrate
-    from flexmb.analysis.resume import prepare_rest
+    from flexmb.analysis.dynamics.analysis import integrate
+    from flexmb.analysis.dynamics.resume import prepare_rest
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
     from flexmb.results import Result, ResultWriter, extend_file

@@ -154,7 +154,7 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.model.dynamics import INSTEAD
+    from flexmb.model.tasks.dynamics import INSTEAD
 
     if dynamics:
         spec = model.dynamics

@@ -14,7 +14,7 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.progress import Progress
 
 if TYPE_CHECKING:
-    from flexmb.analysis.dynamics import Outcome, Sink
+    from flexmb.analysis.dynamics.analysis import Outcome, Sink
     from flexmb.engine.compile import Compiled
     from flexmb.model import Model
     from flexmb.workflow.begin import Beginning
@@ -85,8 +85,8 @@ def prepared_task(
     progress : Progress
         Told every phase.
     """
-    from flexmb.analysis.dynamics import integrate, prepare
-    from flexmb.analysis.kinematics import prepare_sweep, run_sweep
+    from flexmb.analysis.dynamics.analysis import integrate, prepare
+    from flexmb.analysis.kinematics.analysis import prepare_sweep, run_sweep
 
     if analysis == "kinematics":
         ready = prepare_sweep(compiled, model, progress=progress)

@@ -48,7 +48,7 @@ def warmup(methods: Sequence[str] = (), progress: Progress = silent) -> Warmed:
     FlexmbError
         An unknown method; lists those there are, nearest first.
     """
-    from flexmb.analysis.dynamics import prepare
+    from flexmb.analysis.dynamics.analysis import prepare
     from flexmb.engine.compile import compile_system
     from flexmb.engine.jit import CACHE_DIR
 
@@ -65,7 +65,7 @@ def warmup(methods: Sequence[str] = (), progress: Progress = silent) -> Warmed:
 
 
 def _chosen(methods: Sequence[str]) -> tuple[str, ...]:
-    from flexmb.model.dynamics import DynamicsSpec
+    from flexmb.model.tasks.dynamics import DynamicsSpec
 
     known = get_args(DynamicsSpec.model_fields["method"].annotation)
     wrong = [name for name in methods if name not in known]

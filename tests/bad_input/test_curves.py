@@ -169,8 +169,8 @@ def test_a_table_without_numbers_names_its_line(tmp_path):
 
 RUN = """
 from truthkit import Memory, compiled
-from flexmb.analysis.dynamics import dynamics
-from flexmb.analysis.assembly import assemble
+from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.analysis.assembly.analysis import assemble
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import flexmb
-from flexmb.analysis.failure import first_rows, n_kept, open_joint
+from flexmb.analysis.dynamics.failure import first_rows, n_kept, open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError

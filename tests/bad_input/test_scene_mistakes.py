@@ -7,7 +7,7 @@ from goodscene import GOOD, message
 
 from flexmb.errors import SceneError
 from flexmb.model import Model, load_scene
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 
 def test_the_good_scene_is_good(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.signal_notes import SingularPoses, loop_notes
+from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.engine.layout import Layout
 from flexmb.errors import SceneError
 from flexmb.model import Model

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from flexmb.analysis.kinematics import prepare_sweep
+from flexmb.analysis.kinematics.analysis import prepare_sweep
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.march import new_output

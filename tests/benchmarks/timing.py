@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from flexmb.analysis.assembly import assemble
+from flexmb.analysis.assembly.analysis import assemble
 from flexmb.engine import march, method
 from flexmb.engine.work import new_work
 

@@ -147,7 +147,7 @@ def test_so_it_is_in_a_plane(case):
 
 
 def test_every_composite_joint_is_here():
-    from flexmb.model.joints import JOINT_TYPES
+    from flexmb.model.joints.joint import JOINT_TYPES
 
     links = {name for name, row in JOINT_TYPES.items() if row.summary.startswith("link")}
     assert {case.split(",")[0] for case in CASES} == links

@@ -13,7 +13,7 @@ from enginekit import Bench, slope
 from scipy.linalg import null_space
 
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 # Curvature of the pieces is exact to 1e-9 of it, multipliers are of the order of 10.
 EXACT = 1e-7

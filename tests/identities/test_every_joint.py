@@ -15,7 +15,7 @@ from enginekit import Bench, slope
 from generators import cloud, interface, random_rotation
 
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 # The difference rules leave 1e-12 of the size of the numbers here, which are below 1000 (on curves
 # they run over pieces of high degree).

@@ -8,7 +8,7 @@ from enginekit import Bench, slope
 from generators import Mechanism
 
 from flexmb.engine.tables import BRISTLE, SMOOTH
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")
 FRICTIONS = {"sticks": (BRISTLE, 50.0), "slides": (BRISTLE, 0.3), "smooth": (SMOOTH, 0.3)}

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 A = np.array([1.0, 2.0, 2.0]) / 3  # the axis
 ACROSS = np.array([2.0, 1.0, -2.0]) / 3

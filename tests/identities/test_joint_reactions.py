@@ -14,11 +14,11 @@ from enginekit import Bench, rotation
 from generators import cloud, interface, random_rotation
 from jointfields import special_fields
 
-from flexmb.analysis.poses import close
-from flexmb.analysis.rows import placed_markers
-from flexmb.engine.compile.joint_rows import signs_of_axes
+from flexmb.analysis.mobility.poses import close
+from flexmb.analysis.mobility.rows import placed_markers
+from flexmb.engine.compile.joints.joint_rows import signs_of_axes
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 # Of forces and moments below 1000 N: refined solves leave 1e-12 of them.
 EXACT = 1e-8

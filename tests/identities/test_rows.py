@@ -9,10 +9,10 @@ from generators import TOPOLOGIES, Mechanism
 from jointfields import special_fields
 from mechanisms import excavator, quick_return
 
-from flexmb.analysis.rows import MEASURES, moved, rows_at
-from flexmb.engine.compile.joint_rows import DRIVER_ROWS, JOINT_ROWS
+from flexmb.analysis.mobility.rows import MEASURES, moved, rows_at
+from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
 from flexmb.model import Model
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 
 def all_joints():

@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import BODIES, Mechanism
 
-from flexmb.analysis.mobility import examine
+from flexmb.analysis.mobility.report import examine
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

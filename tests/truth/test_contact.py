@@ -15,10 +15,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from truthkit import run
 
-from flexmb.engine.compile.hertz import hertz_stiffness
+from flexmb.engine.compile.forces.hertz import hertz_stiffness
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
-from flexmb.model.contacts import damping_factor
+from flexmb.model.forces.contacts import damping_factor
 
 pytestmark = pytest.mark.slow
 

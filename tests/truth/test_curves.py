@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truthkit import compiled, order, run
 
-from flexmb.analysis.assembly import assemble
+from flexmb.analysis.assembly.analysis import assemble
 from flexmb.model import Model
 
 G = 9.81

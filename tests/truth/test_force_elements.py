@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ellipk, gamma
 from truthkit import compiled, order, reference, run, stiffness_and_mass
 
-from flexmb.analysis.assembly import assemble
+from flexmb.analysis.assembly.analysis import assemble
 from flexmb.model import Model
 
 LAST_DIGITS = 1e-9

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truthkit import compiled, run
 
-from flexmb.analysis.dynamics import prepare
+from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 

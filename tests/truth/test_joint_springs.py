@@ -11,10 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from truthkit import order, run
 
-from flexmb.engine.compile import coordinates
+from flexmb.engine.compile.joints import coordinates
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.expression import parse
+from flexmb.model.functions.expression import parse
 
 K, D, J = 10.0, 0.2, 0.1
 

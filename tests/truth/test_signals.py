@@ -13,8 +13,8 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from truthkit import Memory, compiled, order, run
 
-from flexmb.analysis.assembly import assemble
-from flexmb.analysis.dynamics import dynamics
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.pool import Pool
 from flexmb.engine.tables import BODY
 from flexmb.flexbody import FlexBody
-from flexmb.model.bodies import BodySpec, RigidBodySpec
+from flexmb.model.bodies.body import BodySpec, RigidBodySpec
 from flexmb.model.model import Model
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.dynamics import DynamicsSpec
-from flexmb.model.expression import Expression
-from flexmb.model.kinks import kinks_of
+from flexmb.model.functions.expression import Expression
+from flexmb.model.functions.kinks import kinks_of
+from flexmb.model.tasks.dynamics import DynamicsSpec
 
 __all__ = ["kink_table"]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.pool import Pool
 from flexmb.engine.tables import MARKER
-from flexmb.model.markers import PlacedMarker
-from flexmb.model.names import GROUND
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.values.names import GROUND
 
 
 @dataclass

@@ -12,13 +12,13 @@ import numpy as np
 
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT2, POINT
 from flexmb.flexbody.planes import PLANES
-from flexmb.model.bodies import BodySpec
-from flexmb.model.joints import JointSpec
-from flexmb.model.markers import PlacedMarker
+from flexmb.model.bodies.body import BodySpec
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
-from flexmb.model.names import GROUND
-from flexmb.model.orientation import rotation_matrix
 from flexmb.model.plane import across, normal_in_body, plane_axes
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
 
 __all__ = ["STROKE", "planar_columns", "planar_joint"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.expression import Expression
+from flexmb.model.functions.expression import Expression
 
 
 @dataclass

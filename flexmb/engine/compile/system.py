@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile import (
-    contacts,
-    coordinates,
-    elements,
-    force_elements,
-    joints,
-    sensors,
-    signals,
-)
-from flexmb.engine.compile.curves import Contact
-from flexmb.engine.compile.groups import (
+from flexmb.engine.compile.forces import basic as elements
+from flexmb.engine.compile.forces import contacts
+from flexmb.engine.compile.forces import elements as force_elements
+from flexmb.engine.compile.joints import coordinates
+from flexmb.engine.compile.joints import joint as joints
+from flexmb.engine.compile.joints.curves import Contact
+from flexmb.engine.compile.joints.groups import (
     Groups,
     check_ends,
     couples,
@@ -32,8 +28,10 @@ from flexmb.engine.compile.kinks import kink_table
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.compile.pool import Functions, Pool
+from flexmb.engine.compile.sensors import sensor as sensors
+from flexmb.engine.compile.sensors import signals
 from flexmb.engine.functions import lower
-from flexmb.engine.kernels.function import PIECEWISE
+from flexmb.engine.kernels.functions.function import PIECEWISE
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, LINES, Parts, System
@@ -41,10 +39,10 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
-from flexmb.model.expression import Expression
+from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body
-from flexmb.model.signals import resolved, states_of
+from flexmb.model.sensors.signals import resolved, states_of
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,15 @@ import math
 
 from flexmb.engine import control
 from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.algebra.vector import copy
+from flexmb.engine.kernels.bodies.motion import normalise, position_rate
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.motion import normalise, position_rate
 from flexmb.engine.kernels.projection import (
     accelerations,
     project_positions,
     project_velocity,
 )
 from flexmb.engine.kernels.residual import position_stage
-from flexmb.engine.kernels.vector import copy
 from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,

@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import inertia_tangent
+from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
+from flexmb.engine.kernels.algebra.vector import weighted_size
+from flexmb.engine.kernels.bodies import inertia_tangent
+from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.ldl import solve, solve_refined
-from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import residual
-from flexmb.engine.kernels.vector import weighted_size
 from flexmb.engine.method import (
     AGE,
     CONTRACTION,

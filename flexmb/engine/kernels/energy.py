@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import contact, coordinate, element, force
-from flexmb.engine.kernels.inertia_tangent import mass_block
-from flexmb.engine.kernels.rotation import transform
-from flexmb.engine.kernels.vector import dot
+from flexmb.engine.kernels.algebra.rotation import transform
+from flexmb.engine.kernels.algebra.vector import dot
+from flexmb.engine.kernels.bodies.inertia_tangent import mass_block
+from flexmb.engine.kernels.forces import contact, element, force
+from flexmb.engine.kernels.joints import coordinate
 
 
 @kernel

@@ -10,21 +10,20 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import (
-    constraint,
-    coordinate,
-    inertia_tangent,
-    joint_friction,
-    kinematics,
-    ldl,
-    slider,
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.kernels.algebra.blocks import add_body_block, put_row, row_compliance
+from flexmb.engine.kernels.bodies import inertia_tangent, kinematics
+from flexmb.engine.kernels.forces import joint_friction
+from flexmb.engine.kernels.forces.contact_tangent import contact_tangents
+from flexmb.engine.kernels.forces.element_tangent import (
+    group_tangents,
+    load_tangents,
+    spring_tangents,
 )
-from flexmb.engine.kernels.blocks import add_body_block, put_row, row_compliance
-from flexmb.engine.kernels.contact_tangent import contact_tangents
-from flexmb.engine.kernels.element_tangent import group_tangents, load_tangents, spring_tangents
-from flexmb.engine.kernels.force_tangent import add_coordinate_tangents, element_tangents
-from flexmb.engine.kernels.signal_tangent import signal_tangents
-from flexmb.engine.kernels.slider_tangent import slider_tangents
+from flexmb.engine.kernels.forces.force_tangent import add_coordinate_tangents, element_tangents
+from flexmb.engine.kernels.joints import constraint, coordinate, slider
+from flexmb.engine.kernels.joints.slider_tangent import slider_tangents
+from flexmb.engine.kernels.sensors.signal_tangent import signal_tangents
 
 _REGULARISATION = 1e-9
 

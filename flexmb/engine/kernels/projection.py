@@ -13,12 +13,15 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels import constraint, joint_friction, kinematics, signal
+from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
+from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.forces import joint_friction
+from flexmb.engine.kernels.joints import constraint
 from flexmb.engine.kernels.kkt import factorise, permute
-from flexmb.engine.kernels.ldl import solve, solve_refined
-from flexmb.engine.kernels.motion import move
 from flexmb.engine.kernels.residual import forces, position_stage, velocity_stage
-from flexmb.engine.kernels.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.sensors import signal
 
 _ROUNDS = 3
 _REFINEMENTS = 2

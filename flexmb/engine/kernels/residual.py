@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import inlined, kernel
-from flexmb.engine.kernels import (
-    constraint,
-    contact,
-    coordinate,
-    element,
-    force,
-    inertia,
-    joint_friction,
-    kinematics,
-    memory,
-    signal,
-    slider,
-)
-from flexmb.engine.kernels.time_function import evaluate_all
+from flexmb.engine.kernels.bodies import inertia, kinematics
+from flexmb.engine.kernels.forces import contact, element, force, joint_friction, memory
+from flexmb.engine.kernels.functions.time_function import evaluate_all
+from flexmb.engine.kernels.joints import constraint, coordinate, slider
+from flexmb.engine.kernels.sensors import signal
 
 
 @kernel

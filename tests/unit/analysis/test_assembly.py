@@ -12,7 +12,7 @@ from flexmb.model import Model
 
 CODE = """
 import numpy as np
-from flexmb.analysis.assembly import assemble, assembly_report
+from flexmb.analysis.assembly.analysis import assemble, assembly_report
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model

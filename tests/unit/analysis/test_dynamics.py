@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexmb.analysis import run as module
-from flexmb.analysis.assembly import assemble
-from flexmb.analysis.dynamics import chosen_method, dynamics, time_grid
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics.analysis import chosen_method, dynamics, time_grid
 from flexmb.engine import march
 from flexmb.engine.compile import compile_system
 from flexmb.engine.consistent import VELOCITIES, solve_level
 from flexmb.engine.method import FINE, Settings
 from flexmb.engine.work import State, new_work
 from flexmb.model import load_scene
-from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.tasks.dynamics import DynamicsSpec
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 

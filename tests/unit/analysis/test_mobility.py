@@ -27,10 +27,10 @@ from mechanisms import (
 from rings import bennett, bricard, sarrus
 
 import flexmb
-from flexmb.analysis.rows import rows_at
+from flexmb.analysis.mobility.rows import rows_at
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbWarning
-from flexmb.model.joints import JOINT_TYPES
+from flexmb.model.joints.joint import JOINT_TYPES
 
 # name: model, coordinates, equations, freedoms, redundant equations
 KNOWN = {

@@ -7,8 +7,8 @@ import pytest
 from generators import cloud, interface, random_rotation
 from truthkit import compiled
 
-from flexmb.analysis.assembly import assemble
-from flexmb.analysis.velocities import rigid_motion
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.velocities import rigid_motion
 from flexmb.model import Model
 
 KEPT = 1e-9  # markers of given velocity weigh 1e8 times their body, and rounds follow

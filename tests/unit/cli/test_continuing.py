@@ -10,7 +10,7 @@ import pytest
 import slidercrank
 from typer.testing import CliRunner
 
-from flexmb.analysis import run as module
+from flexmb.analysis.dynamics import run as module
 from flexmb.cli import app, summary
 from flexmb.results import Result
 

@@ -17,22 +17,22 @@ from flexmb import workflow
 from flexmb.cli import app
 from flexmb.fe import ELEMENTS
 from flexmb.materials import LIBRARY
-from flexmb.model.couplers import COUPLER_TYPES
-from flexmb.model.curves import CurveSpec
-from flexmb.model.drivers import DriverSpec
-from flexmb.model.dynamics import DynamicsSpec
-from flexmb.model.expression import CONSTANTS, FUNCTIONS
-from flexmb.model.forces import FORCE_TYPES
-from flexmb.model.functions import FUNCTION_FORMS
-from flexmb.model.joints import COORDINATES, JOINT_TYPES
-from flexmb.model.meshbody import MeshBodySpec
-from flexmb.model.meshes import MESH_TYPES
-from flexmb.model.meshloads import LOAD_TYPES
-from flexmb.model.reduction import METHODS as REDUCTIONS
-from flexmb.model.sections import SECTION_TYPES
-from flexmb.model.sensors import SENSOR_TYPES
-from flexmb.model.shapes import SHAPES
-from flexmb.model.states import CONTROLLER_TYPES, StateSpec
+from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.meshes import MESH_TYPES
+from flexmb.model.bodies.meshloads import LOAD_TYPES
+from flexmb.model.bodies.reduction import METHODS as REDUCTIONS
+from flexmb.model.bodies.sections import SECTION_TYPES
+from flexmb.model.bodies.shapes import SHAPES
+from flexmb.model.forces.force import FORCE_TYPES
+from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
+from flexmb.model.functions.function import FUNCTION_FORMS
+from flexmb.model.joints.couplers import COUPLER_TYPES
+from flexmb.model.joints.curves import CurveSpec
+from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.joint import COORDINATES, JOINT_TYPES
+from flexmb.model.sensors.sensor import SENSOR_TYPES
+from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
+from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.units import UNIT_SYSTEMS
 from flexmb.workflow.catalog import METHODS
 

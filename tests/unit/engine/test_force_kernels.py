@@ -18,9 +18,9 @@ CODE = f"""
 from scipy.spatial.transform import Rotation
 from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.kernels import law, pair
-from flexmb.engine.kernels.function import evaluate
-from flexmb.model.expression import parse
-from flexmb.model.laws import LawOf
+from flexmb.engine.kernels.functions.function import evaluate
+from flexmb.model.functions.expression import parse
+from flexmb.model.forces.laws import LawOf
 
 x, y = {X!r}, {Y!r}
 at = np.linspace(-4.0, 5.0, 181)

@@ -7,9 +7,9 @@ import pytest
 
 from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels.function import OPCODES, VAR, evaluate
-from flexmb.model.expression import parse
-from flexmb.model.functions import read_function
+from flexmb.engine.kernels.functions.function import OPCODES, VAR, evaluate
+from flexmb.model.functions.expression import parse
+from flexmb.model.functions.function import read_function
 
 TEXTS = (
     "3.0",

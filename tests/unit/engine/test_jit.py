@@ -14,12 +14,12 @@ from generators import Mechanism
 from numba.core.errors import NumbaError
 
 from flexmb.engine.jit import entry, kernel, source_hash
-from flexmb.engine.kernels.rotation import cross
+from flexmb.engine.kernels.algebra.rotation import cross
 
 CALLER = """
 import numpy as np
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels.rotation import transform
+from flexmb.engine.kernels.algebra.rotation import transform
 
 @entry
 def first(A):
@@ -45,7 +45,7 @@ def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project):
         return float(done.stdout)
 
     assert result() == 1.0
-    kernel_file = tmp_path / "flexmb/engine/kernels/rotation.py"
+    kernel_file = tmp_path / "flexmb/engine/kernels/algebra/rotation.py"
     text = kernel_file.read_text()
     assert SUM in text
     kernel_file.write_text(text.replace(SUM, SUM + " + 10.0"))

@@ -11,9 +11,9 @@ from flexmb.model import Model
 
 SCENE = """
 from flexmb.model import Model
-from flexmb.analysis.assembly import assemble
-from flexmb.analysis.dynamics import chosen_method, loop_settings, time_grid
-from flexmb.analysis.run import Run
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics.analysis import chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.run import Run
 from flexmb.engine.compile import compile_system
 from flexmb.engine.work import State
 

@@ -10,8 +10,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 CODE = '''
-from flexmb.analysis.dynamics import prepare
-from flexmb.analysis.run import Run
+from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.run import Run
 from flexmb.engine.work import new_state
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model

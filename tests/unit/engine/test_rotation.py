@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexmb.engine.jit import entry
-from flexmb.engine.kernels.rotation import tangent_coefficients
+from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
 
 
 @entry

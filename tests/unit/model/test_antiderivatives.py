@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import quad
 
 from flexmb.errors import SceneError
-from flexmb.model import jets
-from flexmb.model.antiderivatives import antiderivative
-from flexmb.model.functions import read_function
+from flexmb.model.functions import jets
+from flexmb.model.functions.antiderivatives import antiderivative
+from flexmb.model.functions.function import read_function
 
 END = 4.0
 POINTS = [[0, 0], [1, 2], [1.2, 0.5], [3, 1]]
@@ -84,6 +84,6 @@ def test_a_value_that_is_missing_is_told():
 
 
 def test_what_never_settles_is_told(monkeypatch):
-    monkeypatch.setattr("flexmb.model.antiderivatives._MOST_PIECES", 20)
+    monkeypatch.setattr("flexmb.model.functions.antiderivatives._MOST_PIECES", 20)
     with pytest.raises(SceneError, match="changes too often"):
         antiderivative(read_function("sin(exp(3*t))").expression.ops, 1, END)

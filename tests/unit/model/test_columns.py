@@ -7,8 +7,8 @@ import pytest
 
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.functions import read_function
-from flexmb.model.reading import Terms
+from flexmb.model.functions.function import read_function
+from flexmb.model.values.reading import Terms
 from flexmb.units import unit_system
 
 FIELDS = {"type": "table", "file": "motion.csv", "beyond": "hold"}

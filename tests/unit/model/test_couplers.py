@@ -9,7 +9,7 @@ from gearkit import planetary, wheels
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.counts import count
-from flexmb.model.gearing import equation
+from flexmb.model.joints.gearing import equation
 
 
 def ratio(model, **fields):

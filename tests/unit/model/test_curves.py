@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ellipe
 
-from flexmb.engine.compile.curve_pieces import pieces_of
-from flexmb.engine.compile.curves import lay
+from flexmb.engine.compile.joints.curve_pieces import pieces_of
+from flexmb.engine.compile.joints.curves import lay
 from flexmb.errors import FlexmbWarning
 from flexmb.model import Model, lookup
-from flexmb.model.curve_shape import curve_shape
+from flexmb.model.joints.curve_shape import curve_shape
 
 
 def shape(units="SI", **fields):

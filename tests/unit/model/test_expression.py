@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from flexmb.model.expression import FUNCTIONS, names_in, parse
+from flexmb.model.functions.expression import FUNCTIONS, names_in, parse
 
 SMOOTH = (
     "3.5",

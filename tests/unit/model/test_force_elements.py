@@ -9,11 +9,11 @@ import pytest
 from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.force_elements import names_of
+from flexmb.engine.compile.forces.elements import names_of
 from flexmb.engine.sensor_tables import FRAME_WRENCH, MUTUAL_WRENCH
 from flexmb.model import Model, load_scene
-from flexmb.model.forces import FORCE_TYPES
-from flexmb.model.schema import scene_schema
+from flexmb.model.forces.force import FORCE_TYPES
+from flexmb.model.scenes.schema import scene_schema
 
 FORCES = """
 [forces.bush]

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from flexmb.errors import SceneError
-from flexmb.model.functions import FUNCTION_FORMS, read_function
+from flexmb.model.functions.function import FUNCTION_FORMS, read_function
 
 FORMS = [
     (3, "3"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.model.functions import read_function
+from flexmb.model.functions.function import read_function
 
 TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
 

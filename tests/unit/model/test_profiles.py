@@ -11,8 +11,8 @@ from enginekit import curvature, slope
 from scipy.integrate import quad
 
 from flexmb.errors import SceneError
-from flexmb.model.functions import FUNCTION_FORMS, read_function
-from flexmb.model.reading import Terms
+from flexmb.model.functions.function import FUNCTION_FORMS, read_function
+from flexmb.model.values.reading import Terms
 from flexmb.units import unit_system
 
 RISES = ("step", "step5", "havsin", "cycloidal", "modified-sine")

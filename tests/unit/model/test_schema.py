@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from goodscene import GOOD
 
-from flexmb.model.building import TOP_KEYS
-from flexmb.model.forms import fields_of, words
-from flexmb.model.joints import JOINT_TYPES
-from flexmb.model.reading import Spec
-from flexmb.model.schema import scene_schema
+from flexmb.model.joints.joint import JOINT_TYPES
+from flexmb.model.scenes.building import TOP_KEYS
+from flexmb.model.scenes.forms import fields_of, words
+from flexmb.model.scenes.schema import scene_schema
+from flexmb.model.values.reading import Spec
 
 SCHEMA = scene_schema()
 SCENE = tomllib.loads(GOOD) | {
@@ -112,7 +112,7 @@ def test_it_names_every_key_joint_and_field() -> None:
 
 
 def test_fields_in_words() -> None:
-    from flexmb.model.bodies import RigidBodySpec
+    from flexmb.model.bodies.body import RigidBodySpec
 
     told = {field.name: words(field.form) for field in fields_of(RigidBodySpec)}
     assert told["mass"] == "number [kg], positive"

@@ -7,8 +7,8 @@ import pytest
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from flexmb.errors import SceneError
-from flexmb.model.functions import read_function
-from flexmb.model.splines import akima, cubic, linear
+from flexmb.model.functions.function import read_function
+from flexmb.model.functions.splines import akima, cubic, linear
 
 RNG = np.random.default_rng(4)
 X = np.cumsum(RNG.uniform(0.2, 1.5, 12))
@@ -111,7 +111,7 @@ def test_evaluation_changes_nothing():
     ],
 )
 def test_mistakes_of_points_are_told(fields, place, sentence):
-    from flexmb.model.reading import Terms
+    from flexmb.model.values.reading import Terms
     from flexmb.units import unit_system
 
     names = Terms({}, unit_system("mm-t-s"))

@@ -9,8 +9,8 @@ import pytest
 
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.knobs import resolve_knob
-from flexmb.model.sweep import sweep_values
+from flexmb.model.tasks.knobs import resolve_knob
+from flexmb.model.tasks.sweep import sweep_values
 
 SCENE = {
     "parameters": {"speed": 3.0, "step": 1.0},

@@ -11,9 +11,9 @@ import pytest
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.functions import read_function
-from flexmb.model.head import gravity_in_words
-from flexmb.model.reading import Terms
+from flexmb.model.functions.function import read_function
+from flexmb.model.scenes.head import gravity_in_words
+from flexmb.model.values.reading import Terms
 from flexmb.units import SI, UNIT_SYSTEMS, unit_system
 
 SAME = 1e-13  # of the largest entry of a table: numbers are scaled by factors of fifteen digits

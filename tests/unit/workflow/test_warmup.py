@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from flexmb import workflow
-from flexmb.analysis import dynamics
+from flexmb.analysis.dynamics import analysis as dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import CACHE_DIR
 from flexmb.errors import FlexmbError
 from flexmb.model import load_scene
-from flexmb.model.dynamics import DynamicsSpec
+from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.workflow.warmup import FEATURES
 
 METHODS = get_args(DynamicsSpec.model_fields["method"].annotation)

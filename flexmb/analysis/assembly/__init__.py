@@ -1,0 +1,1 @@
+"""The first state: positions closed, velocities, accelerations."""

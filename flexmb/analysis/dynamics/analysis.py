@@ -1,0 +1,344 @@
+"""Motion in time: chunks of compiled steps, their rows to the writer, progress to the caller.
+
+Chunks are counted in steps, never in seconds, so a run repeats itself to the last bit. The step is
+shortened so that the outputs fall on steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from flexmb.analysis.assembly.analysis import Begin, assemble
+from flexmb.analysis.dynamics.contacts import Lifts
+from flexmb.analysis.dynamics.failure import first_rows, gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
+from flexmb.analysis.mobility.conflicts import driver_problems
+from flexmb.analysis.mobility.rank import constraint_rank, n_free
+from flexmb.analysis.mobility.report import redundant_reactions
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.warm import compile_kernels
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
+from flexmb.model.forces.friction import BaseFriction
+from flexmb.model.model import Model
+from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
+from flexmb.progress import Progress, silent
+from flexmb.results import NOT_UNIQUE, OutputBlock
+
+_MAX_ITERATIONS = 15
+_NEWTON = 1e-8  # relative, with fixed steps
+# Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
+_LOCAL_SHARE = 0.2
+_EXPLICIT_SHARE = 0.2
+
+
+class Sink(Protocol):
+    """What takes the rows, such as `flexmb.results.ResultWriter`."""
+
+    def append(self, block: OutputBlock) -> None: ...
+    def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A sink that shows its rows to those who look for singular poses."""
+
+    sink: Sink
+    poses: SingularPoses
+
+    def append(self, block: OutputBlock) -> None:
+        self.poses.add(block)
+        self.sink.append(block)
+
+    def save_state(self, state: dict[str, np.ndarray]) -> None:
+        self.sink.save_state(state)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: status, sentence, statistics, and notes for the user."""
+
+    status: str
+    message: str
+    statistics: dict[str, float | int | str]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The grid of a run: output interval and fixed step [s], 0 for steps by error control."""
+
+    interval: float
+    step: float
+
+
+def time_grid(spec: DynamicsSpec) -> Steps:
+    """The largest step not above the one asked for with which all outputs fall on steps."""
+    interval = spec.duration / spec.outputs
+    if spec.step is None:
+        return Steps(interval, 0.0)
+    every = max(1, math.ceil(interval / spec.step * (1.0 - 1e-12)))
+    return Steps(interval, interval / every)
+
+
+def local_tolerance(spec: DynamicsSpec) -> float:
+    """Local error of a step, over the motion, that leaves the accuracy asked for in the end.
+
+    With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
+    order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
+    """
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
+    if spec.method == "explicit-rk":
+        return _EXPLICIT_SHARE * accuracy
+    return float(_LOCAL_SHARE * accuracy**1.5)
+
+
+def chosen_method(spec: DynamicsSpec) -> method.Method:
+    """The integrator of `dynamics.method`."""
+    if spec.method == "explicit-rk":
+        return method.bogacki_shampine()
+    return method.generalized_alpha(spec.spectral_radius)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run that is ready to march: nothing can fail any more but the motion itself."""
+
+    run: Run
+    grid: Steps
+    model: Model
+    clock: Clock
+    notes: tuple[str, ...]
+    rows_before: int = 0  # rows that are in the file already
+    doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
+
+
+def prepare(
+    compiled: Compiled,
+    model: Model,
+    *,
+    begin: Begin | None = None,
+    progress: Progress = silent,
+) -> Prepared:
+    """Compile the kernels and find the first state of a run.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model; `model.dynamics` must be given.
+    begin : Begin, optional
+        Where to begin instead of the placed pose.
+    progress : Progress
+        Told the phases `compile` and `assemble`.
+
+    Raises
+    ------
+    SceneError
+        The model says nothing about dynamics.
+    AssemblyError
+        No consistent first state, or drivers that contradict each other or the joints.
+    """
+    spec = model.dynamics
+    if spec is None:
+        raise SceneError("the scene has no [dynamics]: give its duration")
+    chosen = chosen_method(spec)
+    clock = Clock()
+    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
+    clock.lap("compile")
+    progress("assemble", 0.0)
+    try:
+        first = assemble(compiled, model, start=spec.start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
+    grid = time_grid(spec)
+    rank = constraint_rank(compiled, first.work)
+    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    progress("assemble", 1.0)
+    clock.lap("assemble")
+    notes = [*first.notes, *_frictions(model)]
+    doubtful: tuple[str, ...] = ()
+    if rank is not None and rank < compiled.layout.nc:
+        doubtful, told = redundant_reactions(compiled, model, first.state.q)
+        notes += told
+    notes += loop_notes(model)
+    if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
+        shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
+        notes.append(f"step shortened {shortened} to meet the outputs")
+    run = Run(compiled, chosen, settings, first.state)
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
+
+
+def _frictions(model: Model) -> Iterator[str]:
+    """What to know of friction that does not stick."""
+    for name, spec in model.forces.items():
+        friction = getattr(spec, "friction", spec)
+        if isinstance(friction, BaseFriction) and friction.creep_speed is not None:
+            speed = model.units.say(friction.creep_speed, "m/s")
+            yield (
+                f"forces.{name}: smooth friction does not stick but creeps, with {speed} under "
+                '71 % of the load that makes it slide; model = "bristle" sticks'
+            )
+
+
+def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) -> Outcome:
+    """March a prepared run to its end.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        From `prepare`; used once.
+    sink : Sink
+        Takes output rows and, after each chunk, the complete state.
+    progress : Progress
+        Told the phase `integrate`.
+    """
+    run, clock, notes = prepared.run, prepared.clock, list(prepared.notes)
+    lifts = Lifts(run.compiled)
+    poses = SingularPoses(run.compiled.layout, prepared.model)
+    status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
+    notes += [*lifts.notes(), *poses.notes]
+    clock.lap("integrate")
+    replaced = int(run.state.count[method.FIXED_PIVOTS])
+    if replaced:
+        notes.append(
+            f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
+            "inertia in some direction that it can move in, or the pose is singular"
+        )
+    statistics = _statistics(run, clock)
+    if prepared.doubtful:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
+    return Outcome(status, message, statistics, tuple(notes))
+
+
+def dynamics(
+    compiled: Compiled, model: Model, sink: Sink, *, progress: Progress = silent
+) -> Outcome:
+    """Prepare and integrate a compiled model; see :func:`prepare` and :func:`integrate`."""
+    return integrate(prepare(compiled, model, progress=progress), sink, progress=progress)
+
+
+def loop_settings(
+    compiled: Compiled, spec: DynamicsSpec, grid: Steps, determined: bool
+) -> method.Settings:
+    """The numbers of the loop; `determined` if the constraints alone fix the motion."""
+    system = compiled.system
+    works = bool(
+        system.springs is not None
+        or system.elements is not None
+        or len(system.loads) > 0
+        or system.signals is not None
+        or system.parts.coordinates is not None
+        or system.contacts is not None
+        or np.any(system.rows["fun"] >= 0)
+        or np.any(system.parts.bodies["damped"])
+    )
+    stiff = bool(
+        system.springs is not None
+        or system.elements is not None
+        or system.parts.coordinates is not None
+        or system.signals is not None
+        or system.contacts is not None
+        or np.any(system.parts.bodies["m"] > 0)
+    )
+    return method.Settings(
+        start=0.0,
+        end=spec.duration,
+        interval=grid.interval,
+        step=grid.step,
+        tolerance=0.0 if grid.step else local_tolerance(spec),
+        accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
+        order=3 if spec.method == "explicit-rk" else 2,
+        newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
+        max_iterations=_MAX_ITERATIONS,
+        works=int(works),
+        stiff=int(stiff),
+        determined=int(determined),
+    )
+
+
+def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:
+    """The loop over chunks; a failure or an interruption keeps everything until then."""
+    run = prepared.run
+    state = run.state
+    status = method.FINE
+    try:
+        if prepared.rows_before == 0:
+            sink.save_state(state._asdict())
+            status = run.march(0)
+            first = run.block()
+            lifts.see(first)
+            sink.append(first)
+        while status == method.FINE and not run.finished:
+            status = run.march(run.chunk)
+            apart = _store(run, sink, lifts)
+            if apart:
+                return "failed", apart
+            progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
+    except KeyboardInterrupt:
+        if run.unread:
+            _store(run, sink, lifts)
+        return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
+    except FlexmbError as error:
+        return "failed", str(error)
+    if status != method.FINE:
+        at, step = float(state.t[0]), float(state.memory[method.STEP])
+        return "failed", reason(status, run.compiled, prepared.model, run.work, at, step)
+    return "finished", ""
+
+
+def _store(run: Run, sink: Sink, lifts: Lifts) -> str:
+    """Rows and state of the last chunk; the sentence of a mechanism that has come apart, or ""."""
+    rows = run.block()
+    whole = n_kept(run.compiled, rows)
+    kept = first_rows(rows, whole)
+    lifts.see(kept)
+    sink.append(kept)
+    if whole < len(rows.t):
+        gaps = gaps_at(run.compiled, rows, whole)
+        return open_joint(run.compiled, gaps, float(rows.t[whole]))
+    sink.save_state(run.state._asdict())
+    return ""
+
+
+def _ten_times(run: Run) -> float:
+    """How much more time ten times the accuracy takes: that many more steps."""
+    order = 3.0 if run.method.alpha is None else 2.0
+    return float(10.0 ** (1.0 / order))
+
+
+def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
+    count, memory = run.state.count, run.state.memory
+    fixed = run.settings.step > 0.0
+    steps = (
+        {"step_s": run.settings.step}
+        if fixed
+        else {
+            "rejected_steps": int(count[method.REJECTED]),
+            "smallest_step_s": float(memory[method.LEAST_STEP]),
+            "largest_step_s": float(memory[method.GREATEST_STEP]),
+            "estimated_error": float(memory[method.ERROR_SUM] / memory[method.MOTION]),
+            "ten_times_more_accuracy_costs": _ten_times(run),
+        }
+    )
+    return {
+        "steps": int(count[method.STEPS]),
+        **steps,
+        "failed_steps": int(count[method.FAILED]),
+        "newton_iterations": int(count[method.RESIDUALS]),
+        "factorisations": int(count[method.FACTORISATIONS]),
+        "replaced_pivots": int(count[method.FIXED_PIVOTS]),
+        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
+        "largest_position_drift": float(run.largest_drift[0]),
+        "largest_velocity_drift": float(run.largest_drift[1]),
+        "energy_balance_error": run.balance.relative,
+        **clock.seconds,
+    }

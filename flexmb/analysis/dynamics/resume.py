@@ -1,0 +1,91 @@
+"""Going on with a run that was stopped or killed: its newest whole state, ready to march.
+
+In: the compiled model, the result as its file holds it. Out: the run as it was at the end of a
+chunk. A chunk begins by forgetting the factor and the state is complete, so the rest of the run is
+that of an uninterrupted one to the last bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmb.analysis.dynamics.analysis import Prepared, chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.mobility.rank import constraint_rank, n_free
+from flexmb.analysis.mobility.report import redundant_reactions
+from flexmb.engine.compile import Compiled
+from flexmb.engine.consistent import ACCELERATIONS, solve_level
+from flexmb.engine.warm import compile_kernels
+from flexmb.engine.work import State, new_state, new_work
+from flexmb.errors import ResultFileError
+from flexmb.model.model import Model
+from flexmb.progress import Progress, silent
+from flexmb.results import Result
+
+__all__ = ["prepare_rest"]
+
+
+def prepare_rest(
+    compiled: Compiled, model: Model, result: Result, *, progress: Progress = silent
+) -> Prepared:
+    """Make the rest of a run ready.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The model of the result, compiled anew; its fingerprint must be that of the result.
+    model : Model
+        The model; `model.dynamics.duration` may be longer than it was.
+    result : Result
+        What there is of the run.
+    progress : Progress
+        Told the phase `compile`.
+
+    Raises
+    ------
+    ResultFileError
+        No whole state, or one that is not of this system.
+    """
+    spec = model.dynamics
+    newest = result.last_state()
+    if spec is None or newest is None:
+        raise ResultFileError(f"{result.path}: holds no state to go on from; run the scene again")
+    rows, arrays = newest
+    state = _state(compiled, arrays, result)
+    chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
+    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
+    clock.lap("compile")
+    first, rank = _first_pose(compiled, state, result, rows)
+    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    doubtful: tuple[str, ...] = ()
+    if rank is not None and rank < compiled.layout.nc:
+        doubtful, _ = redundant_reactions(compiled, model, first)
+    run = Run(compiled, chosen, settings, state)
+    run.recall(result.drift[:rows], result.table("energy")[:rows])
+    clock.lap("assemble")
+    return Prepared(run, grid, model, clock, (), rows, doubtful)
+
+
+def _state(compiled: Compiled, arrays: dict[str, np.ndarray], result: Result) -> State:
+    """The saved arrays as a state of this system."""
+    empty = new_state(compiled.system, len(compiled.layout.channels))._asdict()
+    fits = arrays.keys() == empty.keys() and all(
+        arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
+        for name, array in empty.items()
+    )
+    if not fits:
+        what = "its saved state is of another version of flexmb; run the scene again"
+        raise ResultFileError(f"{result.path}: {what}")
+    return State(**arrays)
+
+
+def _first_pose(
+    compiled: Compiled, state: State, result: Result, rows: int
+) -> tuple[np.ndarray, int | None]:
+    """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
+    first = new_state(compiled.system, len(compiled.layout.channels))
+    first.q[:] = result.q[0] if rows else state.q
+    first.v[:] = result.v[0] if rows else state.v
+    work = new_work(compiled.system)
+    solve_level(compiled.system, first, work, ACCELERATIONS)
+    return first.q, constraint_rank(compiled, work)

@@ -1,0 +1,1 @@
+"""What can move: rank, redundancy, exchange of joints, free motions."""

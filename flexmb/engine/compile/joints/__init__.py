@@ -1,0 +1,1 @@
+"""Rows and coordinates of joints, drivers, couplers and curves."""

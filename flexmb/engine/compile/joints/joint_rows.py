@@ -1,0 +1,181 @@
+"""The rows of every joint type between its two triads.
+
+Axes x, y, z are 0, 1, 2; z_I is the joint's axis, z_J its second axis where it has two. A row is
+(kind, axis of I, axis of J, kept); what is kept has the value that it has in the placed pose, all
+else is zero. Composite joints (a link without mass, a joint at each end) are the invariants of the
+link: 6 less the freedoms of its two joints. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug,
+Computer Aided Kinematics and Dynamics, 1989, ch. 3, 9.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.tables import (
+    ANGLE,
+    DISTANCE,
+    DOT1,
+    DOT2,
+    MOMENT,
+    POINT,
+    RADIAL,
+    TWIST,
+)
+from flexmb.errors import Problem, SceneError
+from flexmb.model import lookup
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.model import Model
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
+
+__all__ = [
+    "DRIVER_ROWS",
+    "JOINT_ROWS",
+    "SECOND_TURN",
+    "Row",
+    "composite_rows",
+    "driver_row",
+    "measured",
+    "signs_of_axes",
+]
+
+Row = tuple[int, int, int, bool]
+Array = NDArray[np.float64]
+
+X, Y, Z = 0, 1, 2
+_ROUND_OFF = 1e-12
+_TOGETHER = ((POINT, X, X, False), (POINT, Y, Y, False), (POINT, Z, Z, False))
+_SAME_AXIS = ((DOT1, X, Z, False), (DOT1, Y, Z, False))
+_SAME_AXES = ((DOT1, X, Y, False), (DOT1, Y, Z, False), (DOT1, Z, X, False))
+_ON_AXIS = ((DOT2, X, X, False), (DOT2, Y, Y, False))
+_ACROSS = ((DOT1, Z, Z, False),)
+_IN_PLANE = ((DOT2, Z, Z, False),)
+_LINK = ((DISTANCE, X, X, True),)
+_AT_HEIGHT = ((DOT2, Z, Z, True),)
+
+JOINT_ROWS: dict[str, tuple[Row, ...]] = {
+    "fixed": _TOGETHER + _SAME_AXES,
+    "revolute": _TOGETHER + _SAME_AXIS,
+    "prismatic": _SAME_AXES + _ON_AXIS,
+    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `couplers.screw_rows`
+    "cylindrical": _SAME_AXIS + _ON_AXIS,
+    "spherical": _TOGETHER,
+    "universal": _TOGETHER + _ACROSS,
+    "constant-velocity": (*_TOGETHER, (TWIST, X, Y, False)),
+    "planar": _SAME_AXIS + _IN_PLANE,
+    "in-line": _ON_AXIS,
+    "in-plane": _IN_PLANE,
+    "parallel": _SAME_AXIS,
+    "perpendicular": _ACROSS,
+    "orientation": _SAME_AXES,
+    "distance": _LINK,
+    "revolute-spherical": _AT_HEIGHT + _LINK,
+    "prismatic-spherical": ((DOT2, X, X, True), (DOT2, Y, Y, True)),
+    "cylindrical-spherical": ((RADIAL, Z, Z, True),),
+    "revolute-universal": _ACROSS + _AT_HEIGHT + _LINK,
+    "spherical-universal": _LINK,
+}
+"""Rows of the joint types whose rows do not depend on the pose."""
+
+DRIVER_ROWS = {"angle": (ANGLE, X, X), "stroke": (DOT2, Z, Z)}
+_CROSS_ANGLE = (ANGLE, X, Z)  # of the second axis of a universal joint about the first
+SECOND_TURN = np.diag([-1.0, 1.0, -1.0])
+"""Turns the triad of marker J so that, seen from it, the first axis of a universal joint stands at
+the second angle: of J about its own axis against the cross, 0 where the first angle is 0 too."""
+
+
+def driver_row(joint: str, coordinate: str) -> tuple[int, int, int]:
+    """Kind and axes of the row that measures a coordinate of a joint type."""
+    return _CROSS_ANGLE if joint == "universal" else DRIVER_ROWS[coordinate]
+
+
+def composite_rows(
+    model: Model,
+    name: str,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> tuple[Row, ...]:
+    """Rows of a link between two axes, which depend on how these lie to each other.
+
+    Raises
+    ------
+    SceneError
+        Axes that are neither parallel nor as the link needs them.
+    """
+    (xi, Ri), (xj, Rj) = (_placed(model, marker) for marker in (I, J))
+    a, b, h = Ri[:, Z], Rj[:, Z], xj - xi
+    kind = model.joints[name].type
+    parallel = np.linalg.norm(np.cross(a, b)) < lookup.PARALLEL
+    if kind == "revolute-revolute":
+        if parallel:
+            return _SAME_AXIS + _AT_HEIGHT + _LINK
+        if np.linalg.norm(h) <= _nothing(xi, xj):
+            return (*_TOGETHER, (DOT1, Z, Z, True))
+        needed = "be parallel, or the markers lie where they meet"
+    else:
+        if parallel:
+            return (*_SAME_AXIS, (RADIAL, Z, Z, True))
+        if abs(a @ b) < lookup.PARALLEL:
+            return _ACROSS + ((MOMENT, Z, Z, True),) + _AT_HEIGHT
+        needed = "be parallel or at right angles"
+    what = f"the axes of a {kind} joint must {needed}"
+    raise SceneError.from_problems([Problem(f"joints.{name}.second_axis", what)])
+
+
+def measured(
+    model: Model,
+    row: Row,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> float:
+    """The constant of a row: what it measures in the placed pose, or zero.
+
+    Raises
+    ------
+    ZeroDivisionError
+        A length that is kept is zero: its direction is not known.
+    """
+    kind, a, b, kept = row
+    if not kept:
+        return 0.0
+    (xi, Ri), (xj, Rj) = (_placed(model, marker) for marker in (I, J))
+    h = xj - xi
+    if kind == DOT1:
+        return float(Ri[:, a] @ Rj[:, b])
+    if kind == ANGLE:
+        return math.atan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b])
+    if kind == DOT2:
+        return float(Ri[:, a] @ h)
+    if kind == ANGLE:
+        return float(np.arctan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b]))
+    if kind == MOMENT:
+        return float(h @ np.cross(Ri[:, Z], Rj[:, Z]))
+    if kind == RADIAL:
+        h = h - (h @ Ri[:, Z]) * Ri[:, Z]
+    length = float(np.linalg.norm(h))
+    if length <= _nothing(xi, xj):
+        raise ZeroDivisionError
+    return length
+
+
+def _nothing(*points: Array) -> float:
+    """A length that round-off of these points may leave [m]."""
+    return _ROUND_OFF * max(float(np.linalg.norm(point)) for point in points)
+
+
+def _placed(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
+    """Global position (3,) and axes (3, 3) of a marker in the placed pose."""
+    A = np.eye(3)
+    if marker.body != GROUND:
+        A = rotation_matrix(model.bodies[marker.body].orientation)
+    return lookup.global_position(model, marker), A @ marker.R
+
+
+def signs_of_axes(kind: str) -> tuple[int, ...]:
+    """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
+    if kind in ("fixed", "prismatic", "orientation"):
+        return (X, Y, Z)
+    return (Z,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()

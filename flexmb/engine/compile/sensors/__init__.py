@@ -1,0 +1,1 @@
+"""Tables of sensors and of functions over their channels."""

@@ -1,0 +1,253 @@
+"""Tables of sensors: their channels, the terms these are sums of, programs over other channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.compile.forces.contacts import contact_rows
+from flexmb.engine.compile.forces.elements import row_of
+from flexmb.engine.compile.joints.joint import Groups
+from flexmb.engine.compile.joints.joint_rows import SECOND_TURN, driver_row
+from flexmb.engine.compile.markers import Markers
+from flexmb.engine.functions import lower
+from flexmb.engine.sensor_tables import (
+    ALONG,
+    ALONG_A,
+    ALONG_OM,
+    ALONG_OMD,
+    ALONG_V,
+    ALONG_X,
+    ANGLE_TURNS,
+    ANGLES_TURN,
+    CHANNEL,
+    CONTACT_WRENCH,
+    ENERGY,
+    EXPRESSION,
+    PLACE,
+    REACTION,
+    SEEN_OMD,
+    STATE,
+    SUM,
+    TERM,
+    TURNING,
+    Sensors,
+)
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
+from flexmb.flexbody import FlexBody
+from flexmb.model import lookup
+from flexmb.model.forces.contacts import ContactSpec
+from flexmb.model.functions.expression import Expression
+from flexmb.model.model import Model
+from flexmb.model.sensors import signals
+from flexmb.model.sensors.sensor import (
+    DistanceSensorSpec,
+    EnergySensorSpec,
+    JointSensorSpec,
+    MarkerSensorSpec,
+    OrientationSensorSpec,
+    PlaceSensorSpec,
+    ReactionSensorSpec,
+)
+from flexmb.model.values.reading import Spec
+
+__all__ = ["Channels", "sensor_tables"]
+
+_MOTIONS = {
+    "position": ALONG_X,
+    "velocity": ALONG_V,
+    "acceleration": ALONG_A,
+    "angular_velocity": ALONG_OM,
+    "angular_acceleration": ALONG_OMD,
+}
+_ENERGIES = ("kinetic", "strain", "gravity", "spring", "total")
+_GLOBAL, _OWN = -1, -2
+_BASIC = (ALONG_X, ALONG_V, ALONG_A, ANGLE)
+Term = tuple[int, int, int, int, int, int, float]
+
+
+@dataclass
+class Channels:
+    """Channels in the making; those of the results first, then states that have no name there."""
+
+    model: Model
+    flexbodies: Mapping[str, FlexBody]
+    markers: Markers
+    groups: Groups
+    places: tuple[int, int]  # position and velocity coordinate of the first curve marker
+    states: Mapping[str, int]  # velocity coordinate of each state
+    rows: list[tuple[int, ...]] = field(default_factory=list)
+    terms: list[Term] = field(default_factory=list)
+    programs: list[Expression] = field(default_factory=list)
+
+    def marker(self, reference: str) -> int:
+        """Index of a marker."""
+        return self.markers.add(lookup.placed(self.model, reference, self.flexbodies))
+
+    def axes(self, reference: str, own: int = _GLOBAL) -> int:
+        """The marker whose axes are meant, or a number for others."""
+        fixed = {"global": _GLOBAL, "joint": own}
+        return fixed[reference] if reference in fixed else self.marker(reference)
+
+    def add_sum(self, terms: list[Term], turns: int = 0, number: int = 0) -> None:
+        """A channel that is a sum of terms."""
+        self.rows.append((SUM, len(self.terms), len(terms), turns, 0, 0, 0, number))
+        self.terms += terms
+
+    def add(self, what: int, first: int, n: int = -1) -> None:
+        """A channel without terms."""
+        self.rows.append((what, first, n, 0, 0, 0, 0, 0))
+
+    def add_program(self, expression: Expression) -> None:
+        """A channel that is computed of others."""
+        self.add(EXPRESSION, len(self.programs))
+        self.programs.append(expression)
+
+    def add_sensor(self, name: str, spec: Spec) -> None:
+        """All channels of one sensor."""
+        if isinstance(spec, MarkerSensorSpec):
+            self._motion(spec)
+        elif isinstance(spec, OrientationSensorSpec):
+            self._orientation(spec)
+        elif isinstance(spec, JointSensorSpec):
+            self._joint(spec)
+        elif isinstance(spec, DistanceSensorSpec):
+            i, j = (self.marker(reference) for reference in spec.between)
+            self.add_sum([(DISTANCE, i, j, 0, 0, spec.derivative, 1.0)])
+        elif isinstance(spec, ReactionSensorSpec):
+            self._reaction(spec)
+        elif isinstance(spec, PlaceSensorSpec):
+            k = self.groups.sliders.number(spec.joint, spec.on)
+            self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
+        elif isinstance(spec, EnergySensorSpec):
+            body = -1 if spec.body is None else self.markers.bodies.index(spec.body)
+            self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
+        else:
+            self.add_program(signals.channel_program(self.model, name))
+
+    def _motion(self, spec: MarkerSensorSpec) -> None:
+        j, kind = self.marker(spec.of), _MOTIONS[spec.type]
+        for a in range(3):
+            if spec.seen_from is not None:
+                self.add_sum(_seen(kind, self.marker(spec.seen_from), j, a))
+                continue
+            axes = self.axes(spec.axes)
+            terms: list[Term] = [(kind, axes, j, a, 0, 0, 1.0)]
+            if spec.relative_to is not None:
+                terms.append((kind, axes, self.marker(spec.relative_to), a, 0, 0, -1.0))
+            self.add_sum(terms)
+
+    def _orientation(self, spec: OrientationSensorSpec) -> None:
+        i, j = self.marker(spec.relative_to or "ground"), self.marker(spec.of)
+        first, second, third = ("xyz".index(axis) for axis in spec.sequence)
+        code = 9 * first + 3 * second + third
+        for number in range(3):
+            self.add_sum([(TURNING, i, j, code, number, 0, 1.0)], ANGLES_TURN, number)
+
+    def _joint(self, spec: JointSensorSpec) -> None:
+        if spec.joint is not None:
+            frames = lookup.joint_frames(self.model, spec.joint, self.flexbodies)
+            kind, a, b = driver_row(self.model.joints[spec.joint].type, spec.type)
+            if spec.type == "second_angle":
+                frames = replace(frames[1], R=frames[1].R @ SECOND_TURN), frames[0]
+        else:
+            assert spec.between is not None  # one of the two is given
+            frames = lookup.frames(self.model, spec.between, spec.axis, self.flexbodies)
+            kind, a, b = driver_row("", spec.type)
+        i, j = (self.markers.add(marker) for marker in frames)
+        turns = ANGLE_TURNS if kind == ANGLE and spec.derivative == 0 else 0
+        self.add_sum([(kind, i, j, a, b, spec.derivative, 1.0)], turns)
+
+    def _reaction(self, spec: ReactionSensorSpec) -> None:
+        force = self.model.forces.get(spec.force or "")
+        if isinstance(force, ContactSpec):
+            self._touch(spec, force)
+            return
+        what, element = self._element(spec)
+        turned = what == REACTION and element in self.groups.reversed
+        side, quantity = int((spec.on == "I") != turned), int(spec.quantity == "moment")
+        axes = self.axes(spec.axes, _OWN)
+        for a in range(3):
+            self.rows.append((what, element, -1, 0, side, quantity, axes, a))
+
+    def _touch(self, spec: ReactionSensorSpec, force: ContactSpec) -> None:
+        """What a contact does to a side: the sum over its points."""
+        assert spec.force is not None  # it is a contact
+        first, n = contact_rows(self.model, spec.force, self.flexbodies)
+        side, quantity = int((spec.on == "I") != (force.round_side == 1)), spec.quantity
+        axes = self.axes(spec.axes, _OWN)
+        for a in range(3):
+            self.rows.append(
+                (CONTACT_WRENCH, first, n, 0, side, int(quantity == "moment"), axes, a)
+            )
+
+    def _element(self, spec: ReactionSensorSpec) -> tuple[int, int]:
+        """What kind of wrench, and the index of its element."""
+        for section, name in (
+            ("joints", spec.joint),
+            ("drivers", spec.driver),
+            ("forces", spec.force),
+            ("couplers", spec.coupler),
+        ):
+            if name is not None and f"{section}.{name}" in self.groups.owners:
+                return REACTION, self.groups.owners.index(f"{section}.{name}")
+        assert spec.force is not None  # all others have groups
+        return row_of(self.model, spec.force)
+
+
+def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:
+    """Component a of a motion of j as an observer on K sees it."""
+    if kind in (ALONG_X, ALONG_V, ALONG_A):
+        return [(DOT2, K, j, a, a, kind - ALONG_X, 1.0)]
+    terms: list[Term] = [(kind, K, j, a, 0, 0, 1.0), (kind, K, K, a, 0, 0, -1.0)]
+    return terms if kind == ALONG_OM else [*terms, (SEEN_OMD, K, j, a, 0, 0, -1.0)]
+
+
+def sensor_tables(
+    model: Model,
+    flexbodies: Mapping[str, FlexBody],
+    markers: Markers,
+    groups: Groups,
+    states: Mapping[str, int],
+    places: tuple[int, int],
+) -> tuple[Sensors, dict[str, int]]:
+    """The tables of all channels in the order of `Model.channels`, and their numbers by name.
+
+    `states` is the velocity coordinate of each state by name; those that are no channel of the
+    results stand behind the others; `places` as in `Channels`.
+    """
+    made = Channels(model, flexbodies, markers, groups, places, states)
+    for name, spec in model.sensors.items():
+        made.add_sensor(name, spec)
+    for name in (*model.states, *model.controllers):
+        if name in states:
+            made.add(STATE, states[name])
+        else:
+            made.add_program(signals.channel_program(model, name))
+    names = list(model.channels())
+    hidden = [name for name in states if name not in names]
+    for name in hidden:
+        made.add(STATE, states[name])
+    numbers = {name: k for k, name in enumerate([*names, *hidden])}
+    programs = lower(made.programs, numbers)
+    return Sensors(np.array(made.rows, CHANNEL), np.array(made.terms, TERM), programs), numbers
+
+
+def is_basic(sensors: Sensors) -> bool:
+    """Whether all channels are motions along axes and angles."""
+    channels, terms = sensors.channels, sensors.terms
+    basic = np.isin(terms["kind"], _BASIC) & (terms["level"] == 0)
+    return bool(np.all(channels["what"] == SUM) and np.all(basic))
+
+
+def of_acceleration(term: NDArray[np.void]) -> bool:
+    """Whether a term depends on accelerations."""
+    return bool(term["level"] == 2 or term["kind"] in (ALONG_A, ALONG_OMD))
+
+
+def sides_of(term: NDArray[np.void]) -> tuple[int, ...]:
+    """The sides (0: I, 1: J) whose markers a term depends on."""
+    return (0, 1) if term["kind"] < ALONG or term["I"] >= 0 else (1,)

@@ -1,0 +1,1 @@
+"""Rotations, small vectors, blocks and the factorisation."""

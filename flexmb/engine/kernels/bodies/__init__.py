@@ -1,0 +1,1 @@
+"""Inertia, markers and motion of bodies, with their tangents."""

@@ -1,0 +1,1 @@
+"""Forces on markers and coordinates, with their tangents, energies and memory."""

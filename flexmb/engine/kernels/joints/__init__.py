@@ -1,0 +1,1 @@
+"""Constraint rows, scalar coordinates, markers on curves, reactions."""

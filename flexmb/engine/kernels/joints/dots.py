@@ -1,0 +1,97 @@
+"""Dot products between axes of two markers and their separation: values, rates and tangents.
+
+The pieces that constraint rows are made of. H (12, 12) is as in `row_tangent`.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.algebra.rotation import cross
+from flexmb.engine.kernels.algebra.vector import put
+
+
+@kernel
+def dot_columns(R, a, S, b):
+    """Column a of R times column b of S."""
+    return R[0, a] * S[0, b] + R[1, a] * S[1, b] + R[2, a] * S[2, b]
+
+
+@kernel
+def separation(mi, mj):
+    """h = x_J − x_I."""
+    a, b = mi["x"], mj["x"]
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@kernel
+def put_pair(g, o, x, y, z):
+    """(x, y, z) for marker J at o + 6, the opposite for marker I at o."""
+    put(g, o, -x, -y, -z)
+    put(g, o + 6, x, y, z)
+
+
+@kernel
+def column_rates(R, a, om):
+    """Column a of R: its first derivative and its second at zero angular acceleration."""
+    x, y, z = cross(om[0], om[1], om[2], R[0, a], R[1, a], R[2, a])
+    u, v, w = cross(om[0], om[1], om[2], x, y, z)
+    return x, y, z, u, v, w
+
+
+@kernel
+def dot_rates(Ri, a, omi, Rj, b, omj):
+    """a·b: first derivative, and second at zero angular accelerations."""
+    px, py, pz, qx, qy, qz = column_rates(Ri, a, omi)
+    rx, ry, rz, sx, sy, sz = column_rates(Rj, b, omj)
+    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
+    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
+    first = px * bx + py * by + pz * bz + ax * rx + ay * ry + az * rz
+    second = qx * bx + qy * by + qz * bz + ax * sx + ay * sy + az * sz
+    return first, second + 2.0 * (px * rx + py * ry + pz * rz)
+
+
+@kernel
+def _add_skew(H, i, j, f, x, y, z):
+    """Add f (x, y, z)~ to the 3 × 3 block at (i, j)."""
+    H[i, j + 1] -= f * z
+    H[i, j + 2] += f * y
+    H[i + 1, j] += f * z
+    H[i + 1, j + 2] -= f * x
+    H[i + 2, j] -= f * y
+    H[i + 2, j + 1] += f * x
+
+
+@kernel
+def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
+    """Add f p~ q~ = f (q pᵀ − (p·q) I) to the 3 × 3 block at (i, j)."""
+    dot = px * qx + py * qy + pz * qz
+    H[i, j] += f * (qx * px - dot)
+    H[i, j + 1] += f * qx * py
+    H[i, j + 2] += f * qx * pz
+    H[i + 1, j] += f * qy * px
+    H[i + 1, j + 1] += f * (qy * py - dot)
+    H[i + 1, j + 2] += f * qy * pz
+    H[i + 2, j] += f * qz * px
+    H[i + 2, j + 1] += f * qz * py
+    H[i + 2, j + 2] += f * (qz * pz - dot)
+
+
+@kernel
+def add_dot(Ri, a, Rj, b, f, H):
+    """f times the tangent of a·b."""
+    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
+    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
+    _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
+    _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
+    _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)
+    _add_skew_product(H, 9, 3, -f, bx, by, bz, ax, ay, az)
+
+
+@kernel
+def add_dot2(ax, ay, az, hx, hy, hz, f, H):
+    """f times the tangent of a·h."""
+    _add_skew(H, 0, 3, f, ax, ay, az)
+    _add_skew(H, 6, 3, -f, ax, ay, az)
+    _add_skew_product(H, 3, 3, f, hx, hy, hz, ax, ay, az)
+    _add_skew(H, 3, 6, f, ax, ay, az)
+    _add_skew(H, 3, 0, -f, ax, ay, az)

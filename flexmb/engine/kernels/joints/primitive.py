@@ -1,0 +1,140 @@
+"""The textbook's constraint primitives between two marker frames.
+
+With x, R of the markers, a = column of R_I, b = column of R_J, h = x_J − x_I, every row is
+
+    POINT     h·e_a                       coincidence along a global axis
+    DOT1      a·b − f                     two axes keep their angle, 90 deg for f = 0
+    DOT2      a·h − f                     no motion along a; a stroke if f varies
+    DISTANCE  |h| − f                     the multiplier is the force in the massless link
+    ANGLE     angle of b about z_I from x_I, minus f, within ±π
+    TWIST     x_I·y_J − y_I·x_J           no twist about the bisector of z_I and z_J
+    RADIAL    |h − (z_I·h) z_I| − f       distance from the line z_I
+    MOMENT    h·(z_I × z_J) − f           mutual moment of the lines z_I and z_J
+
+f is the row's constant and its function of time, if it has one. The last three are compiled only
+where `lines` is not None. The gradient g (12) holds the partial derivatives for the virtual motion
+(δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the pair of wrenches of the row (Haug, Computer
+Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3).
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.kernels.algebra.rotation import cross
+from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.kernels.joints import line
+from flexmb.engine.kernels.joints.dots import (
+    column_rates,
+    dot_columns,
+    dot_rates,
+    put_pair,
+    separation,
+)
+from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, POINT, TWIST
+
+
+@kernel
+def wrapped(angle):
+    """Angle within ±π."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@kernel
+def joint_angle(Ri, Rj, b):
+    """Angle of axis b of J about z_I from x_I, within ±π."""
+    return math.atan2(dot_columns(Ri, 1, Rj, b), dot_columns(Ri, 0, Rj, b))
+
+
+@kernel
+def value(lines, kind, a, b, mi, mj, f):
+    """Value of one row between two markers; f is its constant and its function of time."""
+    if kind == POINT:
+        return mj["x"][a] - mi["x"][a]
+    if lines is not None and kind >= TWIST:
+        return line.value(kind, mi, mj) - f
+    Ri, Rj = mi["R"], mj["R"]
+    if kind == DOT1:
+        return dot_columns(Ri, a, Rj, b) - f
+    if kind == ANGLE:
+        return wrapped(joint_angle(Ri, Rj, b) - f)
+    hx, hy, hz = separation(mi, mj)
+    if kind == DOT2:
+        return Ri[0, a] * hx + Ri[1, a] * hy + Ri[2, a] * hz - f
+    return math.sqrt(hx * hx + hy * hy + hz * hz) - f
+
+
+@kernel
+def gradient(lines, kind, a, b, mi, mj, g):
+    """Gradient g (12) of one row."""
+    for k in range(12):
+        g[k] = 0.0
+    if lines is not None and kind >= TWIST:
+        line.gradient(kind, mi, mj, g)
+        return
+    Ri, Rj = mi["R"], mj["R"]
+    if kind == POINT:
+        g[a] = -1.0
+        g[6 + a] = 1.0
+    elif kind == DOT1:
+        x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b])
+        put_pair(g, 3, -x, -y, -z)
+    elif kind == DOT2:
+        hx, hy, hz = separation(mi, mj)
+        put_pair(g, 0, Ri[0, a], Ri[1, a], Ri[2, a])
+        x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz)
+        put(g, 3, x, y, z)
+    elif kind == DISTANCE:
+        hx, hy, hz = separation(mi, mj)
+        n = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
+        put_pair(g, 0, hx * n, hy * n, hz * n)
+    else:
+        s = dot_columns(Ri, 1, Rj, b)
+        c = dot_columns(Ri, 0, Rj, b)
+        n = 1.0 / (s * s + c * c)
+        ux = (c * Ri[0, 1] - s * Ri[0, 0]) * n
+        uy = (c * Ri[1, 1] - s * Ri[1, 0]) * n
+        uz = (c * Ri[2, 1] - s * Ri[2, 0]) * n
+        x, y, z = cross(Rj[0, b], Rj[1, b], Rj[2, b], ux, uy, uz)
+        put_pair(g, 3, x, y, z)
+
+
+@kernel
+def rate(g, mi, mj):
+    """g times the velocities of the two markers."""
+    r = 0.0
+    for k in range(3):
+        r += g[k] * mi["vx"][k] + g[3 + k] * mi["om"][k]
+        r += g[6 + k] * mj["vx"][k] + g[9 + k] * mj["om"][k]
+    return r
+
+
+@kernel
+def curvature(lines, kind, a, b, mi, mj):
+    """Second time derivative of a row (without f) at zero accelerations of both markers."""
+    if kind == POINT:
+        return 0.0
+    if lines is not None and kind >= TWIST:
+        return line.curvature(kind, mi, mj)
+    Ri, Rj, omi, omj = mi["R"], mj["R"], mi["om"], mj["om"]
+    if kind == DOT1:
+        _, second = dot_rates(Ri, a, omi, Rj, b, omj)
+        return second
+    if kind == ANGLE:
+        s = dot_columns(Ri, 1, Rj, b)
+        c = dot_columns(Ri, 0, Rj, b)
+        s1, s2 = dot_rates(Ri, 1, omi, Rj, b, omj)
+        c1, c2 = dot_rates(Ri, 0, omi, Rj, b, omj)
+        n = 1.0 / (s * s + c * c)
+        return (c * s2 - s * c2) * n - 2.0 * (c * c1 + s * s1) * (c * s1 - s * c1) * n * n
+    hx, hy, hz = separation(mi, mj)
+    ux = mj["vx"][0] - mi["vx"][0]
+    uy = mj["vx"][1] - mi["vx"][1]
+    uz = mj["vx"][2] - mi["vx"][2]
+    if kind == DOT2:
+        px, py, pz, qx, qy, qz = column_rates(Ri, a, omi)
+        return qx * hx + qy * hy + qz * hz + 2.0 * (px * ux + py * uy + pz * uz)
+    d = math.sqrt(hx * hx + hy * hy + hz * hz)
+    dd = (hx * ux + hy * uy + hz * uz) / d
+    return (ux * ux + uy * uy + uz * uz - dd * dd) / d

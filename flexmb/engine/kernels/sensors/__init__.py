@@ -1,0 +1,1 @@
+"""What sensors read, and forces over it."""

@@ -1,0 +1,1 @@
+"""Bodies as a scene tells them: rigid, from a mesh, from a file; markers, interfaces, sections."""

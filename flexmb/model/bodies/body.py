@@ -1,0 +1,161 @@
+"""Bodies: rigid by their mass properties or a shape, flexible by a reduced body.
+
+Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
+the global one. Initial velocities are asked at markers: ``velocity`` and ``angular_velocity`` at
+the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import ValidationInfo, model_validator
+
+from flexmb.errors import Problem, nearest
+from flexmb.model.bodies.flexible import FlexibleSource
+from flexmb.model.bodies.inertia import Inertia, MassProperties
+from flexmb.model.bodies.markers import Marker
+from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.shapes import Shape
+from flexmb.model.values.orientation import Orientation
+from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
+from flexmb.model.values.reading import Entry, Reader, Spec, fail, given
+
+__all__ = [
+    "COLORS",
+    "BodySpec",
+    "FlexbodySpec",
+    "InitialVelocity",
+    "RigidBodySpec",
+]
+
+COLORS = (
+    "black",
+    "gray",
+    "silver",
+    "white",
+    "maroon",
+    "red",
+    "orange",
+    "gold",
+    "yellow",
+    "olive",
+    "green",
+    "lime",
+    "teal",
+    "cyan",
+    "blue",
+    "navy",
+    "purple",
+    "magenta",
+    "pink",
+    "brown",
+)
+_HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
+
+
+def _color(value: Any, info: ValidationInfo) -> str:
+    if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
+        near = nearest(str(value), COLORS)
+        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS), near))
+    return value
+
+
+class InitialVelocity(Spec):
+    """Velocity and angular velocity of a marker at the start, either or both.
+
+    Components along global axes, or with ``axes = "body"`` along the marker's own.
+    """
+
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
+    axes: Literal["global", "body"] = "global"
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.velocity is None and self.angular_velocity is None:
+            raise fail(Problem("", 'give "velocity", "angular_velocity" or both'))
+        return self
+
+
+class BodySpec(Spec):
+    """What all bodies have: place, initial velocity, markers, color."""
+
+    position: Position = (0.0, 0.0, 0.0)
+    orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
+    initial: dict[str, Annotated[InitialVelocity, Entry()]] = {}
+    markers: dict[str, Marker] = {}
+    color: Annotated[str, Reader(_color)] | None = None
+
+    @model_validator(mode="after")
+    def _origin_is_told_once(self) -> Self:
+        told = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
+        if told and "origin" in self.initial:
+            what = f'is the body\'s "{told[0]}" already; say it in one place'
+            raise fail(Problem("initial.origin", what))
+        return self
+
+    @property
+    def asked_velocities(self) -> dict[str, InitialVelocity]:
+        """Initial velocities by marker, those of the origin among them."""
+        if self.velocity is None and self.angular_velocity is None:
+            return dict(self.initial)
+        origin = InitialVelocity(velocity=self.velocity, angular_velocity=self.angular_velocity)
+        return {"origin": origin, **self.initial}
+
+    @property
+    def flexible(self) -> bool:
+        """Whether its modes come from a mesh or a reduced body."""
+        return not isinstance(self, RigidBodySpec)
+
+
+class RigidBodySpec(BodySpec):
+    """A rigid body: mass and inertia, or a shape with a density, a material or the mass."""
+
+    mass: Annotated[float, Quantity("kg", "positive")] | None = None
+    center: Position = (0.0, 0.0, 0.0)
+    inertia: Inertia | None = None
+    shape: Shape | None = None
+    density: Annotated[float, Quantity("kg/m^3", "positive")] | None = None
+    material: MaterialField | None = None
+
+    @model_validator(mode="after")
+    def _mass_is_told_once(self) -> Self:
+        told = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
+        names = " and ".join(f'"{key}"' for key in told)
+        if len(told) > 1:
+            raise fail(Problem("", f"the mass is told twice, by {names}"))
+        if not told:
+            what = 'has no mass: give "mass" and "inertia", or a "shape" with "density", '
+            raise fail(Problem("", what + '"material" or "mass"; or "mesh" for a flexible body'))
+        if self.shape is None and self.mass is None:
+            raise fail(Problem("", f"{names} needs a shape"))
+        if self.shape is None and self.inertia is None:
+            raise fail(Problem("inertia", "is missing (or give a shape to compute it from)"))
+        if self.mass is None and self.inertia is not None:
+            raise fail(Problem("inertia", f"follows from the shape and {names}; leave it out"))
+        return self
+
+    @property
+    def mass_properties(self) -> MassProperties:
+        """Mass, centre and inertia about the centre, as given or from the shape."""
+        density = self.material.density if self.material is not None else self.density
+        mass = self.mass
+        if mass is None:
+            assert density is not None and self.shape is not None  # checked when it was read
+            mass = density * self.shape.volume
+        if self.inertia is not None:
+            return MassProperties(mass, np.array(self.center), np.array(self.inertia))
+        assert self.shape is not None
+        inertia = mass * np.diag(self.shape.inertia_per_mass)
+        return MassProperties(mass, np.array(self.center), inertia)
+
+
+class FlexbodySpec(BodySpec):
+    """A flexible body that is already reduced: its file, or the object itself."""
+
+    flexbody: FlexibleSource

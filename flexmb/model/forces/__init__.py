@@ -1,0 +1,1 @@
+"""Forces: loads, springs and laws, bushings and beams, stops, contact, friction."""

@@ -1,0 +1,158 @@
+"""Functions of time as data: a number, an expression in t, or a named form with its numbers.
+
+In: ``25.0``, ``"speed*t"`` or ``{type = "harmonic", amplitude = 2, frequency = 50}``, value and t
+in the scene's units. Out: a :class:`Function`, which keeps what was given and its
+:class:`Expression` in SI; ``value(t)`` gives value, first and second derivative. Each
+form lowers to the same operations, so that one small kernel evaluates them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, get_args
+
+from pydantic import GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import core_schema
+
+from flexmb.errors import SceneError
+from flexmb.model.functions.expression import Expression, Ops, parse
+from flexmb.model.functions.forms import Constant, Fourier, FunctionForm, Harmonic, Polynomial
+from flexmb.model.functions.jets import Jet
+from flexmb.model.functions.kinks import kinks_of
+from flexmb.model.functions.profiles import (
+    Cycloidal,
+    Havsin,
+    ModifiedSine,
+    Step,
+    Step5,
+    Trapezoidal,
+)
+from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
+from flexmb.model.values.quantities import plain, read_number
+from flexmb.model.values.reading import (
+    Names,
+    Terms,
+    fail,
+    folder_of,
+    given,
+    names_of,
+    read_variant,
+    units_of,
+)
+from flexmb.model.values.unit_texts import expression_and_factor
+from flexmb.units import UnitSystem
+
+__all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "FunctionOf", "read_function"]
+
+
+_FORMS: tuple[type[FunctionForm], ...] = (
+    Constant, Polynomial, Harmonic, Fourier, Step, Step5, Havsin, Cycloidal, ModifiedSine,
+    Trapezoidal, CubicSpline, AkimaSpline, Table,
+)  # fmt: skip
+FUNCTION_FORMS: dict[str, type[FunctionForm]] = {
+    get_args(form.model_fields["type"].annotation)[0]: form for form in _FORMS
+}
+"""Named forms of functions of time; the docstring of each is its formula."""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of time: what the user gave, in the scene's units, and its program in SI."""
+
+    given: float | str | Mapping[str, Any]
+    expression: Expression
+
+    @property
+    def constant(self) -> float | None:
+        """The value if it does not depend on time, else None."""
+        return self.expression.constant
+
+    def value(self, t: float) -> Jet:
+        """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
+        return self.expression.value(t)
+
+    def kinks(self, end: float) -> tuple[float, ...]:
+        """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
+        return kinks_of(self.expression.ops, end)
+
+
+@dataclass(frozen=True)
+class FunctionOf:
+    """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
+
+    unit: str
+    channels: bool = False
+
+    def unit_here(self, info: ValidationInfo) -> str:
+        """The SI unit of the value, which may depend on other fields."""
+        return self.unit
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> Function:
+            try:
+                return read_function(value, names_of(info), self.unit_here(info), self.channels)
+            except SceneError as error:
+                raise fail(*error.problems) from None
+
+        written = core_schema.plain_serializer_function_ser_schema(lambda f: f.given)
+        return core_schema.with_info_plain_validator_function(read, serialization=written)
+
+
+def read_function(
+    value: Any, names: Names | None = None, unit: str = "", channels: bool = False
+) -> Function:
+    """A function of time from any of the ways to say it.
+
+    Parameters
+    ----------
+    value : float, str, mapping or Function
+        Number, expression in t and the parameters, or named form, in the scene's units.
+    names : mapping
+        Values of the parameters.
+    unit : str
+        SI unit of the value, ``""`` for a plain number.
+    channels : bool
+        Whether an expression may name channels; they stand for values in the scene's units.
+
+    Raises
+    ------
+    SceneError
+        All that is wrong with it.
+    """
+    names = {} if names is None else names
+    units = units_of(names)
+    if isinstance(value, Function):
+        return value
+    if isinstance(value, str):
+        text, factor = expression_and_factor(value, names, unit, time=True)
+        ops = parse(text, names, channels=channels).ops
+        return Function(value, Expression(value, _in_si(ops, factor * units.scale(unit), units)))
+    if isinstance(value, Mapping):
+        value = plain(value)
+        terms = Terms(names, units, slot=unit, folder=folder_of(names))
+        form, problems = read_variant("function", FUNCTION_FORMS, value, terms)
+        if form is None:
+            raise SceneError.from_problems(problems)
+        return Function(form.written(value, terms), Expression(given(value), form.ops()))
+    if isinstance(value, Real) and not isinstance(value, bool):
+        number = read_number(value, names)
+        ops = _in_si((("const", number),), units.scale(unit), units)
+        return Function(number, Expression(f"{number:g}", ops))
+    raise SceneError(
+        "a function of time is a number, an expression in t, or a table such as "
+        f'{{type = "harmonic", ...}}, given {given(value)}'
+    )
+
+
+def _in_si(ops: Ops, scale: float, units: UnitSystem) -> Ops:
+    """A program over the scene's time, as one over time in s whose value is `scale` times it."""
+    if len(ops) == 1 and ops[0][0] == "const":
+        return (("const", ops[0][1] * scale),)
+    if units.time != 1.0:
+        own = (("t", 0.0), ("const", units.time), ("/", 0.0))
+        ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
+    return ops if scale == 1.0 else (*ops, ("const", scale), ("*", 0.0))

@@ -1,0 +1,1 @@
+"""What holds and moves bodies: joints, couplers, curves, drivers."""

@@ -1,0 +1,224 @@
+"""Drivers: a coordinate as a function of time, of a joint, of a marker, or between two markers.
+
+Each prescribes the displacement itself, or its velocity or acceleration; these start from ``start``
+(the placed pose by default) and ``start_velocity`` (none by default). Equations: Hong & Liu 2011,
+sections 1.4 and 2.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from pydantic import SerializationInfo, ValidationInfo, model_validator
+
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.planes import PLANES
+from flexmb.model.functions.function import Function, FunctionOf
+from flexmb.model.joints.joint import COORDINATES
+from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number
+from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, under, units_of
+
+__all__ = ["DRIVEN", "DriverSpec", "Motion"]
+
+DRIVEN: dict[str, tuple[str, ...]] = {
+    "joint": COORDINATES,
+    "marker": ("x", "y", "z", "angle", "position"),
+    "between": ("distance",),
+}
+"""What drives of each kind prescribe."""
+
+_ANGLES = ("angle", "second_angle")
+_ORDER = ("displacement", "velocity", "acceleration")
+_AXES = ("x", "y", "z")
+_IN_PLANE = {"xy": ("x", "y"), "yz": ("y", "z"), "zx": ("z", "x")}
+assert set(_IN_PLANE) == set(PLANES)
+
+
+class Motion(NamedTuple):
+    """One coordinate over time."""
+
+    coordinate: str
+    function: Function
+
+
+@dataclass(frozen=True)
+class _Driven(FunctionOf):
+    """Annotation of a function that is prescribed, or whose rate is."""
+
+    def unit_here(self, info: ValidationInfo) -> str:
+        return _unit(self.unit, info.data.get("prescribes", "displacement"))
+
+
+def _unit(unit: str, prescribes: str) -> str:
+    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[prescribes]
+
+
+class Start(NamedTuple):
+    """First values [SI] with their unit."""
+
+    values: tuple[float, ...]
+    unit: str
+
+
+def _start(value: Any, info: ValidationInfo) -> Start:
+    """A number, or a list of them, in the unit of what is prescribed."""
+    names, data = names_of(info), info.data
+    unit = "rad" if any(data.get(name) is not None for name in _ANGLES) else "m"
+    if info.field_name == "start_velocity":
+        unit += "/s"
+    value = plain(value)
+    items = value if isinstance(value, list) else [value]
+    found, problems = [], []
+    for i, item in enumerate(items):
+        try:
+            found.append(read_number(item, names, unit) * units_of(names).scale(unit))
+        except SceneError as error:
+            problems += under(f"[{i}]" if isinstance(value, list) else "", error.problems)
+    if problems:
+        raise fail(*problems)
+    return Start(tuple(found), unit)
+
+
+def _write_start(start: Start, info: SerializationInfo) -> Any:
+    units = units_of(names_of(info))
+    written = [units.written(value, start.unit) for value in start.values]
+    return written if len(written) > 1 else written[0]
+
+
+_First = Annotated[Start | None, Reader(_start, _write_start)]
+_Angle = Annotated[Function, _Driven("rad")]
+_Length = Annotated[Function, _Driven("m")]
+
+
+class DriverSpec(Spec):
+    """Prescribes coordinates of a ``joint``, of a ``marker``, or the distance ``between`` two.
+
+    Of a joint its ``angle``, ``second_angle`` or ``stroke``. Of a marker ``x``, ``y``, ``z`` or
+    ``position``, global or in the axes of the marker ``relative_to``, and its ``angle`` about
+    ``axis`` as for joints. The function is the displacement, or what ``prescribes`` says, from
+    ``start`` (that of the placed pose by default) and ``start_velocity`` (zero by default) on.
+    """
+
+    prescribes: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    joint: Text | None = None
+    marker: Text | None = None
+    between: Pair | None = None
+    relative_to: Text | None = None
+    axis: Axis | None = None
+    angle: _Angle | None = None
+    second_angle: _Angle | None = None
+    stroke: _Length | None = None
+    x: _Length | None = None
+    y: _Length | None = None
+    z: _Length | None = None
+    position: tuple[_Length, ...] | None = None
+    distance: _Length | None = None
+    start: _First = None
+    start_velocity: _First = None
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        told = [name for name in DRIVEN if getattr(self, name) is not None]
+        if not told:
+            what = 'is missing: say what is driven by "joint", "marker" or "between"'
+            raise fail(Problem("joint", what))
+        if len(told) > 1:
+            raise fail(Problem("", f"drives one thing; given: {', '.join(told)}"))
+        problems = self._coordinates() or [*self._words(), *self._starts()]
+        if problems:
+            raise fail(*problems)
+        return self
+
+    def _coordinates(self) -> list[Problem]:
+        """What the target has, and as many of it as may be."""
+        known = DRIVEN[self.target]
+        names = {name for names in DRIVEN.values() for name in names}
+        told = sorted(name for name in names if getattr(self, name) is not None)
+        problems = [
+            Problem(name, f'a driver of "{self.target}" has no {name}', known)
+            for name in told
+            if name not in known
+        ]
+        if problems:
+            return problems
+        if self.joint is not None and len(told) != 1:
+            one_of = '"angle", "second_angle" and "stroke"'
+            shown = " and ".join(told) or "none"
+            return [Problem("", f"give exactly one of {one_of}, given {shown}")]
+        if not told:
+            return [Problem("", "prescribes nothing; give one of these", known)]
+        if self.position is not None:
+            if len(self.position) not in (2, 3):
+                what = "a point has 3 coordinates, 2 in a plane, given"
+                return [Problem("position", f"{what} {len(self.position)}")]
+            if any(name in told for name in _AXES):
+                return [Problem("position", "and x, y, z are the same; give one of them")]
+        return []
+
+    def _words(self) -> list[Problem]:
+        """Words that mean nothing here."""
+        problems = []
+        if self.relative_to is not None and self.marker is None:
+            problems.append(Problem("relative_to", "only a driver of a marker has it"))
+        alone = [motion.coordinate for motion in self.motions()] == ["angle"]
+        if self.axis is not None and (self.marker is None or not alone):
+            problems.append(Problem("axis", "only a driver of the angle of a marker has it"))
+        return problems
+
+    def _starts(self) -> list[Problem]:
+        """First values where they mean something, one for each coordinate."""
+        problems, count = [], len(self.motions())
+        for name, start, least in (
+            ("start", self.start, 1),
+            ("start_velocity", self.start_velocity, 2),
+        ):
+            if start is None:
+                continue
+            if _ORDER.index(self.prescribes) < least:
+                what = f"the function prescribes the {self.prescribes} and begins by itself"
+                problems.append(Problem(name, what))
+            elif len(start.values) != count:
+                what = f"{count} {'values are' if count > 1 else 'value is'} expected, one for each"
+                problems.append(Problem(name, f"{what} coordinate, given {given(start.values)}"))
+        return problems
+
+    @property
+    def target(self) -> str:
+        """``"joint"``, ``"marker"`` or ``"between"``."""
+        return next(name for name in DRIVEN if getattr(self, name) is not None)
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Markers I and J of a driver that is not of a joint."""
+        if self.between is not None:
+            return self.between
+        assert self.marker is not None  # one of the three is given
+        return self.relative_to or "ground.origin", self.marker
+
+    @property
+    def order(self) -> int:
+        """How often the function is integrated: 0, 1 or 2."""
+        return _ORDER.index(self.prescribes)
+
+    def motions(self, plane: str | None = None) -> tuple[Motion, ...]:
+        """Every coordinate with its function; a position of two is one in the plane."""
+        found = [
+            Motion(name, getattr(self, name))
+            for name in (*COORDINATES, *_AXES, "distance")
+            if getattr(self, name) is not None
+        ]
+        if self.position is not None:
+            names = _AXES if len(self.position) == 3 else _IN_PLANE[plane or "xy"]
+            found += [Motion(*pair) for pair in zip(names, self.position, strict=True)]
+        return tuple(found)
+
+    @property
+    def coordinate(self) -> str:
+        """The coordinate, of a driver of one."""
+        return self.motions()[0].coordinate
+
+    @property
+    def function(self) -> Function:
+        """What is prescribed over time, of a driver of one coordinate."""
+        return self.motions()[0].function

@@ -1,0 +1,177 @@
+"""Joints: what they leave free between two markers, as data.
+
+``axis`` is a global direction in the placed pose, where the joint angle is 0; left out, it is the z
+axis of both markers and the angle is measured between their x axes. Joints of two axes take
+``second_axis``, that of marker J, as well. The stroke is the distance from marker I to marker J
+along the axis. The angle of a universal joint is that of its cross about the first axis, the second
+angle that of J about its own axis against the cross. Composite joints stand for a link without mass
+between the two markers, with a joint at each end; their lengths and offsets are those of the placed
+pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+from pydantic import ValidationInfo, model_validator
+
+from flexmb.errors import Problem, nearest
+from flexmb.model.values.quantities import Axis, Length, Pair, Size, Text
+from flexmb.model.values.reading import Reader, Spec, fail, given
+
+__all__ = ["COORDINATES", "JOINT_TYPES", "JointSpec", "JointType"]
+
+COORDINATES = ("angle", "second_angle", "stroke")
+"""Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
+
+
+@dataclass(frozen=True)
+class JointType:
+    """One row of the joint table.
+
+    ``equations`` in space and in a plane (None: without meaning there); ``axes`` the joint has, 0,
+    1, or 2, the second being that of marker J; ``curves`` it slides along, carried by I, then by J.
+    """
+
+    name: str
+    equations: int
+    planar_equations: int | None
+    coordinates: tuple[str, ...]
+    axes: int
+    summary: str
+    curves: int = 0
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether it has any axis."""
+        return self.axes > 0
+
+    @property
+    def freedoms(self) -> int:
+        """Relative motions it leaves free, between two bodies in space."""
+        return 6 - self.equations
+
+
+_BOTH = ("angle", "stroke")
+_TABLE = (
+    ("fixed", 6, 3, (), 0, "holds both markers together, place and axes"),
+    ("revolute", 5, 2, ("angle",), 1, "turns about its axis"),
+    ("prismatic", 5, 2, ("stroke",), 1, "slides along its axis"),
+    ("screw", 5, None, _BOTH, 1, "moves along its axis by the pitch for every turn about it"),
+    ("cylindrical", 4, 2, _BOTH, 1, "turns about and slides along its axis"),
+    ("spherical", 3, 2, (), 0, "holds the markers' points together"),
+    (
+        "universal",
+        4,
+        None,
+        ("angle", "second_angle"),
+        2,
+        "turns about an axis of I and one of J across it",
+    ),
+    ("constant-velocity", 4, None, (), 2, "joins two shafts that turn with equal speeds"),
+    ("planar", 3, None, ("angle",), 1, "slides in the plane across its axis, and turns about it"),
+    ("in-line", 2, 1, ("stroke",), 1, "keeps the point J on the axis through I"),
+    ("in-plane", 1, 1, (), 1, "keeps the point J in the plane across the axis through I"),
+    ("parallel", 2, None, ("angle",), 1, "keeps the axes of I and J parallel"),
+    ("perpendicular", 1, None, (), 2, "keeps an axis of I and one of J at right angles"),
+    ("orientation", 3, 1, (), 0, "keeps the axes of I and J parallel, all three"),
+    ("distance", 1, 1, (), 0, "link with a spherical joint at each end (a rod)"),
+    ("revolute-spherical", 2, None, (), 1, "link with a revolute joint at I, a spherical at J"),
+    ("prismatic-spherical", 2, 1, ("stroke",), 1, "link that slides on I, spherical joint at J"),
+    ("cylindrical-spherical", 1, None, (), 1, "link that turns and slides on I, spherical at J"),
+    ("revolute-revolute", 4, 1, (), 2, "link with a revolute joint at each end"),
+    ("revolute-cylindrical", 3, None, (), 2, "link with a revolute joint at I, cylindrical at J"),
+    ("revolute-universal", 3, None, (), 2, "link with a revolute joint at I, universal at J"),
+    ("spherical-universal", 1, None, (), 0, "link with a spherical joint at I, universal at J"),
+    ("pin-in-slot", 1, 1, (), 0, "keeps the point J on the plane curve of I, free across it", 1),
+    ("point-on-curve", 2, 1, (), 0, "keeps the point J on the curve of I, in space as well", 1),
+    ("cam-knife", 1, 1, (), 0, "follower with its edge at J on the cam of I", 1),
+    ("cam-roller", 1, 1, (), 0, "follower with a roller about J on the cam of I", 1),
+    ("cam-flat", 1, 1, (), 1, "follower with a flat through J, the axis across it, on a cam", 1),
+    ("cam-cam", 1, 1, (), 0, "two cams that touch, one of I and one of J", 2),
+)
+JOINT_TYPES: dict[str, JointType] = {row[0]: JointType(*row) for row in _TABLE}
+"""All joints by name."""
+
+
+def _type(value: Any, info: ValidationInfo) -> str:
+    if not isinstance(value, str) or value not in JOINT_TYPES:
+        names = tuple(sorted(JOINT_TYPES))
+        near = nearest(str(value), names)
+        raise fail(Problem("", f"unknown joint type {given(value)}", names, near))
+    return value
+
+
+class JointSpec(Spec):
+    """A joint between the markers ``between = [I, J]``; composite ones stand for a massless link.
+
+    ``length`` of a distance joint; without it the distance is that of the placed pose. ``pitch`` of
+    a screw, along its axis for one turn about it, negative for a left-handed thread. Joints on a
+    ``curve``: it lies in the axes of marker I, ``second_curve`` in those of J; ``start`` (and
+    ``second_start``) tell where along it the joint begins, by default nearest in the placed pose;
+    ``radius`` of a roller.
+    """
+
+    type: Annotated[str, Reader(_type)]
+    between: Pair
+    axis: Axis | None = None
+    second_axis: Axis | None = None
+    length: Size | None = None
+    pitch: Length | None = None
+    curve: Text | None = None
+    second_curve: Text | None = None
+    radius: Size | None = None
+    start: Length | None = None
+    second_start: Length | None = None
+
+    @model_validator(mode="after")
+    def _words_mean_something(self) -> Self:
+        axes = JOINT_TYPES[self.type].axes
+        problems = []
+        if self.axis is not None and axes < 1:
+            problems.append(Problem("axis", f"a {self.type} joint has no axis; leave it out"))
+        if self.second_axis is not None and axes < 2:
+            what = f"a {self.type} joint has no second axis; leave it out"
+            problems.append(Problem("second_axis", what))
+        elif self.second_axis is not None and self.axis is None:
+            problems.append(Problem("axis", "is missing: with second_axis both are given"))
+        if self.length is not None and self.type != "distance":
+            what = "only a distance joint has a length that can be given"
+            problems.append(Problem("length", what))
+        problems += self._thread() + self._curve_words()
+        if problems:
+            raise fail(*problems)
+        return self
+
+    def _thread(self) -> list[Problem]:
+        """What is wrong with the pitch."""
+        if self.type != "screw":
+            told = "only a screw has a pitch; leave it out"
+            return [] if self.pitch is None else [Problem("pitch", told)]
+        if self.pitch is None:
+            return [Problem("pitch", "is missing: how far the screw moves in one turn")]
+        told = "is zero: a screw that turns and does not move is a revolute joint"
+        return [Problem("pitch", told)] if self.pitch == 0 else []
+
+    def _curve_words(self) -> list[Problem]:
+        """What joints on curves need, and others do not have."""
+        curves = JOINT_TYPES[self.type].curves
+        roller = self.type == "cam-roller"
+        needed = {"curve": curves > 0, "second_curve": curves > 1, "radius": roller}
+        allowed = {**needed, "start": curves > 0, "second_start": curves > 1}
+        problems = [
+            Problem(key, f"is missing: a {self.type} joint needs it")
+            for key, wanted in needed.items()
+            if wanted and getattr(self, key) is None
+        ]
+        return problems + [
+            Problem(key, f"a {self.type} joint has no {key}; leave it out")
+            for key, has in allowed.items()
+            if not has and getattr(self, key) is not None
+        ]
+
+    @property
+    def curves(self) -> tuple[str, ...]:
+        """Names of the curves it slides along: that of I, then that of J."""
+        return tuple(name for name in (self.curve, self.second_curve) if name is not None)

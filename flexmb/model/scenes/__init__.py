@@ -1,0 +1,1 @@
+"""Scene files in and out: sections, references between entries, schema."""

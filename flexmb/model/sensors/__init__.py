@@ -1,0 +1,1 @@
+"""What is measured: sensors, expressions over their channels, states, controllers."""

@@ -1,0 +1,273 @@
+"""Sensors: what a run records, by channel, and what expressions of forces and states may name.
+
+Motions of a marker, absolute, relative to another one, or as an observer on another one sees them:
+channels ``name.x``, ``name.y``, ``name.z``. Turning angles about three axes: ``name.alpha``,
+``name.beta``, ``name.gamma``. Coordinates of joints and between markers, energies and expressions
+of other channels: channel ``name``. Angles are continuous over any number of turns. `unit_of` says
+in what a sensor is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import ValidationInfo, model_validator
+
+from flexmb.errors import Problem
+from flexmb.model.functions.function import Function
+from flexmb.model.values.quantities import Axis, Pair, Text
+from flexmb.model.values.reading import Reader, Spec, fail, given
+from flexmb.model.values.told_units import ToldUnit, UnitName
+
+__all__ = [
+    "CHANNEL_UNITS",
+    "SENSOR_TYPES",
+    "TURNS",
+    "AngleSensorSpec",
+    "DistanceSensorSpec",
+    "EnergySensorSpec",
+    "ExpressionSensorSpec",
+    "JointSensorSpec",
+    "MarkerSensorSpec",
+    "OrientationSensorSpec",
+    "PlaceSensorSpec",
+    "ReactionSensorSpec",
+    "SensorSpec",
+    "StrokeSensorSpec",
+    "channel_unit",
+    "channels_of",
+    "unit_of",
+]
+
+TURNS = ("alpha", "beta", "gamma")
+"""Names of the three angles of an orientation."""
+
+
+class SensorSpec(Spec):
+    """Base of all sensors."""
+
+    type: str
+
+
+class MarkerSensorSpec(SensorSpec):
+    """Motion of the marker ``of``, less that of ``relative_to``, in global or a marker's axes.
+
+    ``axes``: along the axes that this marker has at the time. ``seen_from``: as an observer sees it
+    who moves and turns with this marker, in its axes.
+    """
+
+    type: Literal[
+        "position", "velocity", "acceleration", "angular_velocity", "angular_acceleration"
+    ]
+    of: Text
+    relative_to: Text | None = None
+    axes: Text = "global"
+    seen_from: Text | None = None
+
+    @model_validator(mode="after")
+    def _one_observer(self) -> Self:
+        if self.seen_from is not None and (self.relative_to is not None or self.axes != "global"):
+            what = "is an observer with axes of its own; leave relative_to and axes out"
+            raise fail(Problem("seen_from", what))
+        return self
+
+
+def _sequence(value: Any, info: ValidationInfo) -> str:
+    ok = isinstance(value, str) and len(value) == 3 and set(value) <= set("xyz")
+    if not ok or value[0] == value[1] or value[1] == value[2]:
+        what = f"three axes are expected of which no two neighbours are equal, given {given(value)}"
+        raise fail(Problem("", what, ("xyz", "zxz", "zyx", "...")))
+    return str(value)
+
+
+class OrientationSensorSpec(SensorSpec):
+    """Three turns that lead the axes of ``relative_to`` (or the global ones) to those of ``of``.
+
+    About the axes of ``sequence``, each as the turns before have left it: ``"xyz"`` gives Cardan
+    (Bryan) angles, ``"zxz"`` Euler angles. With three different axes beta = 90 deg is singular,
+    with two beta = 0 and 180 deg: there alpha takes the whole turn and gamma stays.
+    """
+
+    type: Literal["orientation"]
+    of: Text
+    relative_to: Text | None = None
+    sequence: Annotated[str, Reader(_sequence)] = "xyz"
+
+
+class JointSensorSpec(SensorSpec):
+    """A coordinate of a joint, or between two markers, or its first or second derivative."""
+
+    joint: Text | None = None
+    between: Pair | None = None
+    axis: Axis | None = None
+    derivative: Literal[0, 1, 2] = 0
+
+    @model_validator(mode="after")
+    def _joint_or_markers(self) -> Self:
+        if (self.joint is None) == (self.between is None):
+            raise fail(Problem("", 'give either "joint" or "between" (with "axis")'))
+        if self.joint is not None and self.axis is not None:
+            raise fail(Problem("axis", "is the joint's own; leave it out"))
+        return self
+
+
+class AngleSensorSpec(JointSensorSpec):
+    """Angle of a joint, or from marker I to J about ``axis`` (as for joints).
+
+    Within +-pi at the start and continuous from there on; with ``derivative`` its rate. A universal
+    joint has a ``"second_angle"`` too.
+    """
+
+    type: Literal["angle", "second_angle"]
+
+    @model_validator(mode="after")
+    def _second_of_a_joint(self) -> Self:
+        if self.type == "second_angle" and self.joint is None:
+            raise fail(Problem("joint", "is missing: only joints have a second angle"))
+        return self
+
+
+class StrokeSensorSpec(JointSensorSpec):
+    """Stroke of a joint, or from marker I to J along ``axis``; with ``derivative`` its rate."""
+
+    type: Literal["stroke"]
+
+
+class PlaceSensorSpec(SensorSpec):
+    """Place of a joint along its curve, in length from its beginning, or its rate.
+
+    A closed curve is counted on over any number of turns. Of two cams ``on = "J"`` is that on the
+    curve of marker J.
+    """
+
+    type: Literal["place"]
+    joint: Text
+    on: Literal["I", "J"] = "I"
+    derivative: Literal[0, 1] = 0
+
+
+class DistanceSensorSpec(SensorSpec):
+    """Distance of two markers; with ``derivative`` its first or second rate."""
+
+    type: Literal["distance"]
+    between: Pair
+    derivative: Literal[0, 1, 2] = 0
+
+
+class ReactionSensorSpec(SensorSpec):
+    """What a joint, driver, force or coupler does to a marker: its force, or its moment about it.
+
+    What a coupler does to one of its joints is ``coupler = "gear.joint"``. On marker ``on`` of the
+    two; in the joint's axes there, in global ones, or those of a marker. A force or torque at one
+    marker acts on J.
+    """
+
+    type: Literal["reaction"]
+    quantity: Literal["force", "moment"] = "force"
+    joint: Text | None = None
+    driver: Text | None = None
+    force: Text | None = None
+    coupler: Text | None = None
+    on: Literal["I", "J"] = "J"
+    axes: Text = "joint"
+
+    @model_validator(mode="after")
+    def _one_of_four(self) -> Self:
+        told = (self.joint, self.driver, self.force, self.coupler)
+        if len([name for name in told if name is not None]) != 1:
+            raise fail(Problem("", 'give exactly one of "joint", "driver", "force" and "coupler"'))
+        return self
+
+
+class EnergySensorSpec(SensorSpec):
+    """An energy of the model, or of one body; ``"total"`` is the sum of all four."""
+
+    type: Literal["energy"]
+    quantity: Literal["kinetic", "strain", "gravity", "spring", "total"] = "total"
+    body: Text | None = None
+
+    @model_validator(mode="after")
+    def _of_a_body(self) -> Self:
+        if self.body is not None and self.quantity in ("spring", "total"):
+            allowed = ("kinetic", "strain", "gravity")
+            raise fail(Problem("quantity", "is not that of one body", allowed))
+        return self
+
+
+class ExpressionSensorSpec(SensorSpec):
+    """A value computed of other channels, such as ``"hypot(tip.x, tip.y)"``, in ``unit``."""
+
+    type: Literal["expression"]
+    unit: UnitName = ""
+    value: Annotated[Function, ToldUnit()]
+
+
+SENSOR_TYPES: dict[str, type[Spec]] = {
+    "position": MarkerSensorSpec,
+    "velocity": MarkerSensorSpec,
+    "acceleration": MarkerSensorSpec,
+    "angular_velocity": MarkerSensorSpec,
+    "angular_acceleration": MarkerSensorSpec,
+    "orientation": OrientationSensorSpec,
+    "angle": AngleSensorSpec,
+    "second_angle": AngleSensorSpec,
+    "stroke": StrokeSensorSpec,
+    "place": PlaceSensorSpec,
+    "distance": DistanceSensorSpec,
+    "reaction": ReactionSensorSpec,
+    "energy": EnergySensorSpec,
+    "expression": ExpressionSensorSpec,
+}
+
+
+CHANNEL_UNITS = {
+    "position": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s^2",
+    "angle": "rad",
+    "angular velocity": "rad/s",
+    "angular acceleration": "rad/s^2",
+}
+"""SI unit of each kind of motion."""
+
+_LENGTHS = tuple(CHANNEL_UNITS.values())[:3]
+_ANGLES = tuple(CHANNEL_UNITS.values())[3:]
+
+
+def unit_of(table: Mapping[str, Any]) -> str | None:
+    """SI unit of what a sensor, state or controller measures, from its fields; None if unknown."""
+    kind = str(table.get("type", ""))
+    if kind in ("stroke", "place", "distance"):
+        return _LENGTHS[int(table.get("derivative", 0))]
+    if kind in ("angle", "second_angle"):
+        return _ANGLES[int(table.get("derivative", 0))]
+    if kind == "orientation":
+        return "rad"
+    if kind == "energy":
+        return "J"
+    if kind == "reaction":
+        return "N m" if table.get("quantity") == "moment" else "N"
+    known = CHANNEL_UNITS.get(kind.replace("_", " "))
+    return known if known is not None else _told(table)
+
+
+def _told(table: Mapping[str, Any]) -> str | None:
+    """Unit of what tells it itself, or would: an expression, a state, a controller."""
+    own = any(key in table for key in ("value", "rate", "input"))
+    return str(table.get("unit", "")) if own else None
+
+
+def channel_unit(tables: Mapping[str, Mapping[str, Any]], channel: str) -> str | None:
+    """SI unit of a channel, from the fields of all sensors by name; None for an unknown one."""
+    name = channel if channel in tables else channel.rpartition(".")[0]
+    return unit_of(tables[name]) if name in tables else None
+
+
+def channels_of(name: str, sensor: Spec) -> tuple[str, ...]:
+    """Names of the channels a sensor writes."""
+    if isinstance(sensor, MarkerSensorSpec | ReactionSensorSpec):
+        return tuple(f"{name}.{axis}" for axis in "xyz")
+    if isinstance(sensor, OrientationSensorSpec):
+        return tuple(f"{name}.{angle}" for angle in TURNS)
+    return (name,)

@@ -1,0 +1,1 @@
+"""How single values of a scene are read and written: numbers with units, axes, tables."""
