@@ -45,13 +45,13 @@ def reactions(sys, st, wk):
             size = max(size, abs(st.lam[i]))
         if _independent(sys.signals, sys.frictions) or (n > 0 and change <= _SETTLED * size):
             return FINE
-    return NO_LOOP if sys.frictions is None else SELF_LOCKING
+    return SELF_LOCKING if joint_friction.rubs(sys.frictions) else NO_LOOP
 
 
 @kernel
 def _independent(signals, frictions):
     """Whether no force depends on reactions or accelerations."""
-    if frictions is not None:
+    if joint_friction.rubs(frictions):
         return False
     if signals is not None:
         return signals.implicit[0] == 0

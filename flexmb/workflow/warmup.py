@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["FEATURES", "Warmed", "warmup"]
 
-FEATURES = (("joints", "drivers", "loads"), ("joints", "drivers", "loads", "springs"))
+FEATURES = (
+    ("joints", "drivers", "loads"),
+    ("joints", "drivers", "loads", "springs"),
+    ("joints", "drivers", "loads", "kinks"),
+)
 """What is compiled ahead; bodies may be rigid or flexible, sensors are always there."""
 
 
@@ -92,7 +96,12 @@ def _model(method: str, features: Sequence[str]) -> Model:
         spring = {"stiffness": 1.0, "damping": 0.1}
         model.add_force("spring", "spring-damper", between=["ground", "rigid.end"], **spring)
     model.add_sensor("rigid", "position", of="rigid")
-    model.set_dynamics(duration=1e-3, step=1e-4, method=method)
+    if "kinks" in features:  # of functions of time, at which steps by error control end
+        pulse = {"type": "step", "t0": 2e-4, "t1": 4e-4, "y1": 1.0}
+        model.add_force("pulse", "force", at="rigid.end", value=[pulse, 0, 0])
+        model.set_dynamics(duration=1e-3, accuracy=1e-3, method=method)
+    else:
+        model.set_dynamics(duration=1e-3, step=1e-4, method=method)
     return model
 
 

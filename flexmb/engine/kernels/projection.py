@@ -116,7 +116,7 @@ def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
     if bad >= 0:
         return -1 - bad
     if not _settled(sys.signals, sys.frictions, sys, wk, t, q, v, vd, lam):
-        return LOOP if sys.frictions is None else UNSETTLED
+        return UNSETTLED if joint_friction.rubs(sys.frictions) else LOOP
     return fixes
 
 
@@ -141,7 +141,7 @@ def _solve(sys, wk, q, v, vd, lam):
 @kernel
 def _settled(signals, frictions, sys, wk, t, q, v, vd, lam):
     """Solve again while forces depend on what was found; whether that came to an end."""
-    if frictions is not None:
+    if joint_friction.rubs(frictions):
         return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
     if signals is not None and signals.implicit[0] == 1:
         return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)

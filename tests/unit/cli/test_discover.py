@@ -85,8 +85,11 @@ def test_fields_come_with_their_defaults() -> None:
     table = next(table for about, table in spring.items() if about.startswith("spring-damper"))
     assert {name: default for name, _, default in table.rows} == {
         "between": "required",
-        "stiffness": "required",
+        "stiffness": "0",
         "damping": "0",
+        "spring_force": "",
+        "damper_force": "",
+        "value": "",
         "free_length": "placed",
     }
 

@@ -22,6 +22,14 @@ from flexmb.engine.tables import SLIDES
 
 
 @kernel
+def rubs(frictions):
+    """Whether there is friction in any joint."""
+    if frictions is not None:
+        return frictions.shape[0] > 0
+    return False
+
+
+@kernel
 def put_grips(sys, frictions, wk, lam):
     """Normal forces of all joint frictions for these multipliers; returns the largest change."""
     change = 0.0
