@@ -14,7 +14,7 @@ from flexmb.engine.method import (
     TOO_SMALL,
     ZERO_LENGTH,
 )
-from flexmb.engine.work import Work
+from flexmb.engine.state import Work
 
 _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flexmb.analysis.assembly.analysis import Begin
     from flexmb.engine.compile import Compiled
     from flexmb.engine.layout import BodyColumns
-    from flexmb.engine.work import State
+    from flexmb.engine.state import State
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result

@@ -29,8 +29,9 @@ from flexmb.engine.consistent import (
     solve_level,
 )
 from flexmb.engine.kernels.projection import LOOP, UNSETTLED
+from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.work import State, Work, new_state, new_work
+from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.gaps import Moved, check_branches, gap_problems, moved_bodies
 from flexmb.engine.compile import Compiled, compile_system
 from flexmb.engine.consistent import POSITIONS, RESIDUAL, solve_level
+from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.work import State, Work, new_state, new_work
+from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
 from flexmb.model.scenes.entries import read_named

@@ -11,7 +11,7 @@ from flexmb.analysis.dynamics.contacts import branch_problems
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.joints.groups import ANGULAR
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
-from flexmb.engine.work import State, Work
+from flexmb.engine.state import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem

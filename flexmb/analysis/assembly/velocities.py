@@ -18,8 +18,9 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Pool
 from flexmb.engine.consistent import BEGIN, VELOCITIES, solve_level
+from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, System
-from flexmb.engine.work import State, new_work
+from flexmb.engine.work import new_work
 from flexmb.model import lookup
 from flexmb.model.bodies.body import InitialVelocity
 from flexmb.model.model import Model

@@ -6,7 +6,6 @@ shortened so that the outputs fall on steps.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,6 +16,7 @@ from flexmb.analysis.assembly.analysis import Begin, assemble
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import first_rows, gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.dynamics.settings import Steps, chosen_method, loop_settings, time_grid
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
@@ -27,15 +27,8 @@ from flexmb.engine.warm import compile_kernels
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
-from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
-
-_MAX_ITERATIONS = 15
-_NEWTON = 1e-8  # relative, with fixed steps
-# Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
-_LOCAL_SHARE = 0.2
-_EXPLICIT_SHARE = 0.2
 
 
 class Sink(Protocol):
@@ -68,42 +61,6 @@ class Outcome:
     message: str
     statistics: dict[str, float | int | str]
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Steps:
-    """The grid of a run: output interval and fixed step [s], 0 for steps by error control."""
-
-    interval: float
-    step: float
-
-
-def time_grid(spec: DynamicsSpec) -> Steps:
-    """The largest step not above the one asked for with which all outputs fall on steps."""
-    interval = spec.duration / spec.outputs
-    if spec.step is None:
-        return Steps(interval, 0.0)
-    every = max(1, math.ceil(interval / spec.step * (1.0 - 1e-12)))
-    return Steps(interval, interval / every)
-
-
-def local_tolerance(spec: DynamicsSpec) -> float:
-    """Local error of a step, over the motion, that leaves the accuracy asked for in the end.
-
-    With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
-    order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
-    """
-    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
-    if spec.method == "explicit-rk":
-        return _EXPLICIT_SHARE * accuracy
-    return float(_LOCAL_SHARE * accuracy**1.5)
-
-
-def chosen_method(spec: DynamicsSpec) -> method.Method:
-    """The integrator of `dynamics.method`."""
-    if spec.method == "explicit-rk":
-        return method.bogacki_shampine()
-    return method.generalized_alpha(spec.spectral_radius)
 
 
 @dataclass(frozen=True)
@@ -224,45 +181,6 @@ def dynamics(
 ) -> Outcome:
     """Prepare and integrate a compiled model; see :func:`prepare` and :func:`integrate`."""
     return integrate(prepare(compiled, model, progress=progress), sink, progress=progress)
-
-
-def loop_settings(
-    compiled: Compiled, spec: DynamicsSpec, grid: Steps, determined: bool
-) -> method.Settings:
-    """The numbers of the loop; `determined` if the constraints alone fix the motion."""
-    system = compiled.system
-    works = bool(
-        system.springs is not None
-        or system.elements is not None
-        or len(system.loads) > 0
-        or system.signals is not None
-        or system.parts.coordinates is not None
-        or system.contacts is not None
-        or np.any(system.rows["fun"] >= 0)
-        or np.any(system.parts.bodies["damped"])
-    )
-    stiff = bool(
-        system.springs is not None
-        or system.elements is not None
-        or system.parts.coordinates is not None
-        or system.signals is not None
-        or system.contacts is not None
-        or np.any(system.parts.bodies["m"] > 0)
-    )
-    return method.Settings(
-        start=0.0,
-        end=spec.duration,
-        interval=grid.interval,
-        step=grid.step,
-        tolerance=0.0 if grid.step else local_tolerance(spec),
-        accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
-        order=3 if spec.method == "explicit-rk" else 2,
-        newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
-        max_iterations=_MAX_ITERATIONS,
-        works=int(works),
-        stiff=int(stiff),
-        determined=int(determined),
-    )
 
 
 def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:

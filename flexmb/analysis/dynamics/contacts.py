@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import State, Work
+from flexmb.engine.state import State, Work
 from flexmb.errors import Problem
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import RESIDUAL, solve_level
+from flexmb.engine.state import Work
 from flexmb.engine.status import sentence
-from flexmb.engine.work import Work, new_state, new_work
+from flexmb.engine.work import new_state, new_work
 from flexmb.model.forces.force import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.analysis.dynamics.analysis import Prepared, chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.analysis import Prepared
 from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.dynamics.settings import chosen_method, loop_settings, time_grid
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.consistent import ACCELERATIONS, solve_level
+from flexmb.engine.state import State
 from flexmb.engine.warm import compile_kernels
-from flexmb.engine.work import State, new_state, new_work
+from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent

@@ -9,7 +9,8 @@ import numpy as np
 
 from flexmb.engine import march, method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import State, Work, new_work
+from flexmb.engine.state import State, Work
+from flexmb.engine.work import new_work
 from flexmb.results import OutputBlock
 
 __all__ = ["Balance", "Clock", "Run"]

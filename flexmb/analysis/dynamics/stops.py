@@ -10,7 +10,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.forces.elements import names_of
 from flexmb.engine.element_tables import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.sensor_tables import LAW_WRENCH
-from flexmb.engine.work import State, Work
+from flexmb.engine.state import State, Work
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
 

@@ -23,9 +23,10 @@ from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.march import new_output
+from flexmb.engine.state import State, Work
 from flexmb.engine.sweep import CORRECT, EVALUATE, POINTS, Path, Sweep, new_path, sweep
 from flexmb.engine.warm import compile_sweep
-from flexmb.engine.work import State, Work, new_state, new_work
+from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.model.model import Model
 from flexmb.model.tasks.kinematics import KinematicsSpec

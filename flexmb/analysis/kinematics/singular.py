@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.mobility.rank import dense_jacobian
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import Work
+from flexmb.engine.state import Work
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference

@@ -25,10 +25,10 @@ from flexmb.analysis.kinematics.singular import (
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.march import new_output
+from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
 from flexmb.engine.sweep import EVALUATE, Path, Sweep, sweep
 from flexmb.engine.tables import System
-from flexmb.engine.work import State, Work
 from flexmb.model.model import Model
 
 if TYPE_CHECKING:

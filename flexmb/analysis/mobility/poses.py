@@ -15,7 +15,8 @@ from flexmb.analysis.assembly.closing import Closer
 from flexmb.analysis.mobility.dependence import null_space
 from flexmb.analysis.mobility.rows import Rows, moved, rows_at
 from flexmb.engine.compile import Compiled
-from flexmb.engine.work import State, new_work
+from flexmb.engine.state import State
+from flexmb.engine.work import new_work
 
 __all__ = ["Closed", "close", "column_scales", "joint_rows", "numpy_closer", "other_poses"]
 

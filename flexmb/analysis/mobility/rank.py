@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
+from flexmb.engine.state import Work
 from flexmb.engine.tables import System
-from flexmb.engine.work import Work
 
 # Dense rank is affordable up to this many coordinates; larger models are taken as free, which only
 # costs digits of the reported reactions.

@@ -2,23 +2,22 @@
 
 In: a text and the values of the names it may use. Out: an immutable :class:`Expression`, a postfix
 program over time and, where allowed, over measured channels such as ``slider.x``; its constant
-parts are folded. The text is read by Python's own parser and only
-white-listed nodes pass. A mistake becomes a :class:`SceneError` whose text shows the expression
-with a caret under the character.
+parts are folded. The text is read by Python's own parser and only white-listed nodes pass. A
+mistake becomes a :class:`SceneError` whose text shows the expression with a caret under the
+character.
 """
 
 from __future__ import annotations
 
 import ast
 import math
-import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from flexmb.errors import Problem, SceneError, nearest
+from flexmb.errors import SceneError
 from flexmb.model.functions import jets
+from flexmb.model.functions.syntax import mistake, syntax_tree
 
 __all__ = [
     "CONSTANTS",
@@ -28,7 +27,6 @@ __all__ = [
     "channel_of",
     "names_in",
     "parse",
-    "unknown_channel",
 ]
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e, "deg": math.pi / 180}
@@ -72,8 +70,6 @@ Ops = tuple[tuple[str, Any], ...]
 """Pairs (operation, argument): a number, or of "piecewise" a `Piecewise`."""
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
-_WINDOW = 60  # characters of a long text shown on either side of the mistake
-_LONGEST = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
 
 
 @dataclass(frozen=True)
@@ -142,59 +138,10 @@ def names_in(text: str) -> tuple[str, ...]:
     SceneError
         The text is no expression.
     """
-    tree = _tree(text)
+    tree = syntax_tree(text)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     found = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and id(n) not in called]
     return tuple(dict.fromkeys(node.id for node in found if node.id not in CONSTANTS))
-
-
-def _tree(text: str) -> ast.expr:
-    flat = text.replace("\n", " ").replace("\r", " ").replace("\t", " ")
-    body = flat.lstrip()
-    lead = len(flat) - len(body)
-    if not body:
-        raise _error(text, 0, "the expression is empty")
-    if len(body) > _LONGEST:
-        raise _error(text, 0, f"the expression is longer than {_LONGEST} characters")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return ast.parse(body, mode="eval").body
-    except SyntaxError as error:
-        column = max((error.offset or 1) - 1, 0) + lead
-        raise _error(text, column, f"syntax error: {_reason(error)}") from None
-    except (ValueError, RecursionError, MemoryError):
-        raise _error(text, lead, "no expression that can be read") from None
-
-
-def unknown_channel(text: str, name: str, known: tuple[str, ...]) -> Problem:
-    """The problem of a name in an expression that is neither a parameter nor a channel."""
-    found = re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", text)
-    column = found.start() if found else 0
-    return _error(text, column, f'unknown name "{name}"', known, name).problems[0]
-
-
-def _reason(error: SyntaxError) -> str:
-    """The parser's word in the terms of a formula."""
-    message = (error.msg or "").removesuffix(" (<unknown>, line 1)")
-    if "Perhaps you forgot a comma" in message or message.startswith("invalid decimal literal"):
-        return "two values with no operator between them"
-    if message in ("invalid syntax", "unexpected EOF while parsing", ""):
-        return "a value or an operator is missing or out of place here"
-    return message
-
-
-def _error(
-    text: str, column: int, what: str, names: tuple[str, ...] = (), name: str = ""
-) -> SceneError:
-    flat = text.replace("\n", " ").replace("\r", " ").replace("\t", " ")
-    column = min(column, len(flat))
-    begin = max(0, column - _WINDOW)
-    shown = flat[begin : column + _WINDOW]
-    caret = " " * (column - begin)
-    where = f"{what} at character {column + 1}\n    {shown}\n    {caret}^"
-    near = nearest(name, names) if name else ()
-    return SceneError.from_problems([Problem("", where, names, near)])
 
 
 class _Lowering:
@@ -215,9 +162,9 @@ class _Lowering:
 
     def run(self) -> Ops:
         try:
-            return self.lower(_tree(self.text))
+            return self.lower(syntax_tree(self.text))
         except RecursionError:
-            raise _error(self.text, 0, "the expression is nested too deeply") from None
+            raise mistake(self.text, 0, "the expression is nested too deeply") from None
 
     def column(self, node: ast.expr) -> int:
         """Character at which the node starts (Python's parser counts bytes)."""
@@ -227,7 +174,7 @@ class _Lowering:
     def fail(
         self, node: ast.expr, what: str, names: tuple[str, ...] = (), name: str = ""
     ) -> SceneError:
-        return _error(self.text, self.column(node), what, names, name)
+        return mistake(self.text, self.column(node), what, names, name)
 
     def lower(self, node: ast.expr) -> Ops:
         match node:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from flexmb.errors import Problem, nearest
 from flexmb.model.forces.contacts import ContactSpec, PointsSide
 from flexmb.model.forces.force import LoadSpec
-from flexmb.model.functions.expression import CONSTANTS, unknown_channel
+from flexmb.model.functions.expression import CONSTANTS
+from flexmb.model.functions.syntax import unknown_channel
 from flexmb.model.joints import curve_uses
 from flexmb.model.joints.gearing import acting_names
 from flexmb.model.scenes.scope import Scope

@@ -9,12 +9,14 @@ import pytest
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics import run as module
-from flexmb.analysis.dynamics.analysis import chosen_method, dynamics, time_grid
+from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.analysis.dynamics.settings import chosen_method, time_grid
 from flexmb.engine import march
 from flexmb.engine.compile import compile_system
 from flexmb.engine.consistent import VELOCITIES, solve_level
 from flexmb.engine.method import FINE, Settings
-from flexmb.engine.work import State, new_work
+from flexmb.engine.state import State
+from flexmb.engine.work import new_work
 from flexmb.model import load_scene
 from flexmb.model.tasks.dynamics import DynamicsSpec
 

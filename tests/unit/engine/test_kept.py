@@ -12,10 +12,10 @@ from flexmb.model import Model
 SCENE = """
 from flexmb.model import Model
 from flexmb.analysis.assembly.analysis import assemble
-from flexmb.analysis.dynamics.analysis import chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import chosen_method, loop_settings, time_grid
 from flexmb.analysis.dynamics.run import Run
 from flexmb.engine.compile import compile_system
-from flexmb.engine.work import State
+from flexmb.engine.state import State
 
 model = Model("ball", gravity=[1.0, 0, -9.81])
 model.add_body("ball", mass=1, inertia=[4e-3] * 3, position=[0, 0, 0.102])
