@@ -89,19 +89,34 @@ def run(sys, st, wk, out, what, cv, cp, k):
     return 0
 
 
-def padded(system):
-    """The system with empty tables where it has none."""
+def plain(system):
+    """Whether it holds nothing but bodies, joints, springs, loads, couplers and their sensors."""
+    rare = ("elements", "signals", "contacts", "frictions", "further")
+    return system.parts.sliders is None and all(getattr(system, name) is None for name in rare)
+
+
+def padded_plainly(system):
+    """The system with empty tables where it has none of what is `plain`."""
     parts = system.parts
     if parts.coordinates is None:
         parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
-    if parts.sliders is None:
-        parts = parts._replace(sliders=np.zeros(0, SLIDER))
     return system._replace(
         parts=parts,
         lines=np.zeros(1),
         springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
-        elements=_padded_elements(system.elements),
         kinks=None,
+    )
+
+
+def padded(system):
+    """The system with empty tables where it has none."""
+    system = padded_plainly(system)
+    parts = system.parts
+    if parts.sliders is None:
+        parts = parts._replace(sliders=np.zeros(0, SLIDER))
+    return system._replace(
+        parts=parts,
+        elements=_padded_elements(system.elements),
         further=np.zeros(1),
         signals=NO_SIGNALS if system.signals is None else system.signals,
         contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,

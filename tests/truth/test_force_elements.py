@@ -14,6 +14,8 @@ from truthkit import compiled, order, reference, run, stiffness_and_mass
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.model import Model
 
+pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
+
 LAST_DIGITS = 1e-9
 
 

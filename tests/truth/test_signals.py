@@ -18,6 +18,8 @@ from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 
+pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
+
 VAN_DER_POL = 6.6632868593
 
 
