@@ -32,7 +32,7 @@ def reference(file, name=None):
 
 
 def compiled(model):
-    """The compiled model, with empty tables: of what is usual, or of everything if it needs more."""
+    """The compiled model, with empty tables of what is usual, or of everything if it needs more."""
     made = compile_system(model)
     fill = padded_plainly if plain(made.system) else padded
     return replace(made, system=fill(made.system))

@@ -14,14 +14,11 @@ from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.algebra.blocks import add_body_block, put_row, row_compliance
 from flexmb.engine.kernels.bodies import inertia_tangent, kinematics
 from flexmb.engine.kernels.forces import joint_friction
+from flexmb.engine.kernels.forces.basic_tangent import load_tangents, spring_tangents
 from flexmb.engine.kernels.forces.contact_tangent import contact_tangents
-from flexmb.engine.kernels.forces.element_tangent import (
-    group_tangents,
-    load_tangents,
-    spring_tangents,
-)
 from flexmb.engine.kernels.forces.force_tangent import add_coordinate_tangents, element_tangents
 from flexmb.engine.kernels.joints import constraint, coordinate, slider
+from flexmb.engine.kernels.joints.group_tangent import group_tangents
 from flexmb.engine.kernels.joints.slider_tangent import slider_tangents
 from flexmb.engine.kernels.sensors.signal_tangent import signal_tangents
 

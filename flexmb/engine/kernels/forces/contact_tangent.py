@@ -11,6 +11,7 @@ from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
 from flexmb.engine.kernels.algebra.triple import column, inner, outer, plus, times, triple, unit
 from flexmb.engine.kernels.bodies import tangent
+from flexmb.engine.kernels.bodies.pair_tangent import add_levers, add_pair, put_outer
 from flexmb.engine.kernels.forces.contact import (
     bristle,
     force,
@@ -20,7 +21,6 @@ from flexmb.engine.kernels.forces.contact import (
     relative_velocity,
     separation,
 )
-from flexmb.engine.kernels.forces.element_tangent import _add_levers, _add_pair, _put_outer
 from flexmb.engine.kernels.forces.friction import tangential_change
 from flexmb.engine.tables import BALL, NO_FRICTION, PLANE
 
@@ -149,10 +149,10 @@ def _add_rate_levers(parts, kkt, wk, c, v, f):
         there = parts.markers[c["J"] if side == 0 else c["I"]]["body"]
         if here < 0:
             continue
-        _put_outer(d.T, side, n[side], 2 + side, n[side], f, d.B)
+        put_outer(d.T, side, n[side], 2 + side, n[side], f, d.B)
         add_body_block(parts.bodies[here], kkt, d.B, wk.factor.low, wk.factor.up)
         if c["couple"] >= 0:
-            _put_outer(d.T, side, n[side], 3 - side, n[1 - side], f, d.B)
+            put_outer(d.T, side, n[side], 3 - side, n[1 - side], f, d.B)
             add_coupling(
                 d.B, parts.bodies[here], parts.bodies[there], kkt, c["couple"],
                 side == 1, wk.factor.low, wk.factor.up,
@@ -183,7 +183,7 @@ def _add_contact(parts, kkt, wk, c, v, cv, cp, d, n, rho):
     _add_velocity(li, plus(separation(mi, mj), 1.0, li), cv, D, H)
     if cp != 0.0:
         _add_position(c, wk.now, n, rho, d, g, F, mi, mj, cp, H)
-    _add_pair(parts, kkt, wk, c["I"], c["J"], c["couple"], 1.0)
+    add_pair(parts, kkt, wk, c["I"], c["J"], c["couple"], 1.0)
     if cp == 0.0:
         return
     if c["model"] == NO_FRICTION:  # D = −viscous n nᵀ
@@ -196,4 +196,4 @@ def _add_contact(parts, kkt, wk, c, v, cv, cp, d, n, rho):
             put_wrench(c, n, mi, mj, unit(k), w)
             _add_rate_levers(parts, kkt, wk, c, v, -cp)
     put_wrench(c, n, mi, mj, times(-1.0, F), w)
-    _add_levers(parts, kkt, wk, c["I"], c["J"], cp)
+    add_levers(parts, kkt, wk, c["I"], c["J"], cp)

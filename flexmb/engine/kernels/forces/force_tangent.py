@@ -8,8 +8,8 @@ from flexmb.engine.kernels.algebra.rotation import transform
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.bodies import tangent
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
+from flexmb.engine.kernels.bodies.pair_tangent import add_levers, add_pair
 from flexmb.engine.kernels.forces import frame, law, measure, mutual, pair
-from flexmb.engine.kernels.forces.element_tangent import _add_levers, _add_pair
 
 
 @kernel
@@ -32,7 +32,7 @@ def _frame_tangents(sys, frames, pool, wk, v, cv, cp):
             frame.linearise(row, pool, s)
             clear(wk.dense.H, 12, 12)
             pair.add_tangent(mi, mj, s, row["damped"], cv, cp, wk.dense.H)
-            _add_pair(sys.parts, sys.kkt, wk, i, j, link, 1.0)
+            add_pair(sys.parts, sys.kkt, wk, i, j, link, 1.0)
             if row["damped"] == 1 and cp != 0.0:
                 _add_velocity_levers(sys.parts, sys.kkt, wk, i, j, link, v, cp)
             for c in range(12):
@@ -40,7 +40,7 @@ def _frame_tangents(sys, frames, pool, wk, v, cv, cp):
             for c in range(6):
                 s.f[c] = -s.f[c]
             pair.add_wrenches(mi, mj, s.f, w[0:6], w[6:12])
-            _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
+            add_levers(sys.parts, sys.kkt, wk, i, j, cp)
 
 
 @kernel
@@ -53,8 +53,8 @@ def _law_tangents(sys, laws, elements, wk, v, cv, cp):
             i, j, link = row["I"], row["J"], row["couple"]
             clear(wk.dense.H, 12, 12)
             damped = measure.add_tangent(row, elements, wk.now, wk.con.fun, cv, cp, w, wk.dense.H)
-            _add_pair(sys.parts, sys.kkt, wk, i, j, link, 1.0)
-            _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
+            add_pair(sys.parts, sys.kkt, wk, i, j, link, 1.0)
+            add_levers(sys.parts, sys.kkt, wk, i, j, cp)
             if damped and cp != 0.0:
                 _add_velocity_levers(sys.parts, sys.kkt, wk, i, j, link, v, cp)
 
@@ -141,12 +141,12 @@ def _mutual_tangents(sys, loads, wk, cp):
             if i >= 0:
                 clear(H, 12, 12)
                 mutual.add_arm_tangent(load, wk.now.marker, wk.con.fun, H)
-                _add_pair(sys.parts, sys.kkt, wk, i, j, load["couple"], cp)
-                _add_levers(sys.parts, sys.kkt, wk, i, j, cp)
+                add_pair(sys.parts, sys.kkt, wk, i, j, load["couple"], cp)
+                add_levers(sys.parts, sys.kkt, wk, i, j, cp)
             else:
                 for c in range(6):
                     w[c] = w[6 + c]
-                _add_levers(sys.parts, sys.kkt, wk, j, -1, cp)
+                add_levers(sys.parts, sys.kkt, wk, j, -1, cp)
             if axes >= 0:
                 clear(H, 12, 12)
                 mutual.add_turn_of_marker(load, wk.now.marker, wk.con.fun, H)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
-from flexmb.engine.kernels.forces.element_tangent import put_group_tangent
+from flexmb.engine.kernels.joints.group_tangent import put_group_tangent
 
 
 @kernel
