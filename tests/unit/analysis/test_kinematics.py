@@ -9,7 +9,7 @@ from linkages import four_bar_angles
 
 CODE = """
 import numpy as np
-from flexmb.analysis import kinematics as module
+from flexmb.analysis.kinematics import analysis as module
 from flexmb.analysis.kinematics.analysis import prepare_sweep, run_sweep
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbError

@@ -17,7 +17,7 @@ Y = [-3.0, -1.0, -0.9, 0.8, 0.7, 2.0, 8.0]
 CODE = f"""
 from scipy.spatial.transform import Rotation
 from flexmb.engine.functions import lower, stack_for
-from flexmb.engine.kernels import law, pair
+from flexmb.engine.kernels.forces import law, pair
 from flexmb.engine.kernels.functions.function import evaluate
 from flexmb.model.functions.expression import parse
 from flexmb.model.forces.laws import LawOf

@@ -15,7 +15,7 @@ from samebytes import assert_same_bytes
 RUN = """
 import sys
 import flexmb
-from flexmb.analysis import run
+from flexmb.analysis.dynamics import run
 word, folder, scene, steps, *knobs = sys.argv[1:]
 run._CHUNK_WORK = 18 * int(steps)  # few steps: many moments at which a kill may come
 def told(phase, share, detail=""):
