@@ -20,7 +20,7 @@ __all__ = ["Gap", "Moved", "check_branches", "gap_problems", "gaps", "moved_bodi
 
 _SHOWN = 3
 _SAME = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
-_STAYED = 1e-9  # relative to the model size, or radians: round-off
+_STAYED = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
 
 
 @dataclass(frozen=True)
