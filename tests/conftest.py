@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,13 +15,25 @@ import pytest
 os.environ.setdefault("FLEXMB_CACHE_DIR", str(Path(tempfile.gettempdir()) / "flexmb-test-cache"))
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a file share a process, and all files that share compiled kernels do."""
-    for item in items:
-        homes = {getattr(value, "__module__", "") for value in vars(item.module).values()}
-        shared = [kit for kit in ("truthkit", "enginekit") if kit in homes]
-        item.add_marker(pytest.mark.xdist_group(shared[0] if shared else str(item.path)))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """The tests of a file share a process, and so do all files that share compiled kernels."""
+    from xdist.scheduler.loadscope import LoadScopeScheduling
+
+    class Shared(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return _shared(config.rootpath / nodeid.partition("::")[0])
+
+    return Shared(config, log)
+
+
+@functools.cache
+def _shared(path: Path) -> str:
+    """What a test file shares its compiled kernels with: the kit it is made with, or nothing."""
+    text = path.read_text(encoding="utf-8")
+    return next(
+        (kit for kit in ("truthkit", "enginekit") if f"from {kit} import" in text), str(path)
+    )
 
 
 @pytest.fixture(scope="session")
