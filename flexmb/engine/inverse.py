@@ -37,7 +37,7 @@ def reactions(sys, st, wk):
         _hold_shapes(sys.parts.bodies, wk.trial.res)
         for i in range(nv):
             fac.rhs[place[i]] = -wk.trial.res[i]
-        solve_refined(sys.kkt, fac, 2)
+        solve_refined(sys.kkt, fac, 1)  # takes the regularisation, 1e-9, back to round-off
         change, size = 0.0, 0.0
         for i in range(st.lam.shape[0]):
             st.lam[i] = fac.sol[place[nv + i]]

@@ -40,7 +40,7 @@ def main():
     print("\nQuick-return, positions, velocities, accelerations, reactions, energies of all points")
     print(f"{'model':>24} {'points/turn':>12} {'us/point':>9} {'iterations':>11} {'factors':>8}")
     for kind, plane in (("A", "xy"), ("C", "xy"), ("A", None)):
-        for per_turn in (200, 1000):
+        for per_turn in (200, 360, 1000):
             made = quick_return(kind, plane, _POINTS / per_turn, _POINTS)
             seconds, (iterations, factors, _) = per_point(made)
             name = f"{kind}, {len(made.bodies)} bodies, {plane or 'in space'}"
