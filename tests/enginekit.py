@@ -119,6 +119,7 @@ def padded(system):
         elements=_padded_elements(system.elements),
         further=np.zeros(1),
         signals=NO_SIGNALS if system.signals is None else system.signals,
+        stops=np.zeros(0, np.int64) if system.stops is None else system.stops,
         contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
         frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
     )

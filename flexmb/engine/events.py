@@ -1,11 +1,12 @@
 """Events: moments at which a force has a kink, so that a step should end there.
 
 Each contact is watched by its depth and the rate of this, and one with friction by what makes it
-slide or stick; so is friction in each joint. A step over which a contact may open and close unseen
-is found by the tangents to its depth at both ends. With error control a step in which one of them
-crosses zero, and not just at its end, is repeated shorter, so that it ends a little beyond the
-crossing (regula falsi; each shorter step is closer, and tries are bounded). After it begins one of
-a small length, as forces may grow fast from there. With fixed steps nothing is shortened.
+slide or stick; so is friction in each joint, and each stop by its penetration. A step over which a
+contact may open and close unseen is found by the tangents to its depth at both ends. With error
+control a step in which one of them crosses zero, and not just at its end, is repeated shorter, so
+that it ends a little beyond the crossing (regula falsi; each shorter step is closer, and tries are
+bounded). After it begins one of a small length, as forces may grow fast from there. With fixed
+steps nothing is shortened.
 Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math.
 Appl. 39 (2000) 43.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.triple import inner
 from flexmb.engine.kernels.bodies import kinematics
-from flexmb.engine.kernels.forces import contact, joint_friction
+from flexmb.engine.kernels.forces import contact, element, joint_friction, law, measure
 from flexmb.engine.method import AGE, EVENT_REST, EVENT_STEP, EVENT_TRIES, EVENTS, STEP
 from flexmb.engine.tables import BRISTLE, OPEN
 
@@ -33,7 +34,7 @@ _RESTART = 0.1
 
 
 @kernel
-def _evaluate(sys, contacts, frictions, wk, q, v, out):
+def _evaluate(sys, contacts, frictions, stops, wk, q, v, out):
     """What is watched, after position and velocity stages and grips."""
     now, n = wk.now, 0
     if contacts is not None:
@@ -56,23 +57,30 @@ def _evaluate(sys, contacts, frictions, wk, q, v, out):
             out[n + k] = joint_friction.slip(
                 f, sys.parts.coordinates, now.grip[k, 0], now.kept, q, v
             )
+        n += frictions.shape[0]
+    if stops is not None:
+        for k in range(stops.shape[0]):
+            row = sys.elements.laws[stops[k]]
+            s, _ = measure.present(row, sys.parts.coordinates, now, v)
+            out[n + k], _ = law.penetration(row, s)
 
 
 @kernel
 def _stages(sys, frictions, wk, q, v, lam):
     """Markers at a state, and the grips of its multipliers."""
     kinematics.position(sys.parts, wk.now, q)
+    element.position(sys.elements, sys.parts.coordinates, wk.now, q)
     kinematics.velocity(sys.parts, wk.now, v)
     joint_friction.put_grips(sys, frictions, wk, lam)
 
 
 @kernel
-def begin(sys, contacts, frictions, st, wk):
+def begin(sys, contacts, frictions, stops, st, wk):
     """Before the first step: what is watched at the state."""
-    if contacts is not None or frictions is not None:
+    if contacts is not None or frictions is not None or stops is not None:
         _stages(sys, frictions, wk, st.q, st.v, st.lam)
         wk.now.span[0] = 0.0
-        _evaluate(sys, contacts, frictions, wk, st.q, st.v, wk.events.before)
+        _evaluate(sys, contacts, frictions, stops, wk, st.q, st.v, wk.events.before)
 
 
 @kernel
@@ -116,14 +124,14 @@ def _next(contacts, events, h):
 
 
 @kernel
-def missed(sys, contacts, frictions, settings, st, wk, h):
+def missed(sys, contacts, frictions, stops, settings, st, wk, h):
     """Whether the step that is proposed has an event well inside; then a shorter one is due."""
-    if contacts is not None or frictions is not None:
+    if contacts is not None or frictions is not None or stops is not None:
         if settings.step > 0.0:
             return False
         memory = st.memory
         _stages(sys, frictions, wk, wk.trial.q, wk.trial.v, wk.trial.lam)
-        _evaluate(sys, contacts, frictions, wk, wk.trial.q, wk.trial.v, wk.events.now)
+        _evaluate(sys, contacts, frictions, stops, wk, wk.trial.q, wk.trial.v, wk.events.now)
         share = _next(contacts, wk.events, h)
         tried = memory[EVENT_TRIES] >= _TRIES or memory[EVENT_REST] > 0.0
         if share >= 1.0 - _NEAR or tried:
@@ -141,9 +149,9 @@ def missed(sys, contacts, frictions, settings, st, wk, h):
 
 
 @kernel
-def accepted(sys, contacts, frictions, settings, st, wk, h):
+def accepted(sys, contacts, frictions, stops, settings, st, wk, h):
     """After an accepted step: count its events, and begin with a small step after one."""
-    if contacts is not None or frictions is not None:
+    if contacts is not None or frictions is not None or stops is not None:
         if settings.step > 0.0:
             return
         memory = st.memory
@@ -162,4 +170,4 @@ def accepted(sys, contacts, frictions, settings, st, wk, h):
             memory[EVENT_TRIES] += 1.0
             if memory[EVENT_TRIES] > 2.0 * _TRIES:
                 memory[EVENT_TRIES] = 0.0
-        _evaluate(sys, contacts, frictions, wk, st.q, st.v, wk.events.before)
+        _evaluate(sys, contacts, frictions, stops, wk, st.q, st.v, wk.events.before)

@@ -125,12 +125,12 @@ def _advance(sys, method, settings, st, wk, room):
             status = CURVE_END
         verdict = control.rejected(settings, st, wk.trial.error, status, h)
         if verdict == FINE:
-            if events.missed(sys, sys.contacts, sys.frictions, settings, st, wk, h):
+            if events.missed(sys, sys.contacts, sys.frictions, sys.stops, settings, st, wk, h):
                 continue
             wk.trial.t[0] = control.exact_time(settings, sys.kinks, st, h)
             _accept(sys, settings, st, wk, h)
             control.accepted(settings, st, wk.trial.error, h)
-            events.accepted(sys, sys.contacts, sys.frictions, settings, st, wk, h)
+            events.accepted(sys, sys.contacts, sys.frictions, sys.stops, settings, st, wk, h)
             return FINE
         if verdict == TOO_SMALL:
             return status if status != FINE else TOO_SMALL
@@ -242,7 +242,7 @@ def march(sys, method, settings, st, wk, out, n_steps):
     signal.remember(sys.signals, wk, st.angles)
     copy(st.kept, wk.now.kept)
     control.begin(sys, settings, st)
-    events.begin(sys, sys.contacts, sys.frictions, st, wk)
+    events.begin(sys, sys.contacts, sys.frictions, sys.stops, st, wk)
     while status == FINE:
         if _due(settings, st):
             status = _report(sys, method, settings, st, wk, out)

@@ -286,6 +286,7 @@ class System(NamedTuple):
     signals: object  # Signals or None
     contacts: object = None  # CONTACT
     frictions: object = None  # JOINT_FRICTION
+    stops: object = None  # (n,) the rows of elements.laws that are stops
 
 
 # Kinds of constraint rows.

@@ -102,7 +102,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     live = None if system.signals is None else _new_live(system)
-    n = 3 * _rows(system.contacts) + _rows(system.frictions)
+    n = 3 * _rows(system.contacts) + _rows(system.frictions) + _rows(system.stops)
     events = Events(_nan(n), _nan(n))
     return Work(now, con, _new_dense(system), _new_factor(system), trial, live, events)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
+from flexmb.engine.compile.forces.elements import stop_rows
 from flexmb.engine.compile.gather import Gathered, gather
 from flexmb.engine.compile.joints.coordinates import unit_weight
 from flexmb.engine.compile.joints.curves import Contact
@@ -129,6 +130,7 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
         contacts=forces.contacts,
         frictions=forces.frictions,
         elements=forces.elements,
+        stops=stop_rows(forces.elements),
     )
 
 

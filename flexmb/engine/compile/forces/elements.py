@@ -39,7 +39,15 @@ from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.values.reading import Spec
 
-__all__ = ["couples", "element_tables", "names_of", "place", "row_of", "table_of"]
+__all__ = [
+    "couples",
+    "element_tables",
+    "names_of",
+    "place",
+    "row_of",
+    "stop_rows",
+    "table_of",
+]
 
 Pair = tuple[int, int]
 # Fields with the LINK of a pair, and the markers that it couples, by table.
@@ -191,6 +199,13 @@ def table_of(spec: Spec) -> int:
     if isinstance(spec, JointSpringSpec):
         return -1 if spec.spring_force is None and spec.damper_force is None else LAW_WRENCH
     return LAW_WRENCH if isinstance(spec, AnyStop) else -1
+
+
+def stop_rows(elements: Elements | None) -> NDArray[np.int64] | None:
+    """The laws that are stops; None where there are none."""
+    laws = None if elements is None else elements.laws
+    rows = np.flatnonzero(laws["stop"]) if isinstance(laws, np.ndarray) else ()
+    return np.array(rows, np.int64) if len(rows) else None
 
 
 def names_of(model: Model, table: int) -> tuple[str, ...]:

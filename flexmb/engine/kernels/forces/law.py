@@ -40,7 +40,7 @@ def resistance(law, elements, stack, s, v, u):
 
 
 @kernel
-def _penetration(law, s):
+def penetration(law, s):
     """Depth in a bound, negative clear of both, and the direction: 1 upper, −1 lower."""
     if s - law["upper"] > law["lower"] - s:
         return s - law["upper"], 1.0
@@ -58,7 +58,7 @@ def _step(law, p):
 
 @kernel
 def _stop(law, s, v):
-    p, side = _penetration(law, s)
+    p, side = penetration(law, s)
     if p <= 0.0:
         return 0.0, 0.0, 0.0
     e = law["exponent"]
@@ -77,7 +77,7 @@ def _stop(law, s, v):
 def energy(law, elements, stack, s):
     """What the elastic part stores, J; nothing at x = 0 or clear of the stop."""
     if law["stop"] == 1:
-        p, _ = _penetration(law, s)
+        p, _ = penetration(law, s)
         e = law["exponent"] + 1.0
         return law["k"] * p**e / e if p > 0.0 else 0.0
     x = s - law["free"]
@@ -106,7 +106,7 @@ def integral(programs, at, stack, x):
 def damper_power(law, elements, stack, s, v):
     """Power of the dissipative part on the system, W."""
     if law["stop"] == 1:
-        p, side = _penetration(law, s)
+        p, side = penetration(law, s)
         if p <= 0.0 or law["c"] == 0.0:
             return 0.0
         f, _, _ = _stop(law, s, v)
