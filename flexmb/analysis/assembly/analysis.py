@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.closing import Closer, body_weights, close_positions, mass_closer
-from flexmb.analysis.assembly.gaps import Gap, Moved, gaps
+from flexmb.analysis.assembly.gaps import Moved
 from flexmb.analysis.assembly.metric import slowest_period, stiff_system, weighted_system
 from flexmb.analysis.assembly.velocities import AskedVelocities
 from flexmb.analysis.dynamics.stops import stop_notes
@@ -34,12 +34,10 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
-from flexmb.units import UnitSystem
 
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _EQUILIBRIUM_ROUNDS = 40
-_SHOWN = 3
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
 
 
@@ -121,42 +119,6 @@ def _start_states(compiled: Compiled, state: State, work: Work, begin: Begin | N
         solve_level(compiled.system, state, work, RESIDUAL)
         for start in follow:
             state.v[start.iv] = work.con.fun[start.program, 0]
-
-
-@dataclass(frozen=True)
-class AssemblyReport:
-    """How far the placed pose was from a closed one."""
-
-    gaps: tuple[Gap, ...]  # of joints and drivers as placed, worst first
-    moved: tuple[Moved, ...]  # bodies that had to move, farthest first
-
-    def sentences(self, units: UnitSystem) -> list[str]:
-        """What is worth knowing of it, in the scene's units."""
-        if not self.moved:
-            return ["the placed pose is closed: no body is moved"]
-        wide = [f"{gap.where} by {gap.said(units)}" for gap in self.gaps if gap.open][:_SHOWN]
-        far = [f"{body.name} by {body.said(units)}" for body in self.moved[:_SHOWN]]
-        return [
-            f"open as placed: {', '.join(wide)}",
-            f"closed with least change; moved: {', '.join(far)}",
-        ]
-
-
-def assembly_report(compiled: Compiled, model: Model) -> AssemblyReport:
-    """Close the positions of a model, and say what was open and which bodies were moved.
-
-    Raises
-    ------
-    AssemblyError
-        Positions that cannot be closed (worst joints and gaps), or a joint on its wrong branch.
-    """
-    state = new_state(compiled.system, len(compiled.layout.channels))
-    work = new_work(compiled.system)
-    state.q[:] = compiled.placed
-    solve_level(compiled.system, state, work, RESIDUAL)
-    period = slowest_period(compiled.system)
-    found = tuple(gaps(compiled, work))
-    return AssemblyReport(found, _close(compiled, model, state, work, period, guess=True))
 
 
 def _close(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem
 
-__all__ = ["Gap", "Moved", "check_branches", "gap_problems", "gaps", "moved_bodies"]
+__all__ = ["Gap", "Moved", "check_branches", "gap_problems", "gaps", "moved_bodies", "opened"]
 
 _SHOWN = 3
 _SAME = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
@@ -83,6 +84,21 @@ def moved_bodies(
         if not (far == 0.0 and angle == 0.0):
             found.append((far / compiled.length + angle, Moved(body.name, far, angle)))
     return tuple(moved for _, moved in sorted(found, key=lambda item: -item[0]))
+
+
+def opened(found: Sequence[Gap], moved: Sequence[Moved], units: UnitSystem) -> list[str]:
+    """What was open as placed, worst first, and which bodies moved for it, in the scene's units.
+
+    Nothing if no body had to move.
+    """
+    if not moved:
+        return []
+    wide = [f"{gap.where} by {gap.said(units)}" for gap in found if gap.open][:_SHOWN]
+    far = [f"{body.name} by {body.said(units)}" for body in moved[:_SHOWN]]
+    return [
+        f"open as placed: {', '.join(wide)}",
+        f"closed with least change; moved: {', '.join(far)}",
+    ]
 
 
 def _without_round_off(compiled: Compiled, far: float, angle: float) -> tuple[float, float]:

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.analysis import AssemblyReport
 from flexmb.analysis.assembly.closing import body_weights, close_positions
-from flexmb.analysis.assembly.gaps import gaps
+from flexmb.analysis.assembly.gaps import gaps, opened
 from flexmb.analysis.mobility.conflicts import (
     driver_notes,
     driver_problems,
@@ -205,7 +204,7 @@ def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
     except AssemblyError as error:
         problems = driver_problems(compiled, model, error.problems)
         raise AssemblyError.from_problems(problems) from None
-    told = AssemblyReport(open_as_placed, moved).sentences(model.units) if moved else []
+    told = opened(open_as_placed, moved, model.units)
     return Closed(state.q.copy(), rows_at(compiled, state.q), True), told
 
 
