@@ -8,61 +8,85 @@ constraints. For scenes without stiff forces. The embedded formula gives the err
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from flexmb.engine import control
-from flexmb.engine.jit import kernel
+import numpy as np
+
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.kernels.bodies.motion import normalise, position_rate
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import (
+    NOTHING,
     accelerations,
     project_positions,
     project_velocity,
 )
-from flexmb.engine.kernels.residual import position_stage
+from flexmb.engine.kernels.stages import position_stage
 from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
     NO_CONVERGENCE,
-    NO_METHOD,
     NOT_FINITE,
     RESIDUALS,
+    Method,
 )
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Run
 
 _MAX_PROJECTIONS = 10
 
 
-@kernel
-def step(sys, tableau, settings, st, wk, h):
-    """One step from `st`; see the contract in `engine.method`."""
-    if tableau is None:
-        return NO_METHOD
-    tr = wk.trial
+class Tableau(NamedTuple):
+    """Butcher tableau of an explicit pair: y1 from b, error from b - b_hat."""
+
+    A: Matrix  # (stages, stages)
+    b: Vector
+    c: Vector
+    difference: Vector  # b - b_hat
+
+
+def bogacki_shampine() -> Method:
+    """The explicit 3(2) pair of Bogacki & Shampine (Appl. Math. Lett. 2, 1989, 321)."""
+    A = np.zeros((4, 4))
+    A[1, 0] = 1 / 2
+    A[2, 1] = 3 / 4
+    A[3, :3] = 2 / 9, 1 / 3, 4 / 9
+    b = np.array([2 / 9, 1 / 3, 4 / 9, 0.0])
+    b_hat = np.array([7 / 24, 1 / 4, 1 / 3, 1 / 8])
+    tableau = Tableau(A, b, np.array([0.0, 0.5, 0.75, 1.0]), b - b_hat)
+    return Method((step,), (tableau,), order=3, stages=len(b), filter=0.0)
+
+
+@unit
+def step(run: Run, tableau: Tableau, h: float) -> int:
+    """One step from the state; see the contract in `engine.method`."""
+    st, tr, parts, at = run.state, run.work.trial, run.system.parts, run.trial_point
     nq = st.q.shape[0]
     stages = tableau.b.shape[0]
     copy(st.lam, tr.lam)
     for s in range(stages):
         _combine(st.q, tr.stages, 0, tableau.A[s], s, h, tr.q)
         _combine(st.v, tr.stages, nq, tableau.A[s], s, h, tr.v)
-        normalise(sys.parts.bodies, tr.q)
+        normalise(parts.bodies, tr.q)
         st.count[RESIDUALS] += 1
         st.count[FACTORISATIONS] += 1
-        t = st.t[0] + tableau.c[s] * h
-        code = accelerations(sys, wk, t, tr.q, tr.v, tr.vd, tr.lam, 0.0, 0)
-        if code < 0:
-            return control.failure(code)
-        position_rate(sys.parts, tr.q, tr.v, tr.stages[s])
+        tr.t[0] = st.t[0] + tableau.c[s] * h
+        status = accelerations(run, at, 0.0, NOTHING)
+        if status != FINE:
+            return status
+        position_rate(parts, tr.q, tr.v, tr.stages[s])
         for i in range(st.v.shape[0]):
             tr.stages[s, nq + i] = tr.vd[i]
     copy(tr.vd, tr.aa)
     tr.t[0] = st.t[0] + h
     _combine(st.q, tr.stages, 0, tableau.b, stages, h, tr.q)
     _combine(st.v, tr.stages, nq, tableau.b, stages, h, tr.v)
-    normalise(sys.parts.bodies, tr.q)
-    _estimate_error(sys.parts.bodies, sys.weights, tr.stages, tableau.difference, h, tr.error)
+    normalise(parts.bodies, tr.q)
+    _estimate_error(parts.bodies, run.system.weights, tr.stages, tableau.difference, h, tr.error)
     if not math.isfinite(tr.error[0] + tr.error[1]):
         return NOT_FINITE
-    return _return_to_constraints(sys, st, wk)
+    return _return_to_constraints(run)
 
 
 @kernel
@@ -105,15 +129,15 @@ def _sum(slopes, at, difference, h):
 
 
 @kernel
-def _return_to_constraints(sys, st, wk):
+def _return_to_constraints(run):
     """Positions onto C = 0 by Newton's method, then velocities, with one factor of M."""
-    tr = wk.trial
-    position_stage(sys, wk, tr.t[0], tr.q)
-    if wk.con.C.shape[0] == 0:
+    at = run.trial_point
+    position_stage(run, at)
+    if run.work.con.C.shape[0] == 0:
         return FINE
-    factorise(sys, wk, tr.v, tr.vd, tr.lam, 0.0, 0.0)
-    st.count[FACTORISATIONS] += 1
-    if not project_positions(sys, wk, tr.t[0], tr.q, _MAX_PROJECTIONS):
+    factorise(run, at, 0.0, 0.0)
+    run.state.count[FACTORISATIONS] += 1
+    if project_positions(run, at, _MAX_PROJECTIONS) == 0:
         return NO_CONVERGENCE
-    project_velocity(sys, wk, tr.v)
+    project_velocity(run, at)
     return FINE

@@ -11,8 +11,12 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import dot
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Factor
+from flexmb.engine.tables import Kkt
 
 # A pivot this small against its own diagonal entry carries no digits.
 _TINY = 1e-13
@@ -35,27 +39,34 @@ def _guarded(d, a, sign):
     return sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 
-@kernel
-def factor(kkt, fac):
+@unit
+def factor(kkt: Kkt, fac: Factor) -> int:
     """Factor fac.low (and fac.up) in place; returns the number of replaced pivots."""
     if fac.symmetric[0] == 1:
         return factor_symmetric(kkt, fac)
+    return factor_pair(kkt, fac)
+
+
+@unit
+def factor_pair(kkt: Kkt, fac: Factor) -> int:
+    """Factor fac.low and fac.up in place; returns the number of replaced pivots."""
+    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
+    Wl, Wu = fac.Wl, fac.Wu
     fixes = 0
-    for p in range(kkt.panels.shape[0]):
-        panel = kkt.panels[p]
-        fixes += _factor_panel_pair(panel, fac.low, fac.up, fac.Wl, fac.Wu, fac.d)
-        _update_pair(panel, kkt.updates, fac.low, fac.up, fac.Wl, fac.Wu)
+    for p in range(panels.shape[0]):
+        fixes += _factor_panel_pair(panels[p], low, up, Wl, Wu, d)
+        _update_pair(panels[p], updates, low, up, Wl, Wu)
     return fixes
 
 
-@kernel
-def factor_symmetric(kkt, fac):
+@unit
+def factor_symmetric(kkt: Kkt, fac: Factor) -> int:
     """Factor fac.low in place; returns the number of replaced pivots."""
+    panels, updates, low, Wl, d = kkt.panels, kkt.updates, fac.low, fac.Wl, fac.d
     fixes = 0
-    for p in range(kkt.panels.shape[0]):
-        panel = kkt.panels[p]
-        fixes += _factor_panel(panel, fac.low, fac.Wl, fac.d)
-        _update_low(panel, kkt.updates, fac.low, fac.Wl)
+    for p in range(panels.shape[0]):
+        fixes += _factor_panel(panels[p], low, Wl, d)
+        _update_low(panels[p], updates, low, Wl)
     return fixes
 
 
@@ -137,12 +148,15 @@ def _update_pair(panel, updates, L, U, W, V):
                 U[target + j] -= dot(V, w, L, y, nc)
 
 
-@kernel
-def solve(kkt, fac, b):
+@unit
+def solve(kkt: Kkt, fac: Factor, b: Vector) -> int:
     """Solve in place with the factor; b is in elimination order."""
-    up = fac.low if fac.symmetric[0] == 1 else fac.up
     b[b.shape[0] - 1] = 0.0  # the place of all coordinates that are left out
-    _solve(kkt.panels, kkt.rows, fac.low, up, fac.d, b)
+    if fac.symmetric[0] == 1:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, b)
+    else:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, b)
+    return FINE
 
 
 @kernel
@@ -172,11 +186,14 @@ def _solve(panels, rows_of, L, U, d, b):
                 b[col + k] -= U[o + k] * x
 
 
-@kernel
-def multiply(kkt, fac, x, y):
+@unit
+def multiply(kkt: Kkt, fac: Factor, x: Vector, y: Vector) -> int:
     """y = S x with the unregularised matrix; both in elimination order."""
-    up = fac.low0 if fac.symmetric[0] == 1 else fac.up0
-    _multiply(kkt.panels, kkt.rows, fac.low0, up, fac.eps, x, y)
+    if fac.symmetric[0] == 1:
+        _multiply(kkt.panels, kkt.rows, fac.low0, fac.low0, fac.eps, x, y)
+    else:
+        _multiply(kkt.panels, kkt.rows, fac.low0, fac.up0, fac.eps, x, y)
+    return FINE
 
 
 @kernel
@@ -198,8 +215,8 @@ def _multiply(panels, rows_of, L, U, eps, x, y):
                 y[r] += (L[o + i] + eps[r]) * x[r]
 
 
-@kernel
-def solve_refined(kkt, fac, rounds):
+@unit
+def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
     """fac.sol = S⁻¹ fac.rhs, refined against the matrix without regularisation."""
     rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
     for i in range(rhs.shape[0]):
@@ -212,3 +229,4 @@ def solve_refined(kkt, fac, rounds):
         solve(kkt, fac, tmp)
         for i in range(rhs.shape[0]):
             x[i] += tmp[i]
+    return FINE

@@ -6,7 +6,7 @@ With a = z_I, b = z_J and h = x_J − x_I the measures are
     RADIAL    |h − (a·h) a|          distance of the point J from the line a through I
     MOMENT    h·(a × b)              distance of the lines times the sine of their angle
 
-They are compiled only for systems that hold such a row. Gradient, curvature and tangent as in
+Gradient, curvature and tangent as in
 `primitive` and `row_tangent`. Source of the homokinetic condition: Shabana, Dynamics of Multibody
 Systems, ch. 3; of the mutual moment: Selig, Geometric Fundamentals of Robotics, ch. 6.
 """

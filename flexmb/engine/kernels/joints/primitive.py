@@ -11,8 +11,7 @@ With x, R of the markers, a = column of R_I, b = column of R_J, h = x_J − x_I,
     RADIAL    |h − (z_I·h) z_I| − f       distance from the line z_I
     MOMENT    h·(z_I × z_J) − f           mutual moment of the lines z_I and z_J
 
-f is the row's constant and its function of time, if it has one. The last three are compiled only
-where `lines` is not None. The gradient g (12) holds the partial derivatives for the virtual motion
+f is the row's constant and its function of time, if it has one. The gradient g (12) holds the partial derivatives for the virtual motion
 (δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the pair of wrenches of the row (Haug, Computer
 Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3).
 """
@@ -48,11 +47,11 @@ def joint_angle(Ri, Rj, b):
 
 
 @kernel
-def value(lines, kind, a, b, mi, mj, f):
+def value(kind, a, b, mi, mj, f):
     """Value of one row between two markers; f is its constant and its function of time."""
     if kind == POINT:
         return mj["x"][a] - mi["x"][a]
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         return line.value(kind, mi, mj) - f
     Ri, Rj = mi["R"], mj["R"]
     if kind == DOT1:
@@ -66,11 +65,11 @@ def value(lines, kind, a, b, mi, mj, f):
 
 
 @kernel
-def gradient(lines, kind, a, b, mi, mj, g):
+def gradient(kind, a, b, mi, mj, g):
     """Gradient g (12) of one row."""
     for k in range(12):
         g[k] = 0.0
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         line.gradient(kind, mi, mj, g)
         return
     Ri, Rj = mi["R"], mj["R"]
@@ -111,11 +110,11 @@ def rate(g, mi, mj):
 
 
 @kernel
-def curvature(lines, kind, a, b, mi, mj):
+def curvature(kind, a, b, mi, mj):
     """Second time derivative of a row (without f) at zero accelerations of both markers."""
     if kind == POINT:
         return 0.0
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         return line.curvature(kind, mi, mj)
     Ri, Rj, omi, omj = mi["R"], mj["R"], mi["om"], mj["om"]
     if kind == DOT1:

@@ -16,11 +16,11 @@ from flexmb.engine.tables import DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
 @kernel
-def add_row_tangent(lines, kind, a, b, mi, mj, lam, g, H):
+def add_row_tangent(kind, a, b, mi, mj, lam, g, H):
     """Add the tangent of λ g of one row to H (12, 12); g (12) is scratch."""
     if kind == POINT:
         return
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         line.add_tangent(kind, mi, mj, lam, g, H)
         return
     Ri, Rj = mi["R"], mj["R"]

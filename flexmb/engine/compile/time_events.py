@@ -1,4 +1,4 @@
-"""Table of the times at which functions of time have kinks; None where steps do not end at them."""
+"""Table of the times at which functions of time or their derivatives jump."""
 
 from __future__ import annotations
 
@@ -11,29 +11,27 @@ from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.kinks import kinks_of
 from flexmb.model.tasks.dynamics import DynamicsSpec
 
-__all__ = ["kink_table"]
+__all__ = ["time_event_table"]
 
 # Round-off of the times at which functions are evaluated, relative.
 _SIDE = 4e-15
-# Kinks closer than this share of the run are one.
+# Jumps closer than this share of the run are one.
 _ONE = 1e-10
 
 
-def kink_table(
+def time_event_table(
     programs: Sequence[Expression], spec: DynamicsSpec | None
-) -> NDArray[np.float64] | None:
-    """(n, 2) times [s] just before and just after every kink within the run.
+) -> NDArray[np.float64]:
+    """(n, 2) times [s] just before and just after every jump within the run.
 
-    None with fixed steps, which fall where they fall, and where there are no kinks.
+    Empty with fixed steps, which fall where they fall.
     """
     if spec is None or spec.step is not None:
-        return None
+        return np.zeros((0, 2))
     end = spec.duration
     found: list[float] = []
     for t in sorted({t for program in programs for t in kinks_of(program.ops, end)}):
         if t - (found[-1] if found else 0.0) > _ONE * end and end - t > _ONE * end:
             found.append(t)
-    if not found:
-        return None
     times = np.array(found)
     return np.column_stack([times * (1.0 - _SIDE), times * (1.0 + _SIDE)])

@@ -8,35 +8,47 @@ curve turns with its body), s × s gets Jᵀ H J + w·D.
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from typing import NamedTuple
+
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.joints.group_tangent import put_group_tangent
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
 
 
-@kernel
-def slider_tangents(sys, sliders, wk, lam, cp):
+class CurveMarkers(NamedTuple):
+    """Markers that slide along curves (`Parts.curve_markers`)."""
+
+
+@unit
+def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) -> int:
     """cp ∂(Cqᵀ λ)/∂q of all rows on curve markers, where s has a part in it."""
-    if sliders is not None:
-        for k in range(sliders.shape[0]):
-            slider = sliders[k]
-            put_group_tangent(sys, wk, lam, slider["group"])
-            _put_columns(sys.parts, slider, wk, sys.rows[sys.groups[slider["group"]]["row"]], cp, k)
-            for side in range(2):
-                link = slider["link_I"] if side == 0 else slider["link_J"]
-                if link >= 0:
-                    row = sys.rows[sys.groups[slider["group"]]["row"]]
-                    b = sys.parts.markers[row["I"] if side == 0 else row["J"]]["body"]
-                    _add_border(sys.parts.bodies[b], sys.kkt, link, side, wk)
-            _add_own(sys, slider, wk, cp, k)
-            if slider["link_other"] >= 0:
-                _add_other(sys, slider, wk, cp, k)
+    sys, wk = run.system, run.work
+    curves = sys.parts.curve_markers
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    for k in range(curves.shape[0]):
+        curve = curves[k]
+        put_group_tangent(run, at.lam, curve["group"])
+        row = sys.rows[sys.groups[curve["group"]]["row"]]
+        _put_columns(sys.parts, curve, wk, row, cp, k)
+        for side in range(2):
+            link = curve["link_I"] if side == 0 else curve["link_J"]
+            if link >= 0:
+                b = sys.parts.markers[row["I"] if side == 0 else row["J"]]["body"]
+                _add_border(sys.parts.bodies[b], sys.kkt, link, side, wk)
+        _add_own(sys, curve, wk, cp, k)
+        if curve["link_other"] >= 0:
+            _add_other(sys, curve, wk, cp, k)
+    return FINE
 
 
 @kernel
-def _put_columns(parts, slider, wk, row, cp, k):
+def _put_columns(parts, curve, wk, row, cp, k):
     """Pull back what s and a body do to each other: columns to dense.T[side], rows to 2 + side."""
-    d, J, o = wk.dense, wk.now.slider[k]["J"], 6 * slider["side"]
+    d, J, o = wk.dense, wk.now.curve_marker[k]["J"], 6 * curve["side"]
     g, w = d.g[0], d.g[1]
     lx, ly, lz = cross(J[0], J[1], J[2], w[o], w[o + 1], w[o + 2])
     mx, my, mz = cross(J[3], J[4], J[5], w[o + 3], w[o + 4], w[o + 5])
@@ -83,21 +95,21 @@ def _product(H, i, first, j, second):
 
 
 @kernel
-def _add_own(sys, slider, wk, cp, k):
-    d, sn, o = wk.dense, wk.now.slider[k], 6 * slider["side"]
+def _add_own(sys, curve, wk, cp, k):
+    d, sn, o = wk.dense, wk.now.curve_marker[k], 6 * curve["side"]
     s = _product(d.H, o, sn["J"], o, sn["J"])
     for c in range(6):
         s += d.g[1, o + c] * sn["D"][c]
-    at = sys.kkt.panels[sys.parts.coordinates[slider["coordinate"]]["panel"]]["at"]
+    at = sys.kkt.panels[sys.parts.coordinates[curve["coordinate"]]["panel"]]["at"]
     wk.factor.low[at] += cp * s
     wk.factor.up[at] += cp * s
 
 
 @kernel
-def _add_other(sys, slider, wk, cp, k):
+def _add_other(sys, curve, wk, cp, k):
     """Add the pair of entries of two curve markers of one joint; the link is that of (k, other)."""
-    H, link, o = wk.dense.H, sys.kkt.links[slider["link_other"]], 6 * slider["side"]
-    J, K = wk.now.slider[k]["J"], wk.now.slider[slider["other"]]["J"]
+    H, link, o = wk.dense.H, sys.kkt.links[curve["link_other"]], 6 * curve["side"]
+    J, K = wk.now.curve_marker[k]["J"], wk.now.curve_marker[curve["other"]]["J"]
     mine, theirs = cp * _product(H, o, J, 6 - o, K), cp * _product(H, 6 - o, K, o, J)
     if link["flipped"] == 1:
         wk.factor.low[link["at"]] += theirs
