@@ -9,6 +9,7 @@ name and those of the units it calls.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import inspect
 import os
@@ -41,8 +42,8 @@ from numba.extending import (
 from numba.np import arrayobj
 
 from flexmb.engine import jit
-from flexmb.engine.object_files import write_object
 from flexmb.engine.records import Array, is_record, layout
+from flexmb.engine.unit_cache import write_unit
 
 __all__ = ["compile_unit", "main"]
 
@@ -164,23 +165,23 @@ def _put_calls() -> None:
 
     @overload(jit.call_stage)
     def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at: stage(unit, run, tables, at)
+        return lambda unit, run, tables, at: stage(unit, run, tables, at)  # noqa: PLW0108
 
     @overload(jit.call_value)
     def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at: number(unit, run, tables, at)
+        return lambda unit, run, tables, at: number(unit, run, tables, at)  # noqa: PLW0108
 
     @overload(jit.call_matrix)
     def _(unit, run, tables, at, cv, cp):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at, cv, cp: matrix(unit, run, tables, at, cv, cp)
+        return lambda unit, run, tables, at, cv, cp: matrix(unit, run, tables, at, cv, cp)  # noqa: PLW0108
 
     @overload(jit.call_step)
     def _(unit, run, tables, h):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, h: step(unit, run, tables, h)
+        return lambda unit, run, tables, h: step(unit, run, tables, h)  # noqa: PLW0108
 
     @overload(jit.call_channel)
     def _(unit, run, tables, at, k):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)
+        return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)  # noqa: PLW0108
 
 
 def signature_of(function: Callable[..., Any]) -> Any:
@@ -273,16 +274,21 @@ def main(arguments: list[str]) -> int:
     folder = Path(arguments[0])
     jit.compile_with(_mark_kernel, _mark_unit)
     _put_calls()
+    gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them
     for line in sys.stdin:
         name, file = line.rstrip("\n").split("\t")
         start = time.process_time()
         try:
             importlib.import_module(name.rpartition(".")[0])
             code, called = compile_unit(jit.UNITS[name])
-            write_object(folder / file, code, called)
+            write_unit(folder / file, code, called)
             answer = f"done\t{name}\t{time.process_time() - start:.3f}"
+        except OSError as error:
+            answer = f"unwritable\t{name}\t{error.strerror or error}"
         except Exception as error:  # noqa: BLE001  the parent tells it
-            lines = traceback.format_exc() if "-v" in arguments else f"{type(error).__name__}: {error}"
+            lines = f"{type(error).__name__}: {error}"
+            if "-v" in arguments:
+                lines = traceback.format_exc()
             answer = f"failed\t{name}\t{lines!r}"
         print(answer, flush=True)
     return 0

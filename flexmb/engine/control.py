@@ -13,7 +13,6 @@ import math
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.time_events import next_end
 from flexmb.engine.method import (
     AGE,
     CALM,
@@ -37,6 +36,7 @@ from flexmb.engine.method import (
     STEP,
     TOO_SMALL,
 )
+from flexmb.engine.time_events import next_end
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0

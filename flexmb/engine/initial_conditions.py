@@ -12,8 +12,11 @@ from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.constraint import evaluate_constraints
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
+from flexmb.engine.kernels.sensors.sensor import count_turns
 from flexmb.engine.kernels.stages import (
     begin_history,
+    begin_run,
+    complete_poses,
     feedback_stage,
     position_stage,
     powers,
@@ -21,7 +24,6 @@ from flexmb.engine.kernels.stages import (
     residual,
     velocity_stage,
 )
-from flexmb.engine.kernels.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
@@ -32,11 +34,19 @@ _LONGEST = 0.3
 @unit
 def solve_stage(run: Run, level: int) -> float:
     """Solve one level of the state in place with M as the metric; see `entries.solve_level`."""
-    st, at, near = run.state, run.state_point, run.work.feedback.near
-    channels = run.system.sensors.channels
+    near, channels = run.work.feedback.near, run.system.sensors.channels
     for c in range(near.shape[0]):
         near[c] = math.nan if channels[c]["turns"] != 0 else 0.0
-    copy(st.history, run.work.now.history)
+    copy(run.state.history, run.work.now.history)
+    begin_run(run, run.state_point)
+    result = _solve(run, run.state_point, level)
+    complete_poses(run, run.state_point)
+    return result
+
+
+@kernel
+def _solve(run, at, level):
+    st, near = run.state, run.work.feedback.near
     if level == ACCELERATIONS:
         return float(accelerations(run, at, 0.0, NOTHING))
     if level == RESIDUAL:

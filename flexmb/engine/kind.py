@@ -2,17 +2,19 @@
 
 A stage of the equations (`engine.kernels.stages`) walks over the kinds that the scene holds and
 knows none of them by name. A kind is declared once, in the file of its kernels, and listed in
-`engine.kinds`. Signatures of the units, with `run` the Run, `tables` the kind's own record, `at` the
-Point where the stage is evaluated:
+`engine.kinds`. Signatures of the units, with `run` the Run, `tables` the kind's own record, `at`
+the Point where the stage is evaluated:
 
     stage                     returns
+    constants   (run, tables, at)           status; what never changes in a run
     functions   (run, tables, at)           status; functions of time, into Constraints.fun
     position    (run, tables, at)           status; poses from t and q
     inertia     (run, tables, at)           status; what depends on positions alone
     velocity    (run, tables, at)           status; after position
     bias        (run, tables, at)           status; accelerations at zero v̇, after velocity
+    axes        (run, tables, at)           status; poses that only outputs need
     feedback    (run, tables, at)           status; forces by what is measured
-    reaction    (run, tables, at)           number; loads that follow from multipliers, largest change
+    reaction    (run, tables, at)           number; loads by multipliers, their largest change
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix
@@ -27,7 +29,8 @@ Point where the stage is evaluated:
     limits      (run, tables, at)           status; whether the state may be taken
     angles      (run, tables, at)           status; carries what counts turns to this position
     wrenches    (run, tables, at, channel)  number; wrench pair of one element, for sensors
-    unit_force  (run, tables, at, tangent)  number; forces per unit of a function, for feedback
+    unit_force  (run, tables, at, part)     number; force per unit of a function, for feedback;
+                                            part = 6 row + 3 (0: on J, 1: on I) + component
 """
 
 from __future__ import annotations

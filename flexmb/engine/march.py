@@ -20,6 +20,7 @@ from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
+    begin_run,
     feedback_stage,
     pose_stage,
     powers,
@@ -206,6 +207,7 @@ def march(run: Run, n_steps: int) -> int:
     st.memory[AGE] = -1.0
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
+    begin_run(run, run.state_point)
     control.begin(run.system, settings, st)
     begin_events(run)
     while status == FINE:

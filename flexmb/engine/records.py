@@ -19,8 +19,8 @@ import numpy as np
 from flexmb.engine.jit import Unit
 
 __all__ = [
-    "Array", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector", "array_of",
-    "layout", "pack", "units_in",
+    "Array", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector", "array_ndim",
+    "array_of", "is_record", "layout", "pack", "units_in",
 ]  # fmt: skip
 
 
@@ -86,6 +86,12 @@ def _kind(hint: Any) -> tuple[Any, str]:
     if hint in (int, float) or is_record(hint):
         return hint, ""
     return None, ""
+
+
+def array_ndim(hint: Any) -> int:
+    """Number of dimensions of an annotation that is an array; 0 for all others."""
+    kind, table = _kind(hint)
+    return kind.ndim if isinstance(kind, Array) and not table else 0
 
 
 def is_record(hint: Any) -> bool:

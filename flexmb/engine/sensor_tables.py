@@ -49,8 +49,8 @@ TERM = np.dtype(
 PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
 # Where a partial derivative enters the iteration matrix. What acts: component `a` of row `row` on
 # its marker J or I (`on` 0, 1), of the kind `kind` among those with a unit force; or the scalar
-# coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J (`side`
-# 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
+# coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J
+# (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
 FEEDBACK_TANGENT = np.dtype(
     [
         ("partial", _I),

@@ -219,12 +219,14 @@ class Stage(NamedTuple):
 class Stages(NamedTuple):
     """What each kind of the scene does, stage by stage (`engine.kind`)."""
 
+    constants: Stage
     functions: Stage
     position: Stage
     inertia: Stage
     velocity: Stage
     force_velocity: Stage  # velocity, where wrenches need it
     bias: Stage
+    axes: Stage
     feedback: Stage
     reaction: Stage
     wrench: Stage

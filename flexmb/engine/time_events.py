@@ -1,9 +1,9 @@
 """Known jumps of functions of time as events: a step ends just before each, the next begins after.
 
 The formulas of the methods take forces and motions for smooth within a step. Where a function of
-time or its derivative jumps (the end of a step function, a corner of a table) the state is therefore
-computed again on the far side, as at the start of a run: velocities back on their constraints (where
-the speed of a driver jumps, by the impulse of the joints), accelerations and multipliers from the
+time or its derivative jumps (the end of a step function, a corner of a table) the state is computed
+again on the far side, as at the start of a run: velocities back on their constraints (where the
+speed of a driver jumps, by the impulse of the joints), accelerations and multipliers from the
 equations of motion, a short step. All of it follows from `State` alone, so that a resumed run
 repeats it.
 """

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.method import AGE, CONTRACTION, COUNTS, MEMORY, SHARE, SYMMETRIC, Method, Settings
+from flexmb.engine.kinematics_state import Path
+from flexmb.engine.method import (
+    AGE,
+    CONTRACTION,
+    COUNTS,
+    MEMORY,
+    SHARE,
+    SYMMETRIC,
+    Method,
+    Settings,
+)
 from flexmb.engine.state import (
     BODY_NOW,
     CURVE_MARKER_NOW,
@@ -28,9 +38,12 @@ from flexmb.engine.state import (
 )
 from flexmb.engine.tables import System
 
-__all__ = ["kinds_of", "new_output", "new_run", "new_state", "new_work", "sizes", "stages_of"]
+__all__ = [
+    "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "sizes", "stages_of",
+]  # fmt: skip
 
 _NO_METHOD = Method((), (), 2, 0, 0.0)
+_SINGULAR_POSES = 8  # of which time and positions are kept
 _NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0, 0)
 
 
@@ -189,4 +202,19 @@ def new_run(
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
         stages_of(system), method, settings,
         new_output(system, 0, len(state.angles)) if output is None else output,
+    )  # fmt: skip
+
+
+def new_path(system: System) -> Path:
+    """Memory for one kinematic analysis; the metric is that of the weights."""
+    nq, nv, nc = sizes(system)
+    weights = np.where(system.weights > 0.0, system.weights, 1.0)
+    signs = np.where(np.random.default_rng(1).random(nc) < 0.5, -1.0, 1.0)
+    sizes_of_rows = np.linspace(0.7, 1.3, nc)  # so that no symmetry hides a pose
+    n_functions = max(1, len(system.functions.start) - 1)
+    return Path(
+        weights**2, signs * sizes_of_rows / system.row_weights,
+        *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
+        np.array([np.inf, -1.0, 0.0]), np.zeros((_SINGULAR_POSES, 2)),
+        np.zeros((_SINGULAR_POSES, nq)), np.zeros(3, dtype=np.int64),
     )  # fmt: skip

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compile.core import with_markers
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Pool
-from flexmb.engine.consistent import BEGIN, VELOCITIES, solve_level
+from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, System
 from flexmb.engine.work import new_work
@@ -82,8 +83,7 @@ class AskedVelocities:
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()
-        parts = metric.parts._replace(markers=table, pool=markers.pool.array())
-        self._system = self._anchored(metric._replace(parts=parts))
+        self._system = self._anchored(with_markers(metric, table, markers.pool.array()))
         self._work = new_work(self._system)
 
     def start(self, state: State) -> None:

@@ -23,7 +23,7 @@ from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.warm import compile_kernels
+from flexmb.engine.entries import prepare_integration
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
@@ -108,7 +108,7 @@ def prepare(
         raise SceneError("the scene has no [dynamics]: give its duration")
     chosen = chosen_method(spec)
     clock = Clock()
-    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
+    prepare_integration(compiled.system, chosen, progress)
     clock.lap("compile")
     progress("assemble", 0.0)
     try:
@@ -229,8 +229,7 @@ def _store(run: Run, sink: Sink, lifts: Lifts) -> str:
 
 def _ten_times(run: Run) -> float:
     """How much more time ten times the accuracy takes: that many more steps."""
-    order = 3.0 if run.method.alpha is None else 2.0
-    return float(10.0 ** (1.0 / order))
+    return float(10.0 ** (1.0 / run.method.order))
 
 
 def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:

@@ -34,7 +34,7 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
         assert isinstance(system.parts.coordinates, np.ndarray)  # a row follows one of them
         column = system.parts.coordinates[follow["coordinate"]]["iv"]
         Cq[follow["row"], column] = -follow["factor"]
-    if system.parts.sliders is not None:
+    if len(system.parts.curve_markers):
         _put_sliders(system, work, Cq)
     return Cq
 
@@ -42,7 +42,7 @@ def dense_jacobian(compiled: Compiled, work: Work) -> NDArray[np.float64]:
 def _put_sliders(system: System, work: Work, Cq: NDArray[np.float64]) -> None:
     """What the rows on curve markers change with their places along the curves."""
     links, low = system.kkt.links, work.factor.low0
-    sliders, coordinates = system.parts.sliders, system.parts.coordinates
+    sliders, coordinates = system.parts.curve_markers, system.parts.coordinates
     assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
     for slider in sliders:
         group, link = system.groups[slider["group"]], links[slider["link"]]

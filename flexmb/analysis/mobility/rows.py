@@ -183,7 +183,7 @@ def _slid(
 ) -> dict[int, tuple[int, Array]]:
     """Move the curve markers, placed as the markers that carry their curves, along these."""
     parts, slides = compiled.system.parts, {}
-    sliders: Any = parts.sliders
+    sliders: Any = parts.curve_markers
     scalars: Any = parts.coordinates
     for slider in sliders if sliders is not None else ():
         k, at, n = (int(slider[word]) for word in ("marker", "at", "n"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,19 +24,36 @@ class Markers:
     rows: list[tuple[Any, ...]] = field(default_factory=list)
     known: dict[bytes, int] = field(default_factory=dict)
     modes: dict[bytes, int] = field(default_factory=dict)
+    framed: set[int] = field(default_factory=set)  # markers whose axes matter
 
-    def add(self, marker: PlacedMarker) -> int:
-        """Index of the marker."""
+    def add(self, marker: PlacedMarker, point: bool = False) -> int:
+        """Index of the marker; `point` if only its place matters to who asks."""
         row = self._row(marker)
         key = b"".join(np.asarray(part).tobytes() for part in row)
         if key not in self.known:
             self.known[key] = len(self.rows)
             self.rows.append(row)
+        if not point:
+            self.framed.add(self.known[key])
         return self.known[key]
+
+    def frame_together(self, pairs: Sequence[tuple[int, int]]) -> None:
+        """Let the axes of both markers of a pair matter where those of one do."""
+        partners: dict[int, set[int]] = {}
+        for i, j in pairs:
+            partners.setdefault(i, set()).add(j)
+            partners.setdefault(j, set()).add(i)
+        self.framed |= {k for k, row in enumerate(self.rows) if row[1] >= 0}  # moved by modes
+        waiting = list(self.framed)
+        while waiting:
+            new = partners.get(waiting.pop(), set()) - self.framed
+            self.framed |= new
+            waiting.extend(new)
 
     def own(self, marker: PlacedMarker) -> int:
         """Index of a row for this marker that no other shares: one that slides along a curve."""
         self.rows.append(self._row(marker))
+        self.framed.add(len(self.rows) - 1)
         return len(self.rows) - 1
 
     def _row(self, marker: PlacedMarker) -> tuple[Any, ...]:
@@ -62,6 +80,6 @@ class Markers:
     def table(self) -> NDArray[np.void]:
         """MARKER rows."""
         table = np.zeros(len(self.rows), MARKER)
-        for k, row in enumerate(self.rows):
-            table[k] = row
+        for k, (body, modes, *rest) in enumerate(self.rows):
+            table[k] = (body, modes, k not in self.framed and modes < 0, *rest)
         return table

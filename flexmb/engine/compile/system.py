@@ -17,6 +17,7 @@ from flexmb.engine.compile.joints.curves import Contact
 from flexmb.engine.compile.joints.groups import row_table, row_weights
 from flexmb.engine.compile.lowering import Element
 from flexmb.engine.compile.ordering import Ordered, put_in_order
+from flexmb.engine.compile.planar import normal_axis
 from flexmb.engine.compile.sensors import feedback
 from flexmb.engine.compile.sizes import body_weights, model_length
 from flexmb.engine.compile.time_events import time_event_table
@@ -30,7 +31,7 @@ from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
-from flexmb.model.plane import normal_in_body
+from flexmb.model.plane import normal_in_body, plane_axes
 
 __all__ = ["Compiled", "compile_system", "fingerprint"]
 
@@ -112,11 +113,15 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
     n_functions, signals = len(of.functions.programs), measured.feedback
     scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
     gravity = np.array(model.gravity or (0.0,) * 3)
+    of.markers.frame_together([(row.I, row.J) for row in of.groups.rows])
     markers, pool = of.markers.table(), of.markers.pool.array()
     parts = Parts(of.bodies, pool, markers, gravity, of.coordinates, order.curve_markers)
     rows = row_table(of.groups, 6 + of.bodies["m"], n_functions)
     functions = lower(of.functions.programs, measured.numbers)
-    kinds = core_tables(parts, rows, functions, measured.sensors) | of.kinds
+    core = core_tables(
+        parts, rows, order.groups, functions, measured.sensors, _plane(model)
+    )
+    kinds = core | of.kinds
     if signals is not None:
         kinds["feedback"] = signals.feedback
     return System(
@@ -136,6 +141,14 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
         program_depth=lowering.program_depth,
         kinds=kinds,
     )
+
+
+def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
+    """Axes of the plane and its normal (3,), and of each body the axis along it; None in space."""
+    if model.plane is None:
+        return None
+    about = [normal_axis(spec, model.plane) for spec in model.bodies.values()]
+    return np.array(plane_axes(model.plane), np.int64), np.array(about, np.int64)
 
 
 def _layout(of: Gathered, system: System) -> Layout:

@@ -11,7 +11,6 @@ symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step tha
 from __future__ import annotations
 
 import math
-
 from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit

@@ -103,8 +103,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
     The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
-    with POSITIONS q and v are. Returns the status; NO_LOOP where forces that depend on accelerations
-    or reactions do not settle, SELF_LOCKING where friction does not.
+    with POSITIONS q and v are. Returns the status; NO_LOOP where forces that depend on
+    accelerations or reactions do not settle, SELF_LOCKING where friction does not.
     """
     position_stage(run, at)
     velocity_stage(run, at)

@@ -24,8 +24,14 @@ def walk(stage, run, at):
 
 
 @unit
+def begin_run(run: Run, at: Point) -> int:
+    """What never changes in a run; before any other stage."""
+    return walk(run.stages.constants, run, at)
+
+
+@unit
 def position_stage(run: Run, at: Point) -> int:
-    """Functions of time, rotations of bodies, markers and integrals of the deformation at (t, q)."""
+    """Functions of time, poses of bodies and markers, integrals of the deformation at (t, q)."""
     stages, now = run.stages, run.work.now
     walk(stages.functions, run, at)
     walk(stages.position, run, at)
@@ -51,6 +57,12 @@ def velocity_stage(run: Run, at: Point) -> int:
 def bias_stage(run: Run, at: Point) -> int:
     """Accelerations of the markers at zero v̇, after a velocity stage."""
     return walk(run.stages.bias, run, at)
+
+
+@unit
+def complete_poses(run: Run, at: Point) -> int:
+    """Poses and velocities that only outputs need, after a velocity stage."""
+    return walk(run.stages.axes, run, at)
 
 
 @kernel
@@ -143,11 +155,10 @@ def begin_history(run, at, history):
         for i in range(history.shape[0]):
             history[i] = 0.0
         history[0] = at.t[0]
-        walk(run.stages.begin, run, at)
         for i in range(history.shape[0]):
             now.history[i] = history[i]
         now.span[0] = 0.0
-        walk(run.stages.remember, run, at)
+        walk(run.stages.begin, run, at)
         for i in range(history.shape[0]):
             now.history[i] = history[i]
 
@@ -166,5 +177,3 @@ def add_couplings(run, at, cv, cp):
     units, tables = run.stages.coupling.units, run.stages.coupling.tables
     for k in range(len(units)):
         call_matrix(units[k], run, tables[k], at, cv, cp)
-
-

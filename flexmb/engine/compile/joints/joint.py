@@ -23,7 +23,7 @@ from flexmb.engine.compile.joints.joint_rows import (
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.tables import DISTANCE
+from flexmb.engine.tables import DISTANCE, POINT
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
@@ -74,7 +74,8 @@ class _Rows:
     ends: dict[str, Ends] = field(default_factory=dict)  # triads of the joints
 
     def add(self, owner: str, between: Ends, rows: list[Entry], words: Sequence[str] = ()) -> None:
-        I, J = (self.markers.add(marker) for marker in between)  # noqa: E741
+        points = all(row.kind == POINT for row in rows)
+        I, J = (self.markers.add(marker, points) for marker in between)  # noqa: E741
         self.groups.add(owner, self.markers, I, J, rows, words)
 
     def begin(self, coordinate: str) -> None:

@@ -119,8 +119,8 @@ RIGID_BODIES = Kind(
     "rigid_bodies",
     Bodies,
     {
+        "constants": inertia.prepare_rigid,
         "position": inertia.turn_bodies,
-        "inertia": inertia.prepare_rigid,
         "force": inertia.rigid_inertia_forces,
         "matrix": inertia_tangent.rigid_matrix,
         "mass": inertia_tangent.rigid_mass_product,

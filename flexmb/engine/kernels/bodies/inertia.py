@@ -32,7 +32,7 @@ from flexmb.engine.state import Point, Run
 
 
 class Bodies(NamedTuple):
-    """Bodies of one sort."""
+    """Bodies of one sort; other records of bodies begin with the same field."""
 
     rows: Integers  # their rows in the table of bodies
 
@@ -76,13 +76,18 @@ def _put_rigid_moments(body, bn):
             J[a, b] = S0[a, b]
 
 
-@unit
-def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
-    """J and c of rigid bodies."""
-    bodies, body_now, rows = run.system.parts.bodies, run.work.now.body, of.rows
+@kernel
+def prepare_bodies(bodies, body_now, rows):
+    """J and c of undeformed bodies."""
     for n in range(rows.shape[0]):
         _put_rigid_moments(bodies[rows[n]], body_now[rows[n]])
         _put_inertia(body_now[rows[n]]["J"])
+
+
+@unit
+def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
+    """J and c of rigid bodies, which never change."""
+    prepare_bodies(run.system.parts.bodies, run.work.now.body, of.rows)
     return FINE
 
 
@@ -136,7 +141,7 @@ def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 
 @unit
 def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
-    """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of flexible bodies."""
+    """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
     parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
     q, v, vd = at.q, at.v, at.vd
     for n in range(rows.shape[0]):

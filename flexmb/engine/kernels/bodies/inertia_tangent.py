@@ -89,9 +89,7 @@ def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
         if cv != 0.0:
             _add_velocity_tangent(body, bn, v, 0.0, 0.0, 0.0, cv, B)
         if cp != 0.0:
-            _add_position_tangent(
-                body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, cp, B
-            )
+            _add_position_tangent(body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, cp, B)
         add_body_block(body, kkt, B, low, up)
     return FINE
 

@@ -209,9 +209,7 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
         ex, ey, ez = cross(wx, wy, wz, ox, oy, oz)
         tx, ty, tz = _tangent_rate(mk, mn, body["m"], parts.pool, v, iv + 6)
         px, py, pz = _arm_bias(mn["arm"], ox, oy, oz, tx, ty, tz)
-        ax, ay, az = transform(
-            A, ax + 2.0 * cx + px, ay + 2.0 * cy + py, az + 2.0 * cz + pz
-        )
+        ax, ay, az = transform(A, ax + 2.0 * cx + px, ay + 2.0 * cy + py, az + 2.0 * cz + pz)
         put(mn["bx"], 0, ax, ay, az)
         ex, ey, ez = transform(A, ex + tx, ey + ty, ez + tz)
         put(mn["bom"], 0, ex, ey, ez)

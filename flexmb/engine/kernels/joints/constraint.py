@@ -20,8 +20,13 @@ _REGULARISATION = 1e-9
 
 
 class Joints(NamedTuple):
-    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`)."""
+    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`).
 
+    Reactions and tangents of joints of points stand apart (`point_joint`).
+    """
+
+    rows: Integers  # rows of all others
+    groups: Integers  # groups of all others
     driven: Integers  # rows with a function of time
 
 
@@ -45,18 +50,18 @@ def evaluate_constraints(run: Run) -> int:
 
 @unit
 def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
-    """Wrenches of the markers −= λ g of all rows."""
+    """Wrenches of the markers −= λ g of all rows but those of joints of points."""
     rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.dense.g[0], at.lam
-    for k in range(rows.shape[0]):
+    listed = joints.rows
+    for n in range(listed.shape[0]):
+        k = listed[n]
         row = rows[k]
         mi, mj = markers[row["I"]]["W"], markers[row["J"]]["W"]
         if row["kind"] == POINT:
             mi[row["a"]] += lam[k]
             mj[row["a"]] -= lam[k]
             continue
-        primitive.gradient(
-            row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], g
-        )
+        primitive.gradient(row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], g)
         for c in range(6):
             mi[c] -= lam[k] * g[c]
             mj[c] -= lam[k] * g[6 + c]
@@ -153,7 +158,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
 def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> int:
     """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
     if cv != 0.0 or cp != 0.0:
-        group_tangents(run, at.lam, cp)
+        group_tangents(run, joints.groups, at.lam, cp)
     return FINE
 
 

@@ -142,7 +142,11 @@ def add_bias(run: Run, of: CurveMarkers, at: Point) -> int:
     """The share of ṡ in the accelerations of all curve markers at zero v̇ and s̈."""
     parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
     for k in range(markers.shape[0]):
-        mn, J, D = now.marker[markers[k]["marker"]], now.curve_marker[k]["J"], now.curve_marker[k]["D"]
+        mn, J, D = (
+            now.marker[markers[k]["marker"]],
+            now.curve_marker[k]["J"],
+            now.curve_marker[k]["D"],
+        )
         rate = at.v[parts.coordinates[markers[k]["coordinate"]]["iv"]]
         om = mn["om"]
         wx, wy, wz = om[0] - J[3] * rate, om[1] - J[4] * rate, om[2] - J[5] * rate

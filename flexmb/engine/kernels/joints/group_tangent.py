@@ -12,13 +12,13 @@ from flexmb.engine.tables import POINT
 
 
 @kernel
-def group_tangents(run, lam, cp):
-    """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
+def group_tangents(run, listed, lam, cp):
+    """cp ∂(Cqᵀ λ)/∂q of some constraint groups."""
     groups, rows = run.system.groups, run.system.rows
-    for k in range(groups.shape[0]):
-        group = groups[k]
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
         i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
-        curved = put_group_tangent(run, lam, k)
+        curved = put_group_tangent(run, lam, listed[n])
         add_moment_arms(run, i, j, cp)
         if curved == 1:
             add_pair(run, i, j, group["couple"], cp)

@@ -11,9 +11,10 @@ With x, R of the markers, a = column of R_I, b = column of R_J, h = x_J − x_I,
     RADIAL    |h − (z_I·h) z_I| − f       distance from the line z_I
     MOMENT    h·(z_I × z_J) − f           mutual moment of the lines z_I and z_J
 
-f is the row's constant and its function of time, if it has one. The gradient g (12) holds the partial derivatives for the virtual motion
-(δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the pair of wrenches of the row (Haug, Computer
-Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3).
+f is the row's constant and its function of time, if it has one. The gradient g (12) holds the
+partial derivatives for the virtual motion (δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the
+pair of wrenches of the row (Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu
+2011, §2.3).
 """
 
 from __future__ import annotations
@@ -67,11 +68,19 @@ def value(kind, a, b, mi, mj, f):
 @kernel
 def gradient(kind, a, b, mi, mj, g):
     """Gradient g (12) of one row."""
+    if kind >= TWIST:
+        for k in range(12):
+            g[k] = 0.0
+        line.gradient(kind, mi, mj, g)
+    else:
+        axis_gradient(kind, a, b, mi, mj, g)
+
+
+@kernel
+def axis_gradient(kind, a, b, mi, mj, g):
+    """Gradient g (12) of one row between points and axes, not between lines."""
     for k in range(12):
         g[k] = 0.0
-    if kind >= TWIST:
-        line.gradient(kind, mi, mj, g)
-        return
     Ri, Rj = mi["R"], mj["R"]
     if kind == POINT:
         g[a] = -1.0
@@ -80,14 +89,9 @@ def gradient(kind, a, b, mi, mj, g):
         x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b])
         put_pair(g, 3, -x, -y, -z)
     elif kind == DOT2:
-        hx, hy, hz = separation(mi, mj)
-        put_pair(g, 0, Ri[0, a], Ri[1, a], Ri[2, a])
-        x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz)
-        put(g, 3, x, y, z)
+        put_component_gradient(a, mi, mj, g)
     elif kind == DISTANCE:
-        hx, hy, hz = separation(mi, mj)
-        n = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
-        put_pair(g, 0, hx * n, hy * n, hz * n)
+        put_distance_gradient(mi, mj, g)
     else:
         s = dot_columns(Ri, 1, Rj, b)
         c = dot_columns(Ri, 0, Rj, b)
@@ -97,6 +101,24 @@ def gradient(kind, a, b, mi, mj, g):
         uz = (c * Ri[2, 1] - s * Ri[2, 0]) * n
         x, y, z = cross(Rj[0, b], Rj[1, b], Rj[2, b], ux, uy, uz)
         put_pair(g, 3, x, y, z)
+
+
+@kernel
+def put_component_gradient(a, mi, mj, g):
+    """Put the gradient of a·h into g (12), zero elsewhere."""
+    R = mi["R"]
+    hx, hy, hz = separation(mi, mj)
+    put_pair(g, 0, R[0, a], R[1, a], R[2, a])
+    x, y, z = cross(R[0, a], R[1, a], R[2, a], hx, hy, hz)
+    put(g, 3, x, y, z)
+
+
+@kernel
+def put_distance_gradient(mi, mj, g):
+    """Put the gradient of |h| into g (12), zero elsewhere."""
+    hx, hy, hz = separation(mi, mj)
+    n = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
+    put_pair(g, 0, hx * n, hy * n, hz * n)
 
 
 @kernel

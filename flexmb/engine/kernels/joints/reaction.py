@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import call_stage, kernel, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import primitive
@@ -36,9 +36,11 @@ def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
 
 @unit
 def read_reactions(run: Run, at: Point, out: Vector) -> int:
-    """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I."""
+    """out (12 groups): force and moment on marker J of the joint in its axes, then on marker I."""
     groups, markers, d = run.system.groups, run.work.now.marker, run.work.dense
-    w = d.g[1]
+    w, stage = d.g[1], run.stages.axes
+    for k in range(len(stage.units)):
+        call_stage(stage.units[k], run, stage.tables[k], at)
     for k in range(groups.shape[0]):
         put_group_wrench(run, k, at.lam)
         i, j = d.pair[0], d.pair[1]

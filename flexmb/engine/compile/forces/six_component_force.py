@@ -1,18 +1,23 @@
-"""Numbers of bushings and beams: ends with their axes, free separation, preload, K and C.
+"""Tables of bushings and beams: ends with their axes, free separation, preload, K and C.
 
-A row for the pool is u0 (3), p0 (6), K (6, 6), C (6, 6), forces before moments; see
-`kernels.frame`.
+A row for the pool is u0 (3), p0 (6), K (6, 6), C (6, 6), forces before moments.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.flexbody import FlexBody
+from flexmb.engine.compile.lowering import Element, Lowering
+from flexmb.engine.compile.pool import Pool
+from flexmb.engine.kernels.forces.relative_motion import RelativeMotion
+from flexmb.engine.kernels.forces.six_component_force import (
+    SIX_COMPONENT_FORCE,
+    SIX_COMPONENT_FORCES,
+    SixComponentForces,
+)
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.forces.elements import BeamForceSpec, BushingSpec
@@ -20,16 +25,46 @@ from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix, triad
 
-__all__ = ["beam_matrix", "beam_numbers", "bushing_numbers"]
+__all__ = ["beam_matrix", "lower_six_component_forces", "velocity_slopes"]
 
 Array = NDArray[np.float64]
 Numbers = tuple[tuple[PlacedMarker, PlacedMarker], Array, bool]
 
 
-def bushing_numbers(model: Model, name: str, flexbodies: Mapping[str, FlexBody]) -> Numbers:
+def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
+    """SIX_COMPONENT_FORCE rows and their pool; None if the model has none."""
+    rows: list[tuple[object, ...]] = []
+    pool = Pool()
+    for name, spec in lowering.model.forces.items():
+        if isinstance(spec, BeamForceSpec):
+            ends, numbers, damped = _beam_numbers(lowering, spec)
+        elif isinstance(spec, BushingSpec):
+            ends, numbers, damped = _bushing_numbers(lowering, spec)
+        else:
+            continue
+        i, j = (lowering.markers.add(marker) for marker in ends)
+        lowering.elements[f"forces.{name}"] = Element(SIX_COMPONENT_FORCES.name, len(rows))
+        rows.append((i, j, -1, pool.add(numbers), damped))
+    if not rows:
+        return None
+    scratch = {name: _nan(6) for name in ("x", "rate", "p", "f")}
+    scratch |= {name: _nan(6, 6) for name in "KC"} | {name: _nan(6, 12) for name in "EDS"}
+    motion = RelativeMotion(**scratch, Q=_nan(3, 3), W=_nan(12, 12), N=velocity_slopes(lowering))
+    return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE), pool.array(), motion)
+
+
+def _nan(*shape: int) -> Array:
+    return np.full(shape, np.nan)
+
+
+def velocity_slopes(lowering: Lowering) -> Array:
+    """Scratch (6, 6 + m) for a marker of the body with the most modes."""
+    return _nan(6, 6 + max((body.m for body in lowering.flexbodies.values()), default=0))
+
+
+def _bushing_numbers(lowering: Lowering, spec: BushingSpec) -> Numbers:
     """Markers, pool row and whether there is damping, of a bushing."""
-    spec = model.forces[name]
-    assert isinstance(spec, BushingSpec)  # the caller knows
+    model, flexbodies = lowering.model, lowering.flexbodies
     I, J = (lookup.placed(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
     free = np.zeros(3)
     if spec.free == "placed":
@@ -42,10 +77,9 @@ def bushing_numbers(model: Model, name: str, flexbodies: Mapping[str, FlexBody])
     return (I, J), np.concatenate([free, preload, K.ravel(), C.ravel()]), bool(C.any())
 
 
-def beam_numbers(model: Model, name: str, flexbodies: Mapping[str, FlexBody]) -> Numbers:
+def _beam_numbers(lowering: Lowering, spec: BeamForceSpec) -> Numbers:
     """Markers with their axes along the section's, pool row and whether there is damping."""
-    spec = model.forces[name]
-    assert isinstance(spec, BeamForceSpec)  # the caller knows
+    model, flexbodies = lowering.model, lowering.flexbodies
     I, J = (lookup.placed(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
     line = lookup.global_position(model, J) - lookup.global_position(model, I)
     distance = float(np.linalg.norm(line))
@@ -56,7 +90,7 @@ def beam_numbers(model: Model, name: str, flexbodies: Mapping[str, FlexBody]) ->
     R = np.column_stack([x, y, np.cross(x, y)])
     length = distance if spec.length is None else spec.length
     K = beam_matrix(spec, length)
-    numbers = [(length, 0.0, 0.0), np.zeros(6), K.ravel(), spec.damping * K.ravel()]
+    numbers = [np.array([length, 0.0, 0.0]), np.zeros(6), K.ravel(), spec.damping * K.ravel()]
     ends = _turned(model, I, R), _turned(model, J, R)
     return ends, np.concatenate(numbers), spec.damping > 0.0
 

@@ -14,36 +14,55 @@ pair has neither momentum nor moment of momentum.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
 from flexmb.engine.kernels.joints.dots import dot_columns, separation
+from flexmb.engine.records import Matrix, Vector
 
 # Below this φ² the series of e, in φ², has a remainder below round-off; above, the closed form of
 # its slope keeps all but three digits.
 _SERIES = 0.5
 
 
+class RelativeMotion(NamedTuple):
+    """Scratch of one pair of markers: relative motion, force, and what tangents are made of."""
+
+    x: Vector  # (6,) separation and rotation vector of J from I, axes of I
+    rate: Vector  # (6,) velocity and angular velocity of J seen from I, axes of I
+    Q: Matrix  # (3, 3) axes of J in those of I
+    p: Vector  # (6,) force conjugate to x
+    f: Vector  # (6,) force and moment with which J is pulled to I, axes of I
+    K: Matrix  # (6, 6) its change with the relative motion
+    C: Matrix  # (6, 6) and with the relative velocity
+    E: Matrix  # (6, 12) relative motion per motion of the markers
+    D: Matrix  # (6, 12) change of the relative velocity with their position
+    S: Matrix  # (6, 12)
+    W: Matrix  # (12, 12) damping between the markers
+    N: Matrix  # (6, 6 + m) change of a marker's velocity with q at constant v
+
+
 @kernel
-def relative_motion(mi, mj, s):
+def put_relative_motion(mi, mj, s):
     """s.x, s.rate and s.Q of two markers; the rate is of use after a velocity stage only."""
-    Ri, Rj = mi["R"], mj["R"]
+    Ri, Rj, out, rate, Q = mi["R"], mj["R"], s.x, s.rate, s.Q
     hx, hy, hz = separation(mi, mj)
     x, y, z = transform_back(Ri, hx, hy, hz)
-    put(s.x, 0, x, y, z)
+    put(out, 0, x, y, z)
     for a in range(3):
         for b in range(3):
-            s.Q[a, b] = dot_columns(Ri, a, Rj, b)
-    x, y, z = rotation_vector(s.Q)
-    put(s.x, 3, x, y, z)
+            Q[a, b] = dot_columns(Ri, a, Rj, b)
+    x, y, z = rotation_vector(Q)
+    put(out, 3, x, y, z)
     x, y, z = _velocity_from(mi, mj)
     x, y, z = transform_back(Ri, x, y, z)
-    put(s.rate, 0, x, y, z)
+    put(rate, 0, x, y, z)
     p, q = mi["om"], mj["om"]
     x, y, z = transform_back(Ri, q[0] - p[0], q[1] - p[1], q[2] - p[2])
-    put(s.rate, 3, x, y, z)
+    put(rate, 3, x, y, z)
 
 
 @kernel
@@ -177,39 +196,40 @@ def add_tangent(mi, mj, s, damped, cv, cp, H):
     s.K and s.C are its changes with (δu, δθ) and (u̇, ω), δθ the turn of J from I in axes of I.
     Where there is damping s.W (12, 12) is that between the velocities of the markers.
     """
-    _put_maps(mi, mj, s.E, s.D)
+    E, D, K, C, S = s.E, s.D, s.K, s.C, s.S
+    _put_maps(mi, mj, E, D)
     for r in range(6):
         for c in range(12):
             x = 0.0
             for k in range(6):
-                x += cp * s.K[r, k] * s.E[k, c]
+                x += cp * K[r, k] * E[k, c]
                 if damped == 1:
-                    x += s.C[r, k] * (cv * s.E[k, c] + cp * s.D[k, c])
-            s.S[r, c] = x
+                    x += C[r, k] * (cv * E[k, c] + cp * D[k, c])
+            S[r, c] = x
     for i in range(12):
         for c in range(12):
             for r in range(6):
-                H[i, c] += s.E[r, i] * s.S[r, c]
+                H[i, c] += E[r, i] * S[r, c]
     if damped == 1:
-        _put_damping(s)
+        _put_damping(E, C, S, s.W)
     _add_turning(mi, mj, s.f, cp, H)
 
 
 @kernel
-def _put_damping(s):
-    """s.W = Eᵀ C E."""
+def _put_damping(E, C, S, W):
+    """W = Eᵀ C E; S (6, 12) is scratch."""
     for r in range(6):
         for c in range(12):
             x = 0.0
             for k in range(6):
-                x += s.C[r, k] * s.E[k, c]
-            s.S[r, c] = x
+                x += C[r, k] * E[k, c]
+            S[r, c] = x
     for i in range(12):
         for c in range(12):
             x = 0.0
             for r in range(6):
-                x += s.E[r, i] * s.S[r, c]
-            s.W[i, c] = x
+                x += E[r, i] * S[r, c]
+            W[i, c] = x
 
 
 @kernel

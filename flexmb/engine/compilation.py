@@ -1,0 +1,239 @@
+"""Compiling units that are missing, on all cores.
+
+Processes of `engine.compiler`, one a core, each compile one unit after the other into the cache. A
+lock for each unit keeps two runs from doing the same work; it ends with the process that holds it.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from flexmb.engine.unit_cache import cache_folders, file_of, leave_cache, read_unit, unit_file
+from flexmb.errors import CompilationError
+from flexmb.progress import Progress, silent
+
+__all__ = ["compile_units"]
+
+# A process grows by some 4 MB a unit; after so many a new one takes over.
+_MOST_UNITS = 60
+
+
+def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
+    """Compile units on all cores into the cache; returns how many this process compiled.
+
+    A unit that another process is compiling is waited for.
+
+    Raises
+    ------
+    CompilationError
+        A unit does not compile, or a compiler cannot be started or dies.
+    """
+    work = _Work(names, progress)
+    try:
+        work.run()
+    finally:
+        work.stop()
+    return work.compiled
+
+
+class _Work:
+    """Units to compile, and the processes that compile them."""
+
+    def __init__(self, names: Sequence[str], progress: Progress) -> None:
+        self.waiting = sorted(set(names), key=lambda name: (-_cost(name), name))
+        self.count, self.progress = len(self.waiting), progress
+        self.folder = cache_folders()[0]
+        self.workers: list[_Worker] = []
+        self.elsewhere: list[str] = []  # in the hands of another process
+        self.compiled = 0
+        self.done_cost, self.cost = 0.0, sum(map(_cost, names)) or 1.0
+        self.start = time.perf_counter()
+
+    def run(self) -> None:
+        """Until all are there."""
+        self._tell("")
+        while self.waiting or self.elsewhere or any(worker.name for worker in self.workers):
+            self._give()
+            busy = [worker for worker in self.workers if worker.name]
+            if busy:
+                for worker in _ready(busy):
+                    self._take(worker)
+            else:
+                time.sleep(0.02)
+            if not self.waiting and self.elsewhere:
+                self.waiting, self.elsewhere = self.elsewhere, []
+
+    def _give(self) -> None:
+        """A unit to every free worker."""
+        while self.waiting:
+            free = next((worker for worker in self.workers if not worker.name), None)
+            if free is None and len(self.workers) >= min(_cores(), self.count):
+                return
+            name = self.waiting.pop(0)
+            lock = self._claim(name)
+            if lock is None:
+                self.elsewhere.append(name)
+                continue
+            if read_unit(self.folder / unit_file(name)) is not None:
+                lock.release()
+                self._finish(name)
+                continue
+            if free is not None and free.done >= _MOST_UNITS:
+                free.kill()
+                self.workers.remove(free)
+                free = None
+            if free is None:
+                free = _Worker(self.folder)
+                self.workers.append(free)
+            free.begin(name, lock)
+
+    def _claim(self, name: str) -> Any:
+        """The lock of a unit, or None if another process has it; it ends with the process."""
+        lock = FileLock(self.folder / f"{unit_file(name)}.lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            return None
+        except OSError as error:
+            if not leave_cache(self.folder, error.strerror or str(error)):
+                raise CompilationError(f"{self.folder}: cannot be written ({error})") from None
+            self.folder = cache_folders()[0]
+            return self._claim(name)
+        return lock
+
+    def _take(self, worker: _Worker) -> None:
+        """The answer of a worker."""
+        name = worker.name
+        unwritable = worker.end()
+        if not unwritable:
+            self.compiled += 1
+            self._finish(name)
+        elif leave_cache(self.folder, unwritable):
+            self.folder = cache_folders()[0]
+            self.waiting.insert(0, name)
+            for other in [other for other in self.workers if not other.name]:
+                other.kill()
+                self.workers.remove(other)
+        elif worker.folder == self.folder:
+            raise CompilationError(f"{self.folder}: cannot be written ({unwritable})")
+        else:
+            self.waiting.insert(0, name)
+
+    def _finish(self, name: str) -> None:
+        self.done_cost += _cost(name)
+        self._tell(name)
+
+    def _tell(self, name: str) -> None:
+        share = min(self.done_cost / self.cost, 0.99)
+        spent = time.perf_counter() - self.start
+        left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.1 else ""
+        done = self.count - len(self.waiting) - len(self.elsewhere)
+        done -= sum(1 for worker in self.workers if worker.name)
+        what = name.rpartition(".")[0].rpartition(".")[2].replace("_", " ")
+        detail = (
+            f"{done} of {self.count} units, once a machine: {what}{left}"
+            if what
+            else (f"{self.count} units, once a machine")
+        )
+        self.progress("compile", share, detail)
+
+    def stop(self) -> None:
+        """End all workers."""
+        for worker in self.workers:
+            worker.kill()
+
+
+class _Worker:
+    """A process that compiles one unit after the other."""
+
+    def __init__(self, folder: Path) -> None:
+        package = str(Path(__file__).parents[2])
+        paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        for word in [word for word in environment if word.startswith("NUMBA_")]:
+            del environment[word]  # settings of the user's own code
+        self.folder = folder
+        self.errors = tempfile.TemporaryFile(mode="w+")  # noqa: SIM115  closed with the worker
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "flexmb.engine.compiler", str(folder)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, text=True,
+                env=environment, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise CompilationError(f"the compiler of units cannot be started: {error}") from None
+        self.name = ""
+        self.lock: Any = None
+        self.done = 0
+
+    def begin(self, name: str, lock: Any) -> None:
+        self.name, self.lock = name, lock
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(f"{name}\t{unit_file(name)}\n")
+            self.process.stdin.flush()
+        except OSError:
+            raise CompilationError(self._death()) from None
+
+    def end(self) -> str:
+        """Take the answer to the present unit; why it could not be written, or ""."""
+        assert self.process.stdout is not None
+        word, _, rest = self.process.stdout.readline().rstrip("\n").partition("\t")
+        name, self.name = self.name, ""
+        self.done += 1
+        self.lock.release()
+        if word == "unwritable":
+            return rest.partition("\t")[2]
+        if word == "failed":
+            raise CompilationError(f"{name} does not compile: {rest.partition(chr(9))[2]}")
+        if word != "done":
+            raise CompilationError(self._death())
+        return ""
+
+    def _death(self) -> str:
+        self.process.wait()
+        self.errors.seek(0)
+        text = self.errors.read().strip().splitlines()
+        return "the compiler of units ended early" + (f": {text[-1]}" if text else "")
+
+    def kill(self) -> None:
+        with suppress(OSError):
+            self.process.kill()
+        self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout, self.errors):
+            with suppress(OSError):
+                stream.close()  # type: ignore[union-attr]
+        if self.name:
+            self.lock.release()
+
+
+def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
+    """Those with an answer; waits a little for the first."""
+    with selectors.DefaultSelector() as selector:
+        for worker in workers:
+            assert worker.process.stdout is not None
+            selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+        return [key.data for key, _ in selector.select(0.2)]
+
+
+def _cost(name: str) -> float:
+    """Seconds that a unit takes to compile, about: its module's length."""
+    file = file_of(name.rpartition(".")[0])
+    return 0.2 if file is None else 0.2 + file.stat().st_size * 5e-5
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
