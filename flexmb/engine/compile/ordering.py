@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.forces import elements
 from flexmb.engine.compile.gather import Gathered
-from flexmb.engine.compile.joints.groups import couples, follow_table
+from flexmb.engine.compile.joints.groups import Groups, couples, follow_table
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, Kkt
@@ -67,10 +67,16 @@ def _blocks(of: Gathered) -> Blocks:
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
-        group_sliders=[
-            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
-        ],
+        group_sliders=_group_sliders(groups, first),
     )
+
+
+def _group_sliders(groups: Groups, first: int) -> list[tuple[int, ...]]:
+    """Blocks of the curve markers of each group; `first` is that of the first of all."""
+    blocks: list[tuple[int, ...]] = [()] * len(groups.groups)
+    for k, slider in enumerate(groups.sliders.found):
+        blocks[slider.group] += (first + k,)
+    return blocks
 
 
 def _rows(table: NDArray[np.void] | None) -> NDArray[np.void] | tuple[()]:
@@ -82,12 +88,12 @@ def _place_groups(of: Gathered, symbolic: Symbolic) -> NDArray[np.void]:
     groups = of.groups
     of.bodies["panel"] = symbolic.panel_of[: len(of.bodies)]
     first = len(symbolic.panel_of) - len(groups.groups)
-    rows = np.zeros(len(groups.groups), GROUP)
+    rows = []
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
         turned = k in groups.reversed
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
+        rows.append((row, count, i, j, panel, *symbolic.group_links[k], couple, turned))
     for found in of.forces.between_markers:
         for row in found:
             pair = of.markers.body(row["I"]), of.markers.body(row["J"])
@@ -95,7 +101,7 @@ def _place_groups(of: Gathered, symbolic: Symbolic) -> NDArray[np.void]:
     elements.place(of.forces.elements, of.markers, symbolic.couple_links)
     if of.measured.acting is not None:
         of.measured.acting.place(symbolic)
-    return rows
+    return np.array(rows, GROUP)
 
 
 def _place_coordinates(follows, frictions, groups, scalars, symbolic: Symbolic) -> None:
