@@ -13,8 +13,13 @@ from statistics import median
 import numpy as np
 
 from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.engine import march, method
+from flexmb.engine.compile import compile_system
+from flexmb.engine.warm import compile_kernels
 from flexmb.engine.work import new_work
+from flexmb.results import ResultWriter
+from tests.benchmarks.models import chain_model
 
 _ROOT = Path(__file__).parents[2]
 _REPEATS = 5
@@ -56,6 +61,31 @@ def per_step(model, compiled, h, count):
         assert status == method.FINE, (model, status, state.t)
     share = state.count / count
     return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
+
+
+def set_up(n, joint="spherical", **fields):
+    """CPU time [s] of all that comes before the time loop of a chain, by stage; kernels are there
+    already."""
+    stages, begin = {}, time.process_time()
+
+    def lap(stage):
+        nonlocal begin
+        now = time.process_time()
+        stages[stage], begin = now - begin, now
+
+    model = chain_model(n, joint, **fields)
+    lap("model")
+    compiled = compile_system(model)
+    lap("tables")
+    compile_kernels(compiled.system, method.generalized_alpha(0.8), 0)
+    begin = time.process_time()
+    prepare(compiled, model)
+    lap("first state")
+    with tempfile.TemporaryDirectory() as folder:
+        file, rows = Path(folder) / "result.h5", model.dynamics.outputs + 1
+        with ResultWriter(file, compiled.layout, rows, scene=model.to_scene_dict()):
+            lap("file")
+    return stages
 
 
 def control_overhead(model, compiled, accuracy):

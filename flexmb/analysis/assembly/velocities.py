@@ -68,13 +68,12 @@ class AskedVelocities:
     def __init__(self, compiled: Compiled, model: Model, metric: System) -> None:
         self._length, self._units = compiled.length, model.units
         self._bodies = compiled.layout.bodies
-        names = list(model.bodies)
-        markers = Markers(names, Pool([metric.parts.pool], metric.parts.pool.size))
+        markers = Markers(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
         before = len(metric.parts.markers)
         self._asked = [
             _Asked(
                 _place(name, marker, marker in spec.initial),
-                names.index(name),
+                markers.numbers[name],
                 before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
                 asked,
             )
@@ -167,9 +166,11 @@ class AskedVelocities:
     def _guess(self, state: State, aim: Array) -> Array:
         """v (nv) of rigid motions that suit the velocities `aim` (n, 2, 3)."""
         v = np.zeros_like(state.v)
-        for index in dict.fromkeys(asked.body for asked in self._asked):
+        asked_of: dict[int, list[int]] = {}
+        for k, asked in enumerate(self._asked):
+            asked_of.setdefault(asked.body, []).append(k)
+        for index, mine in asked_of.items():
             body = self._bodies[index]
-            mine = [k for k, asked in enumerate(self._asked) if asked.body == index]
             x = self._work.now.marker["x"][[self._asked[k].marker for k in mine]]
             r = state.q[body.iq : body.iq + 3]
             velocity, spin = rigid_motion(x - r, aim[mine, 0], aim[mine, 1], self._length)

@@ -16,6 +16,7 @@ from scipy.linalg import qr
 from flexmb.analysis.mobility.dependence import Dependence, circuits, dependence, null_space
 from flexmb.analysis.mobility.exchange import MACHINE_JOINTS, Weaker, exchanges
 from flexmb.analysis.mobility.poses import close, joint_rows, other_poses
+from flexmb.analysis.mobility.rank import LARGEST
 from flexmb.analysis.mobility.redundancy import Exchange, choices_of, in_words, joint_dependence
 from flexmb.analysis.mobility.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
@@ -103,9 +104,14 @@ def _surplus_problems(
 
 
 def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
-    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
+    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
+
+    These as well for a model too large for dense decompositions.
+    """
+    if not model.drivers or compiled.layout.nv > LARGEST:
+        return gaps
     joints = close(compiled, compiled.placed, joint_rows(compiled))
-    if not model.drivers or not joints.kept:
+    if not joints.kept:
         return gaps
     found = weighted(compiled, joints)
     told, _ = _surplus_problems(model, found, _lasting_surplus(compiled, found), moment=0.0)

@@ -13,9 +13,12 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Work
 from flexmb.engine.tables import System
 
-# Dense rank is affordable up to this many coordinates; larger models are taken as free, which only
-# costs digits of the reported reactions.
-_LARGEST = 600
+__all__ = ["LARGEST", "constraint_rank", "dense_jacobian", "n_free"]
+
+LARGEST = 600
+"""Coordinates up to which a dense decomposition is affordable; larger models are taken as free,
+which only costs digits of the reported reactions."""
+
 _RANK = 1e-8  # relative to the largest singular value; round-off leaves 1e-13
 
 
@@ -60,7 +63,7 @@ def n_free(compiled: Compiled) -> int:
 def constraint_rank(compiled: Compiled, work: Work) -> int | None:
     """Rank of Cq at the first state; None for a model too large for a dense decomposition."""
     nc, nv = compiled.layout.nc, n_free(compiled)
-    if nv > _LARGEST:
+    if nv > LARGEST:
         return None
     if nc == 0:
         return 0

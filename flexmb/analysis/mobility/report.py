@@ -24,6 +24,7 @@ from flexmb.analysis.mobility.conflicts import (
 from flexmb.analysis.mobility.dependence import Dependence, dependence
 from flexmb.analysis.mobility.freedoms import FreeMotion, free_motions_of
 from flexmb.analysis.mobility.poses import Closed, joint_rows, numpy_closer, other_poses
+from flexmb.analysis.mobility.rank import LARGEST
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
     Undetermined,
@@ -40,9 +41,6 @@ from flexmb.model.joints.drivers import DriverSpec
 from flexmb.model.model import Model
 
 __all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
-
-LARGEST = 600
-"""Coordinates up to which a dense decomposition is affordable."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile.gather import Gathered
-from flexmb.engine.compile.joints.groups import couples, follow_table
+from flexmb.engine.compile.joints.groups import Groups, couples, follow_table
 from flexmb.engine.compile.lowering import Placement
 from flexmb.engine.compile.planar import planar_columns
 from flexmb.engine.kinds import KINDS
@@ -80,10 +80,16 @@ def _blocks(of: Gathered) -> Blocks:
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
-        group_sliders=[
-            tuple(first + k for k in sliders.of_group(g)) for g in range(len(groups.groups))
-        ],
+        group_sliders=_group_sliders(groups, first),
     )
+
+
+def _group_sliders(groups: Groups, first: int) -> list[tuple[int, ...]]:
+    """Blocks of the curve markers of each group; `first` is that of the first of all."""
+    blocks: list[tuple[int, ...]] = [()] * len(groups.groups)
+    for k, slider in enumerate(groups.sliders.found):
+        blocks[slider.group] += (first + k,)
+    return blocks
 
 
 def _place_groups(of: Gathered, symbolic: Symbolic) -> NDArray[np.void]:
@@ -91,13 +97,13 @@ def _place_groups(of: Gathered, symbolic: Symbolic) -> NDArray[np.void]:
     groups = of.groups
     of.bodies["panel"] = symbolic.panel_of[: len(of.bodies)]
     first = len(symbolic.panel_of) - len(groups.groups)
-    rows = np.zeros(len(groups.groups), GROUP)
+    rows = []
     for k, (row, count, i, j) in enumerate(groups.groups):
         couple = symbolic.couple_links.get((i, j), -1)
         panel = symbolic.panel_of[first + k]
         turned = k in groups.reversed
-        rows[k] = (row, count, i, j, panel, *symbolic.group_links[k], couple, turned)
-    return rows
+        rows.append((row, count, i, j, panel, *symbolic.group_links[k], couple, turned))
+    return np.array(rows, GROUP)
 
 
 def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:

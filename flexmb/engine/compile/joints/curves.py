@@ -119,10 +119,6 @@ class Sliders:
         mine = [k for k, s in enumerate(self.found) if s.joint == joint]
         return mine[1 if on == "J" else 0]
 
-    def of_group(self, group: int) -> tuple[int, ...]:
-        """Numbers of the curve markers of a group."""
-        return tuple(k for k, s in enumerate(self.found) if s.group == group)
-
     def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
         """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
         pairs = []
