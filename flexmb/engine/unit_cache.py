@@ -1,11 +1,11 @@
 """The cache of compiled units: keys, folders, and the files that hold their machine code.
 
 A unit is compiled once a machine: its file is named by the hash of the sources of the engine that
-it reaches, in a folder for this processor and these versions of Numba and LLVM. So after an edit only
-the units that reach the edited file are compiled again, machines of different kinds share a home
-folder, and another version's files are not in the way. A file holds a line of JSON (checksum, names
-of the units that it calls), then the machine code; it is written whole or not at all, and what is
-damaged counts as missing. A cache folder that other users may write to is not used.
+it reaches, in a folder for this processor and these versions of Numba and LLVM. So after an edit
+only the units that reach the edited file are compiled again, machines of different kinds share a
+home folder, and another version's files are not in the way. A file holds a line of JSON (checksum,
+names of the units that it calls), then the machine code; it is written whole or not at all, and
+what is damaged counts as missing. A cache folder that other users may write to is not used.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from flexmb.cache import cache_root, writable
 from flexmb.errors import FlexmbWarning
 
 __all__ = [
-    "Stored", "cache_folders", "engine_hash", "file_of", "leave_cache", "read_stored", "read_unit", "sources_of",
-    "unit_file", "write_unit",
+    "Stored", "cache_folders", "engine_hash", "file_of", "leave_cache", "read_stored", "read_unit",
+    "sources_of", "unit_file", "write_unit",
 ]  # fmt: skip
 
 _ENGINE = Path(__file__).parent

@@ -174,6 +174,6 @@ def call(unit: Unit, *arguments: Any) -> Any:
 
 
 def _array_words(array: np.ndarray) -> list[int]:
-    """An array as compiled code is handed it: owner and parent (none), sizes, data, shape, strides."""
+    """An array as compiled code is handed it: owner, parent, sizes, data, shape, strides."""
     data = array.__array_interface__["data"][0]
     return [0, 0, array.size, array.itemsize, data, *array.shape, *array.strides]

@@ -105,7 +105,8 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
     work = new_work(compiled.system)
     state.t[0], state.q[:], state.v[:] = rows.t[row], rows.q[row], rows.v[row]
     solve_level(compiled.system, state, work, RESIDUAL)
-    return work.con.C
+    gaps: NDArray[np.float64] = work.con.C
+    return gaps
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:

@@ -86,7 +86,9 @@ class Markers:
         """MARKER rows."""
         table = np.zeros(len(self.rows), MARKER)
         if self.rows:
-            table["point"] = [k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)]
+            table["point"] = [
+                k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)
+            ]
             for k, name in enumerate(("body", "modes", "rho", "arm", "R")):
                 table[name] = [row[k] for row in self.rows]
         return table

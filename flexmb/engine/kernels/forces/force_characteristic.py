@@ -182,7 +182,7 @@ def put_wrench(run: Run, forces: ForceCharacteristics, at: Point, c: int) -> flo
     w, pair = run.work.dense.g[1], run.work.dense.pair
     _put_resistance(run, forces, at, k)
     for r in range(12):
-        w[r] = -R[0] * g[r]
+        w[r] = -R[0] * g[r] if R[0] != 0.0 else 0.0
     pair[0], pair[1] = forces.rows[k]["I"], forces.rows[k]["J"]
     return 0.0
 

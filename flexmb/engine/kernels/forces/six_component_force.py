@@ -178,20 +178,28 @@ def put_wrench(run: Run, forces: SixComponentForces, at: Point, c: int) -> float
 
 
 @unit
+def _put_tangent(run: Run, forces: SixComponentForces, k: int, cv: float, cp: float) -> int:
+    """dense.H = −(cp ∂w/∂position + cv ∂w/∂velocity), after `_linearise`; W of the scratch."""
+    row, markers, H = forces.rows[k], run.work.now.marker, run.work.dense.H
+    mi, mj = markers[row["I"]], markers[row["J"]]
+    clear(H, 12, 12)
+    relative_motion.add_tangent(mi, mj, forces.scratch, row["damped"], cv, cp, H)
+    return FINE
+
+
+@unit
 def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp: float) -> int:
     """−(cv ∂Q/∂v + cp ∂Q/∂q) of all bushings and beams."""
     if cv == 0.0 and cp == 0.0:
         return FINE
     rows, markers, d, s = forces.rows, run.work.now.marker, run.work.dense, forces.scratch
-    H, w, f = d.H, d.g[1], s.f
+    w, f = d.g[1], s.f
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j, link = row["I"], row["J"], row["couple"]
-        mi, mj = markers[i], markers[j]
         _put_pull(run, forces, k)
         _linearise(forces, k)
-        clear(H, 12, 12)
-        relative_motion.add_tangent(mi, mj, s, row["damped"], cv, cp, H)
+        _put_tangent(run, forces, k, cv, cp)
         add_pair(run, i, j, link, 1.0)
         if row["damped"] == 1 and cp != 0.0:
             add_damping_moment_arms(run, at, i, j, link, cp, s.W, s.N)
@@ -199,7 +207,7 @@ def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp:
             w[c] = 0.0
         for c in range(6):
             f[c] = -f[c]
-        relative_motion.add_wrenches(mi, mj, f, w[0:6], w[6:12])
+        relative_motion.add_wrenches(markers[i], markers[j], f, w[0:6], w[6:12])
         add_moment_arms(run, i, j, cp)
     return FINE
 

@@ -138,7 +138,7 @@ def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) ->
         _add_tangent(row, mi, mj, d, (nx, ny, nz), f, cv, cp, H)
         add_pair(run, i, j, row["couple"], 1.0)
         if row["c"] != 0.0:
-            _add_damper_moment_arms(run, row, at.v, cp, nx, ny, nz)
+            _add_damper_moment_arms(run, springs, at, k, cp, nx, ny, nz)
         for c in range(12):
             w[c] = 0.0
         _add_forces(w[0:6], w[6:12], -f * nx, -f * ny, -f * nz)
@@ -163,14 +163,17 @@ def _add_tangent(spring, mi, mj, d, n, f, cv, cp, H):
             H[6 + a, b] -= e
 
 
-@kernel
-def _add_damper_moment_arms(run, spring, v, cp, nx, ny, nz):
-    """Add −cp ∂Q/∂q of one damper by what the moment arms do to ḋ at constant v.
+@unit
+def _add_damper_moment_arms(
+    run: Run, springs: Springs, at: Point, row: int, cp: float, nx: float, ny: float, nz: float
+) -> int:
+    """Add −cp ∂Q/∂q of damper `row` by what the moment arms do to ḋ at constant v.
 
     On each body ∂(nᵀ J v)/∂q = vᵀ L, L the tangent of the moment arm of the unit force n; J of the
     markers is in dense.J. Rows of dense.T: Jᵀ n of the two bodies, Lᵀ v of the two bodies.
     """
     parts, kkt, d, n = run.system.parts, run.system.kkt, run.work.dense, (0, 0)
+    spring, v = springs.rows[row], at.v
     bodies, markers, low, up = parts.bodies, parts.markers, run.work.factor.low, run.work.factor.up
     B, T, w = d.B, d.T, d.g[1]
     for side in range(2):
@@ -200,6 +203,7 @@ def _add_damper_moment_arms(run, spring, v, cp, nx, ny, nz):
         if spring["couple"] >= 0:
             put_outer(T, side, n[side], 3 - side, n[1 - side], -cp * spring["c"], B)
             add_coupling(B, here, there, kkt, spring["couple"], side == 1, low, up)
+    return FINE
 
 
 SPRINGS = Kind(

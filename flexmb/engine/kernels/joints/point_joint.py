@@ -1,7 +1,7 @@
 """Joints that hold two points of rigid places together: spherical, and revolute in a plane.
 
-Their reaction is a force (Σ λ e) without a moment, so it goes straight to the coordinates of the two
-bodies (`kernels.bodies.point_marker`).
+Their reaction is a force (Σ λ e) without a moment, so it goes straight to the coordinates of the
+two bodies (`kernels.bodies.point_marker`).
 """
 
 from __future__ import annotations
