@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.compile.core import with_markers
 from flexmb.engine.kernels import stages
 from flexmb.engine.kernels.algebra.ldl import solve_refined
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
@@ -22,15 +23,15 @@ from flexmb.engine.kernels.joints import constraint
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.sensors.sensor import read_channels
-from flexmb.engine.units import call
+from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
-def run_stages(run, out):
+def run_stages(run, at, out):
     """Every stage at the state: what it leaves is in the work and in `out`; returns the status."""
-    at, work = run.state_point, run.work
+    work = run.record.work
     call(stages.begin_run, run, at)
     status = call(stages.residual, run, at)
     residual = work.trial.res.copy()
@@ -44,8 +45,8 @@ def run_stages(run, out):
     out[:4] = work.energies[:4]
     call(stages.powers, run, at)
     out[4:7] = work.powers
-    angles = run.state.angles
-    carry_turns(run, angles)
+    angles = run.record.state.angles
+    carry_turns(run, at, angles)
     n = len(angles)
     channels = np.full(n, np.nan)
     call(read_channels, run, at, out[:7].copy(), angles, channels)
@@ -54,12 +55,12 @@ def run_stages(run, out):
     return status
 
 
-def carry_turns(run, angles):
+def carry_turns(run, at, angles):
     """Carry what counts turns to the present position."""
-    near = run.work.feedback.near
+    near, stage = run.record.work.feedback.near, run.record.stages.angles
     near[: len(angles)] = angles
-    for unit, tables in zip(run.stages.angles.units, run.stages.angles.tables, strict=True):
-        call(unit, run, tables, run.state_point)
+    for unit, tables in zip(stage.units, stage.tables, strict=True):
+        call(unit, run, tables, at)
     angles[:] = near[: len(angles)]
 
 
@@ -84,10 +85,10 @@ class Bench:
 
     def __init__(self, model):
         self.model = model
+        self._key = None
         self.compiled = compile_system(model)
         self.layout = self.compiled.layout
         self.use(self.compiled.system)
-        self.q[:] = self.compiled.placed
 
     def use(self, system):
         """Work with these tables from now on."""
@@ -101,13 +102,28 @@ class Bench:
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
+        self.q[:] = self.compiled.placed
+
+    def _handed(self):
+        """The run and its point in memory, for these tables."""
+        key = self.sys, self.state, self.work
+        if self._key is None or any(a is not b for a, b in zip(key, self._key, strict=True)):
+            run = new_run(*key)
+            self._key, self._packed = key, (hand_over(run), hand_over(run.state_point))
+        return self._packed
+
+    def use_rows(self):
+        """Take constraint rows that were edited in place for what they are now."""
+        markers = self.sys.parts.markers
+        markers["point"] = 0  # any row may need axes
+        self.use(with_markers(self.sys, markers, self.sys.parts.pool))
 
     def run(self, what, cv=0.0, cp=0.0, k=0):
         """One part of the engine at the state; what it leaves is in `work` and `out`."""
-        run, out, parts = new_run(self.sys, self.state, self.work), self.out, self.sys.parts
-        at, trial = run.state_point, self.work.trial
+        run, at = self._handed()
+        out, parts, trial = self.out, self.sys.parts, self.work.trial
         if what == STAGES:
-            return run_stages(run, out)
+            return run_stages(run, at, out)
         if what == FACTOR:
             call(stages.begin_run, run, at)
             call(stages.residual, run, at)
@@ -127,14 +143,23 @@ class Bench:
         return 0
 
     def randomise(self, seed, eta=0.3):
-        """A random state, anywhere: not on the constraints. Euler parameters of unit length."""
+        """A random state, anywhere: not on the constraints. Euler parameters of unit length.
+
+        Of a planar model in the plane, all else as placed.
+        """
         rng = np.random.default_rng(seed)
         self.state.t[0] = rng.uniform(0.2, 1.5)
         for row in self.sys.parts.bodies:
-            i, m = row["iq"], row["m"]
-            self.q[i : i + 3] = rng.standard_normal(3)
-            p = rng.standard_normal(4)
-            self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
+            i, o, m = row["iq"], row["iv"], row["m"]
+            if self.model.plane is None:
+                self.q[i : i + 3] = rng.standard_normal(3)
+                p = rng.standard_normal(4)
+                self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
+            else:
+                free = self.sys.kkt.column[o : o + 6] >= 0
+                self.q[i : i + 3] = np.where(free[:3], rng.standard_normal(3), self.q[i : i + 3])
+                turn = np.where(free[3:], rng.uniform(-np.pi, np.pi, 3), 0.0)
+                self.q[i + 3 : i + 7] = quaternion_product(self.q[i + 3 : i + 7], exponential(turn))
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
         for s in self.scalars:
             self.q[s["iq"]] = rng.standard_normal()
@@ -145,6 +170,9 @@ class Bench:
             self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
+        if self.model.plane is not None:
+            n = len(self.v)
+            self.v[self.sys.kkt.column[:n] < 0] = self.vd[self.sys.kkt.column[:n] < 0] = 0.0
         return rng
 
     def at(self, t=None, q=None, v=None, vd=None, lam=None):

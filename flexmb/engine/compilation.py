@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ __all__ = ["compile_units"]
 
 # A process grows by some 4 MB a unit; after so many a new one takes over.
 _MOST_UNITS = 60
+_LEAST = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 
 def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
@@ -39,12 +41,32 @@ def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
     CompilationError
         A unit does not compile, or a compiler cannot be started or dies.
     """
+    _check_versions()
     work = _Work(names, progress)
     try:
         work.run()
     finally:
         work.stop()
     return work.compiled
+
+
+def _check_versions() -> None:
+    """Refuse compilers that are too old.
+
+    Raises
+    ------
+    CompilationError
+        Which one, and what to do.
+    """
+    for package, least in _LEAST.items():
+        try:
+            present = version(package)
+        except PackageNotFoundError:
+            present = "none"
+        numbers = [int(word) for word in present.split(".")[:2] if word.isdigit()]
+        if numbers < [int(word) for word in least.split(".")]:
+            what = f"{package} {present} is too old: flexmb compiles with {least} or newer"
+            raise CompilationError(f'{what}; python -m pip install "{package}>={least}"')
 
 
 class _Work:

@@ -46,8 +46,8 @@ def next_increment(left, h, speed):
     return 0.5 * left if h > 0.5 * left else h
 
 
-@kernel
-def predict(run, path, h):
+@unit
+def predict(run: Run, path: Path, h: float) -> int:
     """Trial motion and rates at h by Taylor's series; no corrections yet."""
     st, dq, at = run.state, run.work.trial.dq, run.trial_point
     v0, vd0, jerk, v, vd, correction = st.v, st.vd, path.jerk, at.v, at.vd, path.correction
@@ -57,10 +57,11 @@ def predict(run, path, h):
         v[i] = v0[i] + h * (vd0[i] + 0.5 * h * j)
         vd[i] = vd0[i] + h * j
         correction[i] = 0.0
+    return FINE
 
 
-@kernel
-def remember_point(run, path, h):
+@unit
+def remember_point(run: Run, path: Path, h: float) -> int:
     """What the next point needs of the trial point, which is accepted."""
     fun, before = run.work.con.fun, path.functions_before
     vd0, vd, jerk = run.state.vd, run.work.trial.vd, path.jerk
@@ -70,6 +71,7 @@ def remember_point(run, path, h):
     for k in range(before.shape[0]):
         for c in range(3):
             before[k, c] = fun[k, c]
+    return FINE
 
 
 @unit
@@ -117,8 +119,8 @@ def _jumps(functions, before, now, h, order):
     return False
 
 
-@kernel
-def note_singular_pose(run, path):
+@unit
+def note_singular_pose(run: Run, path: Path) -> int:
     """Count a singular pose between the state and the trial point, and note when and where."""
     weights, before, here = run.system.weights, path.direction_before, path.direction
     times, count = path.singular_times, path.count
@@ -134,6 +136,7 @@ def note_singular_pose(run, path):
             times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
             copy(run.work.trial.q, path.singular_positions[k])
         count[SINGULAR_POSES] += 1
+    return FINE
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine import initial_conditions, kinematics_loop, march
+from flexmb.engine import constraint_rows, initial_conditions, kinematics_loop, march
 from flexmb.engine.initial_conditions import (
     ACCELERATIONS,
     BEGIN,
@@ -15,18 +15,18 @@ from flexmb.engine.jit import UNITS, Unit
 from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.method import Method
-from flexmb.engine.records import units_in
-from flexmb.engine.state import Run, State, Work
+from flexmb.engine.records import Packed, units_in
+from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.units import call, prepare_units
+from flexmb.engine.units import call, call_ready, prepare_units
 from flexmb.engine.work import new_run, stages_of
 from flexmb.progress import Progress, silent
 
 __all__ = [
     "all_units",
     "ACCELERATIONS", "BEGIN", "CORRECT", "EVALUATE", "POINTS", "POSITIONS", "REMEMBER", "RESIDUAL",
-    "VELOCITIES", "analyse_kinematics", "integrate", "prepare_integration", "prepare_kinematics",
-    "solve_level",
+    "VELOCITIES", "analyse_kinematics", "evaluate_rows", "integrate", "integration_units",
+    "kinematics_units", "prepare_integration", "prepare_kinematics", "solve_level",
 ]  # fmt: skip
 
 
@@ -54,6 +54,17 @@ def solve_level(system: System, state: State, work: Work, level: int) -> float:
     return float(call(initial_conditions.solve_stage, new_run(system, state, work), level))
 
 
+def evaluate_rows(system: System, state: State, work: Work) -> None:
+    """Put markers, C and the rows of Cq (Dense.jac) at the positions of a state into its scratch.
+
+    Nothing is compiled for that: units that are missing run as plain Python.
+    """
+    run, none = new_run(system, state, work), Stage((), ())
+    stages = Stages(*(none for _ in Stages._fields))
+    used = {name: getattr(run.stages, name) for name in constraint_rows.STAGES}
+    call_ready(constraint_rows.evaluate_rows, run._replace(stages=stages._replace(**used)))
+
+
 def prepare_integration(system: System, method: Method, progress: Progress = silent) -> int:
     """Load all units of a run, and compile those that are missing; returns how many were compiled.
 
@@ -71,19 +82,29 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
     CompilationError
         A unit does not compile on this machine.
     """
-    units = [march.march, initial_conditions.solve_stage, *units_in(stages_of(system))]
-    return prepare_units([*units, *units_in(method)], progress)
+    return prepare_units(integration_units(system, method), progress)
 
 
-def integrate(run: Run, n_steps: int) -> int:
+def integration_units(system: System, method: Method) -> list[Unit]:
+    """The units that a run calls, and those that stand in its tables."""
+    units = [march.march, initial_conditions.solve_stage, constraint_rows.evaluate_rows]
+    return [*units, *units_in(stages_of(system)), *units_in(method)]
+
+
+def integrate(run: Run | Packed, n_steps: int) -> int:
     """Run n_steps, or until the end or until `run.output` is full; returns the status."""
     return int(call(march.march, run, n_steps))
 
 
 def prepare_kinematics(system: System, progress: Progress = silent) -> int:
     """Load all units of a kinematic analysis; as `prepare_integration`."""
-    units = [kinematics_loop.kinematics_loop, *units_in(stages_of(system))]
-    return prepare_units(units, progress)
+    return prepare_units(kinematics_units(system), progress)
+
+
+def kinematics_units(system: System) -> list[Unit]:
+    """The units that a kinematic analysis calls, and those that stand in its tables."""
+    units = [kinematics_loop.kinematics_loop, constraint_rows.evaluate_rows]
+    return [*units, *units_in(stages_of(system))]
 
 
 def analyse_kinematics(

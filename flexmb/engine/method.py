@@ -25,6 +25,8 @@ class Method(NamedTuple):
     order: int
     stages: int  # explicit stages that need memory
     filter: float  # over h²: factor of the tangent beside M in reported accelerations
+    tolerance_factor: float  # local error of a step over accuracy to the power below: what leaves
+    tolerance_power: float  # the accuracy in the end, by the errors achieved
 
 
 class Settings(NamedTuple):

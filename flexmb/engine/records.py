@@ -105,11 +105,13 @@ def _words(kind: Any) -> int:
     return 1 if kind in (int, float) else layout(kind)[1]
 
 
-class Packed(NamedTuple):
+class Packed:
     """A record in memory: its address, and all that must live as long."""
 
-    address: int
-    owned: tuple[Any, ...]
+    __slots__ = ("address", "owned", "record")
+
+    def __init__(self, address: int, record: Any, owned: tuple[Any, ...]) -> None:
+        self.address, self.record, self.owned = address, record, owned
 
 
 def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
@@ -130,7 +132,7 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
     memory = np.zeros(max(layout(type(record))[1], 1), np.int64)
     owned: list[Any] = [memory, record]
     _write(record, memory, 0, owned, address_of)
-    return Packed(memory.ctypes.data, tuple(owned))
+    return Packed(memory.ctypes.data, record, tuple(owned))
 
 
 def _write(

@@ -1,8 +1,8 @@
 """Compiled units in this process: loading them, and calling them.
 
 Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
-never imports Numba; what is missing is compiled first (`engine.compilation`). With
-NUMBA_DISABLE_JIT=1 all units run as plain Python.
+never imports Numba; what is missing is compiled first (`engine.compilation`). Where nothing may be
+compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain Python.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import ctypes
 import functools
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from threading import RLock
 from typing import Any, get_type_hints
 
@@ -19,16 +21,36 @@ import numpy as np
 
 from flexmb.engine.compilation import compile_units
 from flexmb.engine.jit import UNITS, Unit
-from flexmb.engine.records import array_ndim, pack, units_in
+from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
-__all__ = ["call", "interpreted", "missing_units", "prepare_units"]
+__all__ = [
+    "call", "call_ready", "hand_over", "interpretation", "interpreted", "load_units",
+    "missing_units", "prepare_units",
+]  # fmt: skip
+
+_in_python = ContextVar("_in_python", default=False)
 
 
 def interpreted() -> bool:
-    """Whether units run as plain Python (NUMBA_DISABLE_JIT=1)."""
-    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    """Whether units run as plain Python: NUMBA_DISABLE_JIT=1, or within `interpretation`."""
+    return _in_python.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+@contextmanager
+def interpretation() -> Iterator[None]:
+    """Let units that this thread calls run as plain Python, from the same source.
+
+    As in compiled code, a division by zero of array elements gives what is not finite; one of
+    Python's own numbers may still raise ArithmeticError, a function out of its domain ValueError.
+    """
+    before = _in_python.set(True)
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    finally:
+        _in_python.reset(before)
 
 
 class _Loader:
@@ -96,6 +118,27 @@ def missing_units(units: Iterable[Unit]) -> list[str]:
     return _collect([unit.name for unit in units], {}, lambda name: False)
 
 
+def load_units(units: Iterable[Unit]) -> bool:
+    """Load units and all they call, unless some would have to be compiled; whether none would."""
+    if interpreted():
+        return True
+    with _lock:
+        names = frozenset(unit.name for unit in units)
+        loaded = _loader().addresses
+        if names <= loaded.keys():
+            return True
+        stored: dict[str, Stored] = {}
+        if names in _incomplete or _collect(names, stored, loaded.__contains__):
+            _incomplete.add(names)
+            return False
+        _loader().add({name: code for name, (code, _) in stored.items()})
+        return True
+
+
+_incomplete: set[frozenset[str]] = set()
+"""Units of which some were missing when they were asked for; emptied when units are compiled."""
+
+
 def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
     """Load units and all they call; compile what is missing. Returns how many were compiled.
 
@@ -123,6 +166,7 @@ def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
         progress("load", 0.0)
         while missing := _collect(names, stored, loaded.__contains__):
             compiled += compile_units(missing, progress)
+            _incomplete.clear()
         _loader().add({name: code for name, (code, _) in stored.items()})
         progress("compile" if compiled else "load", 1.0)
         return compiled
@@ -157,20 +201,45 @@ def call(unit: Unit, *arguments: Any) -> Any:
     unit : Unit
         What to run; it is compiled if need be.
     arguments : records, arrays and numbers
-        As its annotations say; arrays and the arrays of records are changed in place.
+        As its annotations say, records also as `hand_over` gives them; arrays and the arrays of records are changed in place.
     """
     if interpreted():
-        return unit.function(*arguments)
-    records = [value for value in arguments if isinstance(value, tuple)]
-    prepare_units([unit, *(other for record in records for other in units_in(record))])
+        return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
+    prepare_units(_needed(unit, arguments))
     owned, words = [], []
     for value in arguments:
         if isinstance(value, tuple):
             owned.append(pack(value, _address))
             words.append(owned[-1].address)
+        elif isinstance(value, Packed):
+            owned.append(value if value.address else pack(value.record, _address))
+            words.append(owned[-1].address)
         else:
             words += _array_words(value) if isinstance(value, np.ndarray) else [value]
     return _c_function(unit.name, _address(unit))(*words)
+
+
+def hand_over(record: Any) -> Packed:
+    """A record for many calls: laid out in memory once.
+
+    Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need be.
+    """
+    if interpreted():
+        return Packed(0, record, ())
+    prepare_units(units_in(record))
+    return pack(record, _address)
+
+
+def call_ready(unit: Unit, *arguments: Any) -> Any:
+    """As `call`, but nothing is compiled: if a unit is missing, all of them run as plain Python."""
+    with nullcontext() if load_units(_needed(unit, arguments)) else interpretation():
+        return call(unit, *arguments)
+
+
+def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:
+    """A unit, and those that stand in the tables of the records that it is handed."""
+    records = [value for value in arguments if isinstance(value, tuple)]
+    return [unit, *(other for record in records for other in units_in(record))]
 
 
 def _array_words(array: np.ndarray) -> list[int]:

@@ -42,7 +42,7 @@ __all__ = [
     "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "sizes", "stages_of",
 ]  # fmt: skip
 
-_NO_METHOD = Method((), (), 2, 0, 0.0)
+_NO_METHOD = Method((), (), 2, 0, 0.0, 1.0, 1.0)
 _SINGULAR_POSES = 8  # of which time and positions are kept
 _NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0, 0)
 

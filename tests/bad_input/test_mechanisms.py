@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from enginekit import interpreted
+from coldcache import cold_cache  # noqa: F401  a fixture
 from mechanisms import crank_slider, four_bar, quick_return
 from scenefiles import write_scene
 from typer.testing import CliRunner
@@ -74,21 +74,11 @@ def test_check(tmp_path: Path, case: str) -> None:
     assert done.stderr.startswith(sentence), done.stderr
 
 
-def test_run(tmp_path: Path) -> None:
-    """In one process without compilation: the first state is all that is asked for."""
-    told = {}
-    for case in CASES:
-        (tmp_path / case).mkdir()
-        told[case] = scene(tmp_path / case, case)
-    paths = {case: str(path) for case, (path, _) in told.items()}
-    code = f"""
-from typer.testing import CliRunner
-from flexmb.cli import app
-for case, path in {paths!r}.items():
-    done = CliRunner().invoke(app, ["run", path, "-o", path + ".out"])
-    found[case] = np.array([str(done.exit_code), done.stderr])
-"""
-    found = interpreted(code, tmp_path)
-    for case, (_, sentence) in told.items():
-        code, message = found[case]
-        assert code == "2" and sentence in message, message
+@pytest.mark.usefixtures("cold_cache")
+@pytest.mark.parametrize("case", CASES)
+def test_run(tmp_path: Path, case: str) -> None:
+    """Before anything is compiled."""
+    path, sentence = scene(tmp_path, case)
+    done = CliRunner().invoke(app, ["run", str(path), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 2
+    assert sentence in done.stderr, done.stderr

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from statistics import median
 
+from flexmb.engine.sweep import POINTS, sweep
+
 from flexmb.analysis.kinematics.analysis import prepare_sweep
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.march import new_output
-from flexmb.engine.sweep import POINTS, sweep
 from tests.quickreturn import quick_return
 
 _REPEATS = 5

@@ -17,9 +17,15 @@ def chain(n):
     return made, compile_system(made)
 
 
-def chain_model(n, joint="spherical", **fields):
+def planar_chain(n):
+    """The same in the plane, with revolute joints."""
+    made = chain_model(n, "revolute", plane="zx", axis="y")
+    return made, compile_system(made)
+
+
+def chain_model(n, joint="spherical", plane=None, **fields):
     """The same with joints of any type, not compiled."""
-    made = Model(f"chain of {n}", gravity=[0, 0, -9.81])
+    made = Model(f"chain of {n}", gravity=[0, 0, -9.81], plane=plane)
     for k in range(n):
         made.add_body(
             f"b{k}", mass=1.0, center=[0.5, 0, 0], inertia=[0.01, 1 / 12, 1 / 12],

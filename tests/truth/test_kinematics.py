@@ -161,7 +161,7 @@ def test_nortons_four_bar(planar, word):
 SPATIAL = """
 import numpy as np
 from flexmb.engine.compile import compile_system
-from flexmb.engine.consistent import ACCELERATIONS, solve_level
+from flexmb.engine.entries import ACCELERATIONS, solve_level
 from flexmb.engine.work import new_state, new_work
 from flexmb.model import Model
 from linkages import swept

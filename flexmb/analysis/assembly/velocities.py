@@ -174,7 +174,7 @@ class AskedVelocities:
             x = self._work.now.marker["x"][[self._asked[k].marker for k in mine]]
             r = state.q[body.iq : body.iq + 3]
             velocity, spin = rigid_motion(x - r, aim[mine, 0], aim[mine, 1], self._length)
-            A = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
+            A: Array = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
             v[body.iv : body.iv + 3] = velocity
             v[body.iv + 3 : body.iv + 6] = A.T @ spin
         return v

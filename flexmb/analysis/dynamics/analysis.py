@@ -12,7 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from flexmb.analysis.assembly.analysis import Begin, assemble
+from flexmb.analysis.assembly.analysis import Assembled, Begin, assemble
+from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import first_rows, gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.run import Clock, Run
@@ -23,7 +24,7 @@ from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import prepare_integration
+from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
@@ -83,7 +84,9 @@ def prepare(
     begin: Begin | None = None,
     progress: Progress = silent,
 ) -> Prepared:
-    """Compile the kernels and find the first state of a run.
+    """Load the compiled units and find the first state of a run.
+
+    What is wrong with a small model is told before anything is compiled (`assembly.precheck`).
 
     Parameters
     ----------
@@ -94,7 +97,7 @@ def prepare(
     begin : Begin, optional
         Where to begin instead of the placed pose.
     progress : Progress
-        Told the phases `compile` and `assemble`.
+        Told the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------
@@ -107,31 +110,55 @@ def prepare(
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
     chosen = chosen_method(spec)
+
+    def find_first_state() -> _First:
+        return _first_state(compiled, model, spec.start, begin)
+
+    precheck(compiled, integration_units(compiled.system, chosen), find_first_state)
     clock = Clock()
-    prepare_integration(compiled.system, chosen, progress)
-    clock.lap("compile")
+    units = prepare_integration(compiled.system, chosen, progress)
+    clock.lap("compile" if units else "load")
     progress("assemble", 0.0)
-    try:
-        first = assemble(compiled, model, start=spec.start, begin=begin)
-    except AssemblyError as error:
-        reasons = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(reasons) from None
+    first = find_first_state()
     grid = time_grid(spec)
-    rank = constraint_rank(compiled, first.work)
-    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    settings = loop_settings(compiled, spec, grid, first.rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = [*first.notes, *_frictions(model)]
-    doubtful: tuple[str, ...] = ()
-    if rank is not None and rank < compiled.layout.nc:
-        doubtful, told = redundant_reactions(compiled, model, first.state.q)
-        notes += told
-    notes += loop_notes(model)
+    notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
-    run = Run(compiled, chosen, settings, first.state)
-    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
+    run = Run(compiled, chosen, settings, first.assembled.state)
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=first.doubtful)
+
+
+@dataclass(frozen=True)
+class _First:
+    """The first state, rank of its rows, elements with reactions in doubt, and notes on these."""
+
+    assembled: Assembled
+    rank: int | None
+    doubtful: tuple[str, ...]
+    notes: list[str]
+
+
+def _first_state(compiled: Compiled, model: Model, start: str, begin: Begin | None) -> _First:
+    """Assemble, and look at equations that repeat others.
+
+    Raises
+    ------
+    AssemblyError
+        No consistent first state, or drivers that contradict each other or the joints.
+    """
+    try:
+        assembled = assemble(compiled, model, start=start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
+    rank = constraint_rank(compiled, assembled.work)
+    if rank is None or rank == compiled.layout.nc:
+        return _First(assembled, rank, (), [])
+    return _First(assembled, rank, *redundant_reactions(compiled, model, assembled.state.q))
 
 
 def _frictions(model: Model) -> Iterator[str]:

@@ -54,8 +54,8 @@ def prepare_rest(
     rows, arrays = newest
     state = _state(compiled, arrays, result)
     chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
-    prepare_integration(compiled.system, chosen, progress)
-    clock.lap("compile")
+    units = prepare_integration(compiled.system, chosen, progress)
+    clock.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, state, result, rows)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     doubtful: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ import numpy as np
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State, Work
+from flexmb.engine.units import hand_over
 from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.results import OutputBlock
 
@@ -49,8 +50,8 @@ class Run:
         self.work: Work = new_work(compiled.system, channels, chosen.stages)
         self.chunk = max(1, _CHUNK_WORK // compiled.layout.nv)  # steps
         self.output = new_output(compiled.system, self._rows(), channels)
-        self._handed = new_run(
-            compiled.system, state, self.work, chosen, settings, self.output
+        self._handed = hand_over(
+            new_run(compiled.system, state, self.work, chosen, settings, self.output)
         )
         self.unread = False
         self.largest_drift = np.zeros(2)

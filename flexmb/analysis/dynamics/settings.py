@@ -17,9 +17,6 @@ __all__ = ["Steps", "chosen_method", "local_tolerance", "loop_settings", "time_g
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
-# Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
-_LOCAL_SHARE = 0.2
-_EXPLICIT_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,8 @@ def local_tolerance(spec: DynamicsSpec) -> float:
     With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
     order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
     """
-    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
-    if spec.method == "explicit-rk":
-        return _EXPLICIT_SHARE * accuracy
-    return float(_LOCAL_SHARE * accuracy**1.5)
+    accuracy, chosen = ACCURACY if spec.accuracy is None else spec.accuracy, chosen_method(spec)
+    return float(chosen.tolerance_factor * accuracy**chosen.tolerance_power)
 
 
 def chosen_method(spec: DynamicsSpec) -> method.Method:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.analysis.assembly.closing import Closer, body_weights, close_positions
+from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.analysis import Outcome, Sink
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.run import Balance, Clock
@@ -27,6 +28,7 @@ from flexmb.engine.entries import (
     EVALUATE,
     POINTS,
     analyse_kinematics,
+    kinematics_units,
     prepare_kinematics,
 )
 from flexmb.engine.kinematics_state import KinematicsSettings, Path
@@ -66,6 +68,8 @@ def prepare_sweep(
 ) -> PreparedSweep:
     """Load the compiled units, close the first pose and make sure that the motion is fixed.
 
+    What is wrong with a small model is told before anything is compiled (`assembly.precheck`).
+
     Parameters
     ----------
     compiled : Compiled
@@ -87,27 +91,27 @@ def prepare_sweep(
     if spec is None:
         raise SceneError("the scene has no [kinematics]: give its duration")
     _refuse_states(model)
+    units = kinematics_units(compiled.system)
+    precheck(compiled, units, lambda: _checked(_first_pose(compiled, model)))
     clock = Clock()
-    channels = len(compiled.layout.channels)
     prepare_kinematics(compiled.system, progress)
     clock.lap("compile")
     progress("assemble", 0.0)
-    state = new_state(compiled.system, channels)
-    work, path = new_work(compiled.system, channels), new_path(compiled.system)
-    _close(compiled, model, state, work)
-    redundant, doubtful, notes = _checked(Pose(compiled, model, state, work, path))
+    pose = _first_pose(compiled, model)
+    redundant, doubtful, notes = _checked(pose)
     progress("assemble", 1.0)
     clock.lap("assemble")
+    q = pose.state.q
     settings = KinematicsSettings(
         start=0.0,
         interval=spec.duration / spec.outputs,
         outputs=spec.outputs,
-        gap=_CLOSED * max(1.0, float(np.abs(state.q).max()) / compiled.length),
+        gap=_CLOSED * max(1.0, float(np.abs(q).max()) / compiled.length),
         redundant=redundant,
     )
     return PreparedSweep(
-        compiled, model, spec, settings, state, work, path, clock, (*notes, *loop_notes(model)),
-        doubtful,
+        compiled, model, spec, settings, pose.state, pose.work, pose.path, clock,
+        (*notes, *loop_notes(model)), doubtful,
     )  # fmt: skip
 
 
@@ -147,9 +151,16 @@ def kinematics(
     return run_sweep(prepare_sweep(compiled, model, progress=progress), sink, progress=progress)
 
 
-def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
-    """Close the first positions with least change in lengths and angles times body weights."""
-    weights = body_weights(model)
+def _first_pose(compiled: Compiled, model: Model) -> Pose:
+    """The first positions, closed with least change in lengths and angles times body weights.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed.
+    """
+    weights, channels = body_weights(model), len(compiled.layout.channels)
+    state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
     state.q[:] = compiled.placed
 
     def make(of: Compiled, at: State) -> Closer:
@@ -169,6 +180,7 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     except AssemblyError as error:
         reasons = driver_problems(compiled, model, error.problems)
         raise AssemblyError.from_problems(reasons) from None
+    return Pose(compiled, model, state, work, new_path(compiled.system))
 
 
 def _refuse_states(model: Model) -> None:

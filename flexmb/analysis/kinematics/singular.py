@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.rank import LARGEST, dense_jacobian
+from flexmb.analysis.mobility.rank import LARGEST
+from flexmb.analysis.mobility.rows import dense_jacobian
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Work
 from flexmb.model.joints.joint import JOINT_TYPES

@@ -18,7 +18,7 @@ from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.compile.sensors import feedback, sensor
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.sensor_tables import WRENCH, Feedback, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
@@ -112,8 +112,20 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     )
     acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
+    if signals is not None:
+        _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
     measured = Measured(sensors, numbers, starts, signals)
     return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, measured)
+
+
+def _frame_reactions(
+    lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int
+) -> None:
+    """The axes of joints matter whose reactions act, in their axes, while the model moves."""
+    for channel in sensors.channels[acting.channels]:
+        if channel["what"] == WRENCH and channel["kind"] == joints:
+            for row in lowering.groups.in_group(int(channel["first"])):
+                lowering.markers.framed |= {row.I, row.J}
 
 
 def _refuse_loops(groups: Groups) -> None:

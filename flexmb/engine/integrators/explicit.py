@@ -55,7 +55,10 @@ def bogacki_shampine() -> Method:
     b = np.array([2 / 9, 1 / 3, 4 / 9, 0.0])
     b_hat = np.array([7 / 24, 1 / 4, 1 / 3, 1 / 8])
     tableau = Tableau(A, b, np.array([0.0, 0.5, 0.75, 1.0]), b - b_hat)
-    return Method((step,), (tableau,), order=3, stages=len(b), filter=0.0)
+    return Method(
+        (step,), (tableau,), order=3, stages=len(b), filter=0.0, tolerance_factor=0.2,
+        tolerance_power=1.0,
+    )  # fmt: skip
 
 
 @unit

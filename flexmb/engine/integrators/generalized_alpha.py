@@ -81,6 +81,7 @@ def generalized_alpha(spectral_radius: float) -> Method:
     return Method(
         step=(step,), coefficients=(Alpha(alpha_m, alpha_f, beta, gamma),), order=2, stages=0,
         filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
+        tolerance_factor=0.2, tolerance_power=1.5,
     )  # fmt: skip
 
 

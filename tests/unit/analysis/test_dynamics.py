@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flexmb.engine.consistent import VELOCITIES, solve_level
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics import run as module
@@ -13,7 +14,6 @@ from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.analysis.dynamics.settings import chosen_method, time_grid
 from flexmb.engine import march
 from flexmb.engine.compile import compile_system
-from flexmb.engine.consistent import VELOCITIES, solve_level
 from flexmb.engine.method import FINE, Settings
 from flexmb.engine.state import State
 from flexmb.engine.work import new_work

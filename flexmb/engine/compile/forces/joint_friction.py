@@ -24,7 +24,8 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
     for name, spec in model.forces.items():
         if not isinstance(spec, JointFrictionSpec):
             continue
-        group, k = groups.owners.index(f"joints.{spec.joint}"), lowering.coordinate(f"forces.{name}")
+        group = groups.owners.index(f"joints.{spec.joint}")
+        k = lowering.coordinate(f"forces.{name}")
         coordinate = friction_coordinate(model, spec)
         along = model.plane is not None and coordinate == "stroke"
         radius = 1.0 if coordinate == "stroke" else spec.radius
@@ -40,7 +41,7 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
         return None
     n = len(rows)
     return JointFrictions(
-        np.array(rows, JOINT_FRICTION), lowering.watch(n), np.full((n, 2), np.nan), np.zeros(6)
+        np.array(rows, JOINT_FRICTION), lowering.watch(n), np.full((n, 2), np.nan), np.zeros(7)
     )
 
 

@@ -113,15 +113,21 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
 
 
 @kernel
-def _add_velocity(li, lj, cv, D, H):
-    """Subtract cv B D Bᵀ from H."""
-    for k in range(3):
-        e = axis(k)
-        for part in range(2):
-            df = _times_slopes(D, e if part == 0 else outer(e, li))
-            _add_column(H, 3 * part + k, -cv, df, outer(li, df), times(-1.0, outer(lj, df)))
-            df = _times_slopes(D, e if part == 0 else outer(e, lj))
-            _add_column(H, 6 + 3 * part + k, cv, df, outer(li, df), times(-1.0, outer(lj, df)))
+def _add_velocity(c, n, mi, mj, cv, D, dense):
+    """Subtract cv B D Bᵀ from dense.H; columns of B into dense.T: 0 to 2 of I, 3 to 5 of J."""
+    w, T, H = dense.g[0], dense.T, dense.H
+    for a in range(3):
+        put_wrench(c, n, mi, mj, axis(a), w)
+        for r in range(6):
+            T[a, r], T[3 + a, r] = w[r], w[6 + r]
+    for i in range(2):
+        for j in range(2):
+            for a in range(3):
+                for b in range(3):
+                    f = cv * D[a, b]
+                    for r in range(6):
+                        for k in range(6):
+                            H[6 * i + r, 6 * j + k] -= f * T[3 * i + a, r] * T[3 * j + b, k]
 
 
 @unit
@@ -182,9 +188,8 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
     )  # fmt: skip
     i, j, couple = c["I"], c["J"], c["couple"]
     mi, mj, n = markers[i], markers[j], triple(cn["n"])
-    li = times(-c["ri"], n)
     put_contact_changes(run, contacts, k, d, cp)
-    _add_velocity(li, plus(separation(mi, mj), 1.0, li), cv, D, dense.H)
+    _add_velocity(c, n, mi, mj, cv, D, dense)
     add_pair(run, i, j, couple, 1.0)
     if cp == 0.0:
         return

@@ -18,7 +18,7 @@ import numpy as np
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
-from flexmb.engine.kernels.forces.friction import FRICTION_FIELDS, SLIDES, along
+from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
 from flexmb.engine.kernels.joints import primitive
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
 from flexmb.engine.kind import Kind
@@ -51,16 +51,16 @@ class JointFrictions(NamedTuple):
     rows: array_of(JOINT_FRICTION)
     first_event: int  # each has one: what makes it slide or stick
     load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
-    surface: Vector  # (6,) scratch, as `evaluate_surface` says
+    surface: Vector  # (7,) scratch, as `evaluate_surface` says
 
 
 # Places in `surface`.
-_FORCE, _ANCHOR, _MODE, _EXCESS, _STIFFNESS, _DAMPING = range(6)
+_FORCE, _ANCHOR, _MODE, _EXCESS, _STIFFNESS, _DAMPING, _PLACE = range(7)
 
 
 @unit
 def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> float:
-    """Force of friction k for place and rate of its coordinate, into `surface` as `friction.along`.
+    """Friction k for place and rate of its coordinate, into `surface` as `friction.along` says.
 
     Returns the stretch of its bristle, m.
     """
@@ -71,7 +71,7 @@ def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> 
         f, frictions.load[k, 0], x, rate, history[f["history"]]
     )
     out[_FORCE], out[_ANCHOR], out[_MODE], out[_EXCESS] = force, anchor, mode, excess
-    out[_STIFFNESS], out[_DAMPING] = stiffness, damping
+    out[_STIFFNESS], out[_DAMPING], out[_PLACE] = stiffness, damping, x
     return x - anchor
 
 
@@ -166,7 +166,7 @@ def _put_coupling(run, f, factor):
     for r in range(group["n"]):
         row = sys.rows[group["row"] + r]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.axis_gradient(row["kind"], row["a"], row["b"], mi, mj, g)
         p, q, s, t, change = _bearing(run, f, g)  # of λ = −1
         slope = -change if turn > 0.0 else change if turn < 0.0 else 0.0
         if first > 0.0:
@@ -232,13 +232,14 @@ def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
         f, o = rows[k], frictions.first_event + k
-        evaluate_surface(run, frictions, at, k)
-        s = coordinates[f["coordinate"]]
-        stretch = f["radius"] * at.q[s["iq"]] - history[f["history"]]
-        out[o, 0], out[o, 1] = surface[_EXCESS], math.nan
-        if history[f["history"] + 1] == SLIDES and stretch != 0.0:
-            sense = 1.0 if stretch > 0.0 else -1.0
-            out[o, 0] = -at.v[s["iv"]] * f["radius"] * sense
+        out[o, 0], out[o, 1] = 0.0, math.nan
+        if f["model"] == BRISTLE:
+            evaluate_surface(run, frictions, at, k)
+            stretch = surface[_PLACE] - history[f["history"]]
+            out[o, 0] = surface[_EXCESS]
+            if history[f["history"] + 1] == SLIDES and stretch != 0.0:
+                rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
+                out[o, 0] = -rate if stretch > 0.0 else rate
     return FINE
 
 

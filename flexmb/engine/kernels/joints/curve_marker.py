@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
 from flexmb.engine.kernels.algebra.vector import put
@@ -33,7 +35,7 @@ def _piece(pool, curve, s):
     at, n = curve["at"], curve["n"]
     length = pool[at + n]
     if curve["closed"] == 1:
-        s -= length * math.floor(s / length)
+        s -= length * np.floor(s / length)
     low, high = 0, n
     while high - low > 1:
         middle = (low + high) // 2

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
@@ -66,7 +68,7 @@ def gradient(kind, mi, mj, g):
         put_pair(g, 3, u - x, v - y, w - z)
     elif kind == RADIAL:
         px, py, pz, s = _across(Ri, hx, hy, hz)
-        n = 1.0 / math.sqrt(px * px + py * py + pz * pz)
+        n = 1.0 / np.sqrt(px * px + py * py + pz * pz)
         put_pair(g, 0, n * px, n * py, n * pz)
         x, y, z = cross(ax, ay, az, px, py, pz)
         put(g, 3, -s * n * x, -s * n * y, -s * n * z)

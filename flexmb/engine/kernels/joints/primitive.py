@@ -21,6 +21,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
@@ -38,7 +40,7 @@ from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, POINT, TWIST
 @kernel
 def wrapped(angle):
     """Angle within ±π."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+    return angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel
@@ -117,7 +119,7 @@ def put_component_gradient(a, mi, mj, g):
 def put_distance_gradient(mi, mj, g):
     """Put the gradient of |h| into g (12), zero elsewhere."""
     hx, hy, hz = separation(mi, mj)
-    n = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
+    n = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
     put_pair(g, 0, hx * n, hy * n, hz * n)
 
 
