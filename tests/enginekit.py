@@ -65,10 +65,7 @@ def carry_turns(run, at, angles):
 
 
 def interpreted(code, folder):
-    """Run Python code with compilation off; the arrays it puts into `found`.
-
-    It costs no compile time, so analyses that need entries of their own are tested by it.
-    """
+    """Run Python code in a process with compilation off; the arrays it puts into `found`."""
     file = folder / "found.npz"
     paths = [str(Path(__file__).parent), *(path for path in sys.path if path)]
     env = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(paths)}

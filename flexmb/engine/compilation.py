@@ -7,10 +7,11 @@ lock for each unit keeps two runs from doing the same work; it ends with the pro
 from __future__ import annotations
 
 import os
-import selectors
+import queue
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -77,6 +78,7 @@ class _Work:
         self.count, self.progress = len(self.waiting), progress
         self.folder = cache_folders()[0]
         self.workers: list[_Worker] = []
+        self.answers: queue.SimpleQueue[tuple[_Worker, str]] = queue.SimpleQueue()
         self.elsewhere: list[str] = []  # in the hands of another process
         self.compiled = 0
         self.done_cost, self.cost = 0.0, sum(map(_cost, names)) or 1.0
@@ -87,10 +89,9 @@ class _Work:
         self._tell("")
         while self.waiting or self.elsewhere or any(worker.name for worker in self.workers):
             self._give()
-            busy = [worker for worker in self.workers if worker.name]
-            if busy:
-                for worker in _ready(busy):
-                    self._take(worker)
+            if any(worker.name for worker in self.workers):
+                with suppress(queue.Empty):
+                    self._take(*self.answers.get(timeout=0.2))
             else:
                 time.sleep(0.02)
             if not self.waiting and self.elsewhere:
@@ -116,7 +117,7 @@ class _Work:
                 self.workers.remove(free)
                 free = None
             if free is None:
-                free = _Worker(self.folder)
+                free = _Worker(self.folder, self.answers)
                 self.workers.append(free)
             free.begin(name, lock)
 
@@ -134,10 +135,12 @@ class _Work:
             return self._claim(name)
         return lock
 
-    def _take(self, worker: _Worker) -> None:
-        """The answer of a worker."""
+    def _take(self, worker: _Worker, answer: str) -> None:
+        """The answer of a worker; "" if it has ended."""
+        if worker not in self.workers or not worker.name:  # it ended without work
+            return
         name = worker.name
-        unwritable = worker.end()
+        unwritable = worker.end(answer)
         if not unwritable:
             self.compiled += 1
             self._finish(name)
@@ -179,25 +182,36 @@ class _Work:
 class _Worker:
     """A process that compiles one unit after the other."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, answers: queue.SimpleQueue[tuple[_Worker, str]]) -> None:
         package = str(Path(__file__).parents[2])
         paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        environment["PYTHONIOENCODING"] = "utf-8"
         for word in [word for word in environment if word.startswith("NUMBA_")]:
             del environment[word]  # settings of the user's own code
         self.folder = folder
-        self.errors = tempfile.TemporaryFile(mode="w+")  # noqa: SIM115  closed with the worker
+        self.errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the worker
         try:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "flexmb.engine.compiler", str(folder)],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, text=True,
-                env=environment, start_new_session=True,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
+                encoding="utf-8", env=environment, start_new_session=True,
             )  # fmt: skip
         except OSError as error:
             raise CompilationError(f"the compiler of units cannot be started: {error}") from None
         self.name = ""
         self.lock: Any = None
         self.done = 0
+        # a thread, as only sockets can be waited for together on all systems
+        self.listener = threading.Thread(target=self._listen, args=(answers,), daemon=True)
+        self.listener.start()
+
+    def _listen(self, answers: queue.SimpleQueue[tuple[_Worker, str]]) -> None:
+        """Pass the answers on, "" when the process has ended."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            answers.put((self, line))
+        answers.put((self, ""))
 
     def begin(self, name: str, lock: Any) -> None:
         self.name, self.lock = name, lock
@@ -208,10 +222,9 @@ class _Worker:
         except OSError:
             raise CompilationError(self._death()) from None
 
-    def end(self) -> str:
+    def end(self, answer: str) -> str:
         """Take the answer to the present unit; why it could not be written, or ""."""
-        assert self.process.stdout is not None
-        word, _, rest = self.process.stdout.readline().rstrip("\n").partition("\t")
+        word, _, rest = answer.rstrip("\n").partition("\t")
         name, self.name = self.name, ""
         self.done += 1
         self.lock.release()
@@ -226,27 +239,19 @@ class _Worker:
     def _death(self) -> str:
         self.process.wait()
         self.errors.seek(0)
-        text = self.errors.read().strip().splitlines()
+        text = self.errors.read().decode(errors="replace").strip().splitlines()
         return "the compiler of units ended early" + (f": {text[-1]}" if text else "")
 
     def kill(self) -> None:
         with suppress(OSError):
             self.process.kill()
         self.process.wait()
+        self.listener.join()
         for stream in (self.process.stdin, self.process.stdout, self.errors):
             with suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
         if self.name:
             self.lock.release()
-
-
-def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Those with an answer; waits a little for the first."""
-    with selectors.DefaultSelector() as selector:
-        for worker in workers:
-            assert worker.process.stdout is not None
-            selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
-        return [key.data for key, _ in selector.select(0.2)]
 
 
 def _cost(name: str) -> float:
@@ -256,6 +261,5 @@ def _cost(name: str) -> float:
 
 
 def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -11,6 +11,7 @@ from flexmb.engine.initial_conditions import (
     RESIDUAL,
     VELOCITIES,
 )
+from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
 from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_state import KinematicsSettings, Path
@@ -32,8 +33,7 @@ __all__ = [
 
 def all_units() -> tuple[Unit, ...]:
     """All units there are, of all kinds and methods."""
-    import flexmb.engine.integrators  # noqa: F401  the registry of methods imports their units
-
+    import_methods()
     return tuple(UNITS[name] for name in sorted(UNITS))
 
 

@@ -6,8 +6,8 @@ the local error in `trial.error` if steps are controlled; the loop alone accepts
 the next step, stores and reports. Memory that a method carries from step to step (previous
 accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a multi-stage
 method and an explicit one fit alike; and because a step is only proposed, an event found between
-`State` and the trial state can still shorten or reject it. Methods are listed in
-`engine.integrators`.
+`State` and the trial state can still shorten or reject it. The words of methods are
+`model.tasks.methods`.
 """
 
 from __future__ import annotations

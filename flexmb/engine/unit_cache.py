@@ -117,10 +117,11 @@ def _machine() -> str:
 
 def _private(folder: Path) -> bool:
     """Whether no other user may write into a folder; always so where there are no such rights."""
-    if not hasattr(os, "getuid"):
+    user = getattr(os, "getuid", None)
+    if user is None:
         return True
     state = folder.stat()
-    return state.st_uid in (os.getuid(), 0) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return state.st_uid in (user(), 0) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def cache_folders() -> tuple[Path, ...]:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from threading import RLock
+from types import FunctionType, ModuleType
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -31,6 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 _in_python = ContextVar("_in_python", default=False)
+_ENGINE = "flexmb.engine."
 
 
 def interpreted() -> bool:
@@ -107,10 +108,26 @@ def _collect(
 
 
 def _calls_in_source(name: str) -> list[str]:
-    """Units that a unit may call, by the names in its module: a guess, to count the missing."""
-    module = sys.modules.get(name.rpartition(".")[0])
-    members = () if module is None else vars(module).values()
-    return [other.name for other in members if isinstance(other, Unit)]
+    """Units that a unit calls, by the names in its source and in that of its kernels."""
+    called, seen, waiting = [], set(), [UNITS[name].function]
+    while waiting:
+        function = waiting.pop()
+        if function not in seen:
+            seen.add(function)
+            for value in _used_by(function):
+                if isinstance(value, Unit):
+                    called.append(value.name)
+                elif isinstance(value, FunctionType) and value.__module__.startswith(_ENGINE):
+                    waiting.append(value)
+    return called
+
+
+def _used_by(function: FunctionType) -> Iterator[Any]:
+    """What a function names of its module, and of the modules that it names."""
+    words, scope = function.__code__.co_names, function.__globals__
+    modules = [scope[word] for word in words if isinstance(scope.get(word), ModuleType)]
+    for names in (scope, *map(vars, modules)):
+        yield from (names[word] for word in words if word in names)
 
 
 def missing_units(units: Iterable[Unit]) -> list[str]:
@@ -118,8 +135,16 @@ def missing_units(units: Iterable[Unit]) -> list[str]:
     return _collect([unit.name for unit in units], {}, lambda name: False)
 
 
-def load_units(units: Iterable[Unit]) -> bool:
-    """Load units and all they call, unless some would have to be compiled; whether none would."""
+def load_units(units: Iterable[Unit], progress: Progress = silent) -> bool:
+    """Load units and all they call, unless some would have to be compiled; whether none would.
+
+    Parameters
+    ----------
+    units : iterable of Unit
+        What will be called.
+    progress : Progress
+        Told the phase `load` if anything is loaded.
+    """
     if interpreted():
         return True
     with _lock:
@@ -131,7 +156,9 @@ def load_units(units: Iterable[Unit]) -> bool:
         if names in _incomplete or _collect(names, stored, loaded.__contains__):
             _incomplete.add(names)
             return False
+        progress("load", 0.0)
         _loader().add({name: code for name, (code, _) in stored.items()})
+        progress("load", 1.0)
         return True
 
 
@@ -201,7 +228,8 @@ def call(unit: Unit, *arguments: Any) -> Any:
     unit : Unit
         What to run; it is compiled if need be.
     arguments : records, arrays and numbers
-        As its annotations say, records also as `hand_over` gives them; arrays and the arrays of records are changed in place.
+        As its annotations say, records also as `hand_over` gives them; arrays and the arrays of
+        records are changed in place.
     """
     if interpreted():
         return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
@@ -222,7 +250,8 @@ def call(unit: Unit, *arguments: Any) -> Any:
 def hand_over(record: Any) -> Packed:
     """A record for many calls: laid out in memory once.
 
-    Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need be.
+    Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need
+    be.
     """
     if interpreted():
         return Packed(0, record, ())

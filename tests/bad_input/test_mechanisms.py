@@ -35,6 +35,14 @@ def on_the_wrong_branch() -> Model:
     return model
 
 
+def of_no_direction() -> Model:
+    model = Model("distance", gravity="none")
+    for name in ("a", "b"):
+        model.add_body(name, mass=1, inertia=[1, 1, 1])
+    model.add_joint("rod", "distance", between=["a", "b"], length=1.0)
+    return model
+
+
 CASES = {
     "locked": (
         lambda: four_bar(tilt=0.2, driven=True),
@@ -52,6 +60,7 @@ CASES = {
         "drivers.push: the joints close alone, but not in the pose asked for at t = 0: it is out "
         "of reach",
     ),
+    "no direction": (of_no_direction, "assembly: the initial positions cannot be assembled"),
     "wrong branch": (
         on_the_wrong_branch,
         "joints.hinge: assembles with its sides turned against each other; turn a marker or body",

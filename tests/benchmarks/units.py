@@ -80,8 +80,8 @@ def _add_body(made, kind):
 
 def prepared(kind):
     """Make a run of one of them ready here; prints how many units were compiled, and how long."""
-    from flexmb.analysis.dynamics.settings import chosen_method
     from flexmb.engine.entries import prepare_integration
+    from flexmb.engine.integrators import chosen_method
 
     model, compiled = with_one(kind)
     begin = time.perf_counter()
@@ -113,40 +113,48 @@ def _run(scene, folder, cache):
     return time.perf_counter() - begin, cpu
 
 
+def first_run(folder):
+    """The README's slider-crank with an empty cache, then again."""
+    scene = _ROOT / "cases" / "slider_crank" / "scene.toml"
+    first, again = (_run(scene, f"{folder}/out", f"{folder}/first") for _ in range(2))
+    print("Slider-crank of the README, empty cache, then again")
+    for name, (wall, cpu) in (("first run", first), ("again", again)):
+        print(f"  {name:>18} {wall:6.1f} s wall {cpu:6.1f} s CPU")
+    print(f"  {'first less again':>18} {first[0] - again[0]:6.1f} s wall ", end="")
+    print(f"{first[1] - again[1]:6.1f} s CPU", flush=True)
+
+
+def one_more_kind(folder):
+    """A chain that ran before and one more element of a kind, kind by kind, in one cache."""
+    print("\nOne more kind in a chain of 10 bars that ran before, all that came before cached")
+    print(f"{'kind':>18} {'units':>6} {'CPU s':>7} {'wall s':>7}")
+    for kind in (None, *KINDS, None):
+        code = f"from tests.benchmarks.units import prepared; prepared({kind!r})"
+        out, cpu, _ = _python(code, f"{folder}/chain")
+        _, again, _ = _python(code, f"{folder}/chain")
+        made = json.loads(out.strip().splitlines()[-1])
+        line = f"{kind or 'nothing':>18} {made['units']:6} {cpu - again:7.1f} {made['wall']:7.1f}"
+        print(line, flush=True)
+
+
+def everything(folder):
+    """`flexmb warmup` with an empty cache."""
+    begin = time.perf_counter()
+    code = "from flexmb import workflow as w; d = w.warmup(); print(d.units, d.compiled, d.size)"
+    out, cpu, peak = _python(code, f"{folder}/all")
+    units, compiled, size = map(int, out.split())
+    wall = time.perf_counter() - begin
+    print(
+        f"\nflexmb warmup: {units} units, {compiled} compiled, {wall:.1f} s wall, {cpu:.1f} s CPU"
+    )
+    print(f"  {size / 1e6:.1f} MB on disk, at most {peak:.0f} MB of memory in a process")
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
-        cache = f"{folder}/first"
-        scene = _ROOT / "cases" / "slider_crank" / "scene.toml"
-        (first, first_cpu), (again, again_cpu) = (
-            _run(scene, f"{folder}/out", cache) for _ in range(2)
-        )
-        print("Slider-crank of the README, empty cache, then again")
-        print(
-            f"  first run {first:.1f} s wall, {first_cpu:.1f} s CPU; again {again:.1f}, {again_cpu:.1f}"
-        )
-        print(f"  beyond the second: {first - again:.1f} s wall, {first_cpu - again_cpu:.1f} s CPU")
-        print("\nOne more kind in a chain of 10 that ran before")
-        print(f"{'kind':>18} {'units':>6} {'CPU s':>7} {'wall s':>7}")
-        chain = f"{folder}/chain"
-        for kind in (None, *KINDS, None):
-            code = f"from tests.benchmarks.units import prepared; prepared({kind!r})"
-            out, cpu, _ = _python(code, chain)
-            _, again, _ = _python(code, chain)
-            made = json.loads(out.strip().splitlines()[-1])
-            name = kind or "nothing"
-            print(
-                f"{name:>18} {made['units']:6} {cpu - again:7.1f} {made['wall']:7.1f}", flush=True
-            )
-        begin = time.perf_counter()
-        code = (
-            "from flexmb import workflow as w; d = w.warmup(); print(d.units, d.compiled, d.size)"
-        )
-        out, cpu, peak = _python(code, f"{folder}/all")
-        units, compiled, size = map(int, out.split())
-        print(
-            f"\nflexmb warmup: {units} units, {compiled} compiled, {time.perf_counter() - begin:.1f} s"
-        )
-        print(f"  {cpu:.1f} s CPU, {size / 1e6:.1f} MB on disk, at most {peak:.0f} MB in a process")
+        first_run(folder)
+        one_more_kind(folder)
+        everything(folder)
 
 
 if __name__ == "__main__":

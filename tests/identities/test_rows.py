@@ -14,7 +14,7 @@ from flexmb.analysis.mobility.rows import ConstraintRows, dense_jacobian, gradie
 from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
 from flexmb.engine.constraint_rows import evaluate_rows
 from flexmb.engine.tables import DISTANCE, RADIAL
-from flexmb.engine.units import interpretation, prepare_units
+from flexmb.engine.units import interpretation, interpreted, prepare_units
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 
@@ -100,3 +100,12 @@ def test_every_kind_of_row_has_its_measure():
     """A kind that a joint or driver uses and that is missing here would stop `flexmb check`."""
     kinds = {row[0] for rows in JOINT_ROWS.values() for row in rows}
     assert kinds | {row[0] for row in DRIVER_ROWS.values()} <= set(MEASURES)
+
+
+def test_rows_are_evaluated_by_machine_code_where_it_is_there(monkeypatch):
+    bench = Bench(Mechanism(3, "loop", "mixed").model).at()
+    prepare_units([evaluate_rows])
+    if not interpreted():
+        monkeypatch.setattr(evaluate_rows, "function", pytest.fail)
+    rows = ConstraintRows(bench.compiled).at(bench.q)
+    np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=ROUND_OFF)

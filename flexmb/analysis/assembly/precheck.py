@@ -13,6 +13,7 @@ from contextlib import suppress
 from flexmb.engine.compile import Compiled
 from flexmb.engine.jit import Unit
 from flexmb.engine.units import interpretation, load_units
+from flexmb.progress import Progress, silent
 
 __all__ = ["precheck"]
 
@@ -23,7 +24,10 @@ _MAX_MODES_SQUARED = 6000  # summed over the bodies
 
 
 def precheck(
-    compiled: Compiled, units: Iterable[Unit], find_first_state: Callable[[], object]
+    compiled: Compiled,
+    units: Iterable[Unit],
+    find_first_state: Callable[[], object],
+    progress: Progress = silent,
 ) -> None:
     """Try to find the first state in plain Python, if units are missing and the model is small.
 
@@ -35,13 +39,15 @@ def precheck(
         What its analysis calls; loaded if all are in the cache, and then nothing is tried.
     find_first_state : callable
         What is tried.
+    progress : Progress
+        Told the phase `load` where all units are there.
 
     Raises
     ------
     FlexmbError
         What is wrong with the model.
     """
-    if load_units(units) or not _is_small(compiled):
+    if load_units(units, progress) or not _is_small(compiled):
         return
     # A number out of a function's domain, which machine code goes on with, may raise in Python.
     with interpretation(), suppress(ArithmeticError, ValueError):

@@ -165,7 +165,7 @@ class AskedVelocities:
 
     def _guess(self, state: State, aim: Array) -> Array:
         """v (nv) of rigid motions that suit the velocities `aim` (n, 2, 3)."""
-        v = np.zeros_like(state.v)
+        v: Array = np.zeros_like(state.v)
         asked_of: dict[int, list[int]] = {}
         for k, asked in enumerate(self._asked):
             asked_of.setdefault(asked.body, []).append(k)

@@ -17,7 +17,7 @@ from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import first_rows, gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import Steps, loop_settings, time_grid
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
@@ -25,6 +25,7 @@ from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units, prepare_integration
+from flexmb.engine.integrators import chosen_method
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
@@ -114,8 +115,8 @@ def prepare(
     def find_first_state() -> _First:
         return _first_state(compiled, model, spec.start, begin)
 
-    precheck(compiled, integration_units(compiled.system, chosen), find_first_state)
     clock = Clock()
+    precheck(compiled, integration_units(compiled.system, chosen), find_first_state, progress)
     units = prepare_integration(compiled.system, chosen, progress)
     clock.lap("compile" if units else "load")
     progress("assemble", 0.0)

@@ -11,11 +11,12 @@ import numpy as np
 
 from flexmb.analysis.dynamics.analysis import Prepared
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
+from flexmb.engine.integrators import chosen_method
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError

@@ -9,11 +9,11 @@ import numpy as np
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.integrators import METHODS
+from flexmb.engine.integrators import chosen_method
 from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
-__all__ = ["Steps", "chosen_method", "local_tolerance", "loop_settings", "time_grid"]
+__all__ = ["Steps", "local_tolerance", "loop_settings", "time_grid"]
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
@@ -44,11 +44,6 @@ def local_tolerance(spec: DynamicsSpec) -> float:
     """
     accuracy, chosen = ACCURACY if spec.accuracy is None else spec.accuracy, chosen_method(spec)
     return float(chosen.tolerance_factor * accuracy**chosen.tolerance_power)
-
-
-def chosen_method(spec: DynamicsSpec) -> method.Method:
-    """The integrator of `dynamics.method`."""
-    return METHODS[spec.method](spec)
 
 
 def loop_settings(

@@ -75,7 +75,10 @@ def close(
             gap, best = size, n
         if n > best + _ROUNDS // 4:
             break
-        q = constraints.moved(q, scales * _correction(rows, asked, scales))
+        step = _correction(rows, asked, scales)
+        if step is None:
+            break
+        q = constraints.moved(q, scales * step)
         rows = constraints.at(q, t)
     left = np.abs(rows.C * weights)[asked].max(initial=0.0)
     return Closed(q, rows, bool(left <= _CLOSED))
@@ -90,10 +93,15 @@ def _closing_scales(compiled: Compiled, weights: Array) -> Array:
     return scales
 
 
-def _correction(rows: Rows, which: Mask, scales: Array) -> Array:
-    """(nv,) Gauss–Newton correction over the scales, cut where it is long."""
+def _correction(rows: Rows, which: Mask, scales: Array) -> Array | None:
+    """(nv,) Gauss–Newton correction over the scales, cut where it is long.
+
+    None where a row has no gradient, such as a distance of zero.
+    """
     weights = rows.compiled.system.row_weights
     A = (weights[:, None] * rows.Cq * scales)[which]
+    if not np.all(np.isfinite(A)):
+        return None
     step: Array = np.linalg.lstsq(A, -(rows.C * weights)[which], rcond=_SMALL)[0]
     longest = float(np.abs(step).max(initial=0.0))
     return step * min(1.0, _LONGEST / longest) if longest > 0 else step
@@ -109,6 +117,8 @@ def closer_of(compiled: Compiled, state: State, weights: Array) -> Closer:
         if np.abs(rows.C * compiled.system.row_weights).max(initial=0.0) <= _ROUND_OFF:
             return 0.0
         step = _correction(rows, asked, scales)
+        if step is None:
+            return float("nan")
         state.q[:] = constraints.moved(state.q, scales * step)
         return float(np.abs(step).max(initial=0.0))
 

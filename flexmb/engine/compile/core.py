@@ -72,9 +72,7 @@ def _joints_of_points(parts: Parts, rows: np.ndarray, groups: np.ndarray) -> np.
 def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> System:
     """The same system with another table of markers and their pool."""
     parts = system.parts._replace(markers=markers, pool=pool)
-    core = core_tables(
-        parts, system.rows, system.groups, system.functions, system.sensors
-    )
+    core = core_tables(parts, system.rows, system.groups, system.functions, system.sensors)
     words = ("point_markers", "rigid_markers", "flexible_markers", "joints", "point_joints")
     kinds = {name: tables for name, tables in system.kinds.items() if name not in words}
     return system._replace(

@@ -107,9 +107,7 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
-    sensors, numbers = sensor.sensor_tables(
-        lowering, reading, ivs, (nq + before, nv + before)
-    )
+    sensors, numbers = sensor.sensor_tables(lowering, reading, ivs, (nq + before, nv + before))
     acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
     if signals is not None:
@@ -118,9 +116,7 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, measured)
 
 
-def _frame_reactions(
-    lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int
-) -> None:
+def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:
     """The axes of joints matter whose reactions act, in their axes, while the model moves."""
     for channel in sensors.channels[acting.channels]:
         if channel["what"] == WRENCH and channel["kind"] == joints:

@@ -81,6 +81,10 @@ class Lowering:
     elements: dict[str, Element] = field(default_factory=dict)
     actions: list[Action] = field(default_factory=list)
     reaction_loads: list[tuple[int, int]] = field(default_factory=list)
+    _coordinates: dict[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
 
     def remember(self, n: int) -> int:
         """Room for n numbers of history; returns the first place."""
@@ -98,7 +102,7 @@ class Lowering:
 
     def coordinate(self, name: str) -> int:
         """Number of a scalar coordinate by its scene path."""
-        return next(k for k, scalar in enumerate(self.scalars) if scalar.name == name)
+        return self._coordinates[name]
 
 
 class Placement(NamedTuple):

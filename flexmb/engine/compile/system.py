@@ -118,9 +118,7 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
     parts = Parts(of.bodies, pool, markers, gravity, of.coordinates, order.curve_markers)
     rows = row_table(of.groups, 6 + of.bodies["m"], n_functions)
     functions = lower(of.functions.programs, measured.numbers)
-    core = core_tables(
-        parts, rows, order.groups, functions, measured.sensors, _plane(model)
-    )
+    core = core_tables(parts, rows, order.groups, functions, measured.sensors, _plane(model))
     kinds = core | of.kinds
     if signals is not None:
         kinds["feedback"] = signals.feedback

@@ -11,7 +11,7 @@ symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step tha
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
@@ -38,6 +38,9 @@ from flexmb.engine.method import (
     Method,
 )
 from flexmb.engine.state import Run
+
+if TYPE_CHECKING:
+    from flexmb.model.tasks.dynamics import DynamicsSpec
 
 _UNSYMMETRIC_ABOVE = 0.2
 # Before a step, an expected contraction above this costs more iterations than a new factor
@@ -69,6 +72,11 @@ class Alpha(NamedTuple):
     alpha_f: float
     beta: float
     gamma: float
+
+
+def make_method(spec: DynamicsSpec) -> Method:
+    """The method for a scene, by its `spectral_radius`."""
+    return generalized_alpha(spec.spectral_radius)
 
 
 def generalized_alpha(spectral_radius: float) -> Method:

@@ -81,3 +81,7 @@ def test_what_fails_in_python_only_is_left_to_compiled_code():
 def test_nothing_is_tried_where_all_units_are_there():
     model = crank_slider("RSUT")
     precheck.precheck(compile_system(model), [], pytest.fail)
+
+
+def test_mobility_needs_nothing_compiled():
+    assert flexmb.mobility(crank_slider("RSUT")).delta == 1

@@ -7,8 +7,9 @@ from enginekit import Bench
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics.run import Run
-from flexmb.analysis.dynamics.settings import chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.engine.compile import compile_system
+from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state

@@ -7,7 +7,7 @@ import pytest
 from enginekit import MOVE, Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.integrators.explicit import bogacki_shampine
+from flexmb.engine.integrators.explicit_rk import bogacki_shampine
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
 from flexmb.engine.work import new_state, new_work, sizes
 

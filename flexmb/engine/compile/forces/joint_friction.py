@@ -24,7 +24,7 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
     for name, spec in model.forces.items():
         if not isinstance(spec, JointFrictionSpec):
             continue
-        group = groups.owners.index(f"joints.{spec.joint}")
+        group = groups.numbers[f"joints.{spec.joint}"]
         k = lowering.coordinate(f"forces.{name}")
         coordinate = friction_coordinate(model, spec)
         along = model.plane is not None and coordinate == "stroke"

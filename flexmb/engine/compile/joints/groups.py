@@ -85,6 +85,7 @@ class Groups:
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
+    numbers: dict[str, int] = field(default_factory=dict)  # first group of a scene path
     reversed: set[int] = field(default_factory=set)  # groups whose I is the joint's J
     sliders: Sliders = field(default_factory=Sliders)
 
@@ -98,6 +99,7 @@ class Groups:
         words: Sequence[str] = (),
     ) -> None:
         """Append a group of rows between I and J; `words` say what they are where it is known."""
+        self.numbers.setdefault(name, len(self.groups))
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
         self.rows += [PlacedEntry(row, I, J) for row in rows]

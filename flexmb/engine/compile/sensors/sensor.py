@@ -119,7 +119,7 @@ class Channels:
             k = self.lowering.groups.sliders.number(spec.joint, spec.on)
             self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
         elif isinstance(spec, EnergySensorSpec):
-            body = -1 if spec.body is None else self.lowering.markers.bodies.index(spec.body)
+            body = -1 if spec.body is None else self.lowering.markers.numbers[spec.body]
             self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
         else:
             self.add_program(signals.channel_program(self.model, name))
@@ -174,8 +174,8 @@ class Channels:
             ("forces", spec.force),
             ("couplers", spec.coupler),
         ):
-            if name is not None and f"{section}.{name}" in groups.owners:
-                k = groups.owners.index(f"{section}.{name}")
+            k = -1 if name is None else groups.numbers.get(f"{section}.{name}", -1)
+            if k >= 0:
                 return Element("joints", k, 1, k in groups.reversed)
         return self.lowering.elements[f"forces.{spec.force}"]
 

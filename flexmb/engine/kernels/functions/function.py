@@ -253,9 +253,7 @@ def evaluate(table, k, t, variables, stack):
 
 
 @unit
-def run_program(
-    table: FunctionTable, k: int, t: float, variables: Matrix, stack: Matrix
-) -> float:
+def run_program(table: FunctionTable, k: int, t: float, variables: Matrix, stack: Matrix) -> float:
     """Value of function k at t; it and its derivatives are left in the first row of the stack."""
     begin, end = table.start[k], table.start[k + 1]
     top = -1

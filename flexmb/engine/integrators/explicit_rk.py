@@ -8,7 +8,7 @@ constraints. For scenes without stiff forces. The embedded formula gives the err
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from flexmb.engine.method import (
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
+if TYPE_CHECKING:
+    from flexmb.model.tasks.dynamics import DynamicsSpec
+
 _MAX_PROJECTIONS = 10
 
 
@@ -44,6 +47,11 @@ class Tableau(NamedTuple):
     b: Vector
     c: Vector
     difference: Vector  # b - b_hat
+
+
+def make_method(spec: DynamicsSpec) -> Method:
+    """The method for a scene; nothing is to choose."""
+    return bogacki_shampine()
 
 
 def bogacki_shampine() -> Method:
