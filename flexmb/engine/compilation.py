@@ -13,15 +13,17 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from flexmb.engine.unit_cache import cache_folders, file_of, leave_cache, read_unit, unit_file
+from flexmb.engine.jit import UNITS, reached
+from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit_file
 from flexmb.errors import CompilationError
 from flexmb.progress import Progress, silent
 
@@ -29,6 +31,11 @@ __all__ = ["compile_units"]
 
 # A process grows by some 4 MB a unit; after so many a new one takes over.
 _MOST_UNITS = 60
+# Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved
+# for kernels that the process has translated before; starting a process takes as long as 4500
+# bytes. A further process is started for work that is worth several times that.
+_TRANSLATION = 2 / 3
+_WORTH_A_PROCESS = 12_000
 _LEAST = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 
@@ -74,7 +81,7 @@ class _Work:
     """Units to compile, and the processes that compile them."""
 
     def __init__(self, names: Sequence[str], progress: Progress) -> None:
-        self.waiting = sorted(set(names), key=lambda name: (-_cost(name), name))
+        self.waiting = sorted(set(names))
         self.count, self.progress = len(self.waiting), progress
         self.folder = cache_folders()[0]
         self.workers: list[_Worker] = []
@@ -101,9 +108,10 @@ class _Work:
         """A unit to every free worker."""
         while self.waiting:
             free = next((worker for worker in self.workers if not worker.name), None)
-            if free is None and len(self.workers) >= min(_cores(), self.count):
+            if free is None and not self._more_processes():
                 return
-            name = self.waiting.pop(0)
+            name = self._next(free)
+            self.waiting.remove(name)
             lock = self._claim(name)
             if lock is None:
                 self.elsewhere.append(name)
@@ -120,6 +128,30 @@ class _Work:
                 free = _Worker(self.folder, self.answers)
                 self.workers.append(free)
             free.begin(name, lock)
+
+    def _more_processes(self) -> bool:
+        """Whether to start one more process."""
+        if not self.workers:
+            return True
+        left = min(
+            sum(_cost(name, worker.kernels) for name in self.waiting) for worker in self.workers
+        )
+        return len(self.workers) < _cores() and left > _WORTH_A_PROCESS * len(self.workers)
+
+    def _next(self, worker: _Worker | None) -> str:
+        """The unit that a worker has least to do for beside the others; then the longest.
+
+        A process translates a kernel once for all units that it compiles.
+        """
+        mine = worker.kernels if worker else set()
+        theirs = [other.kernels for other in self.workers if other is not worker] or [set()]
+
+        def gain(name: str) -> tuple[float, str]:
+            here = _cost(name, mine)
+            saved = min(_cost(name, kernels) for kernels in theirs) - here
+            return saved + 0.5 * here, name
+
+        return max(self.waiting, key=gain)
 
     def _claim(self, name: str) -> Any:
         """The lock of a unit, or None if another process has it; it ends with the process."""
@@ -202,6 +234,7 @@ class _Worker:
         self.name = ""
         self.lock: Any = None
         self.done = 0
+        self.kernels: set[FunctionType] = set()  # that it has translated
         # a thread, as only sockets can be waited for together on all systems
         self.listener = threading.Thread(target=self._listen, args=(answers,), daemon=True)
         self.listener.start()
@@ -215,6 +248,7 @@ class _Worker:
 
     def begin(self, name: str, lock: Any) -> None:
         self.name, self.lock = name, lock
+        self.kernels |= reached(UNITS[name]).kernels.keys()
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(f"{name}\t{unit_file(name)}\n")
@@ -254,10 +288,11 @@ class _Worker:
             self.lock.release()
 
 
-def _cost(name: str) -> float:
-    """Seconds that a unit takes to compile, about: its module's length."""
-    file = file_of(name.rpartition(".")[0])
-    return 0.2 if file is None else 0.2 + file.stat().st_size * 5e-5
+def _cost(name: str, known: Collection[FunctionType] = ()) -> float:
+    """Bytes of code to compile for a unit, where a process knows some kernels already."""
+    kernels = reached(UNITS[name]).kernels
+    again = sum(size for kernel, size in kernels.items() if kernel in known)
+    return sum(kernels.values()) - _TRANSLATION * again
 
 
 def _cores() -> int:

@@ -9,12 +9,14 @@ without compilation, from the same source; Numba is imported only where units ar
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple
 
 __all__ = [
-    "UNITS", "Unit", "call_channel", "call_matrix", "call_stage", "call_step", "call_value",
-    "compile_with", "kernel", "unit",
+    "UNITS", "Reached", "Unit", "call_channel", "call_matrix", "call_stage", "call_step",
+    "call_value", "compile_with", "kernel", "reached", "unit",
 ]  # fmt: skip
 
 
@@ -52,6 +54,61 @@ class Unit:
 
 UNITS: dict[str, Unit] = {}
 """All units that were imported, by name."""
+
+
+class Reached(NamedTuple):
+    """What the source of a unit reaches.
+
+    Attributes
+    ----------
+    units : frozenset of str
+        Names of the units that it calls by name.
+    kernels : dict
+        Size of the code (bytes) of each kernel that is compiled into it, its own function too.
+    """
+
+    units: frozenset[str]
+    kernels: dict[FunctionType, int]
+
+
+@cache
+def reached(unit: Unit) -> Reached:
+    """Units and kernels that a unit calls, its own function among the kernels."""
+    units: set[str] = set()
+    kernels: dict[FunctionType, int] = {}
+    waiting: list[Any] = [unit.function]
+    while waiting:
+        function = waiting.pop()
+        if function in kernels:
+            continue
+        codes = list(_codes(function.__code__))
+        kernels[function] = sum(len(code.co_code) for code in codes)
+        for value in _named(codes, function.__globals__):
+            if isinstance(value, Unit):
+                units.add(value.name)
+            elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGE):
+                waiting.append(value)
+    return Reached(frozenset(units), kernels)
+
+
+_PACKAGE = __name__.rpartition(".")[0]
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _codes(value)
+
+
+def _named(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
+    """Values that code names: globals, and members of modules among them."""
+    names = {name for code in codes for name in code.co_names}
+    for value in [scope[name] for name in names if name in scope]:
+        if isinstance(value, ModuleType):
+            yield from (vars(value)[name] for name in names if name in vars(value))
+        yield value
+
 
 _compiler: tuple[Callable[..., Any], Callable[..., Any]] | None = None
 

@@ -14,13 +14,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from threading import RLock
-from types import FunctionType, ModuleType
 from typing import Any, get_type_hints
 
 import numpy as np
 
 from flexmb.engine.compilation import compile_units
-from flexmb.engine.jit import UNITS, Unit
+from flexmb.engine.jit import UNITS, Unit, reached
 from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
@@ -103,31 +102,8 @@ def _collect(
             waiting.extend(stored[name][1])
         else:
             missing.append(name)
-            waiting.extend(_calls_in_source(name))
+            waiting.extend(reached(UNITS[name]).units)
     return missing
-
-
-def _calls_in_source(name: str) -> list[str]:
-    """Units that a unit calls, by the names in its source and in that of its kernels."""
-    called, seen, waiting = [], set(), [UNITS[name].function]
-    while waiting:
-        function = waiting.pop()
-        if function not in seen:
-            seen.add(function)
-            for value in _used_by(function):
-                if isinstance(value, Unit):
-                    called.append(value.name)
-                elif isinstance(value, FunctionType) and value.__module__.startswith(_ENGINE):
-                    waiting.append(value)
-    return called
-
-
-def _used_by(function: FunctionType) -> Iterator[Any]:
-    """What a function names of its module, and of the modules that it names."""
-    words, scope = function.__code__.co_names, function.__globals__
-    modules = [scope[word] for word in words if isinstance(scope.get(word), ModuleType)]
-    for names in (scope, *map(vars, modules)):
-        yield from (names[word] for word in words if word in names)
 
 
 def missing_units(units: Iterable[Unit]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Runs that fail on the way: one sentence with the time, the place and a cure; results until then."""
+"""Runs that fail on the way: one sentence with time, place and a cure; results until then."""
 
 from __future__ import annotations
 

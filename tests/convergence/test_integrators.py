@@ -105,7 +105,6 @@ def test_explicit_estimate_has_order_three(truth):
     model, duration, _ = truth
     counts = np.array([1000, 2000, 4000])
     errors = [
-        steps(model, bogacki_shampine(), duration / n, n // 2, 0)[2].trial.error[0]
-        for n in counts
+        steps(model, bogacki_shampine(), duration / n, n // 2, 0)[2].trial.error[0] for n in counts
     ]
     assert 2.7 < order(1.0 / counts, errors) < 3.3, errors

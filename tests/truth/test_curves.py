@@ -14,8 +14,6 @@ from flexmb.analysis.assembly.analysis import assemble
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
-pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
-
 G = 9.81
 SPEED = 10.0  # rad/s
 R, E = 0.05, 0.02  # m: disk cam and its eccentricity

@@ -15,8 +15,6 @@ from flexmb.analysis.assembly.analysis import assemble
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
-pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
-
 LAST_DIGITS = 1e-9
 
 

@@ -13,8 +13,6 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 
-pytestmark = pytest.mark.slow
-
 G = 9.81
 
 

@@ -19,8 +19,6 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
 
-pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
-
 VAN_DER_POL = 6.6632868593
 
 

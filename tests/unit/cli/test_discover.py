@@ -135,7 +135,6 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     assert "cannot be written" in done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("template", workflow.templates())
 def test_a_new_scene_runs_and_keeps_its_known_answers(template: str, tmp_path: Path) -> None:
     scene = workflow.new_scene(tmp_path / "new", template)

@@ -61,7 +61,7 @@ def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
             mi[row["a"]] += lam[k]
             mj[row["a"]] -= lam[k]
             continue
-        primitive.gradient(row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], g)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         for c in range(6):
             mi[c] -= lam[k] * g[c]
             mj[c] -= lam[k] * g[6 + c]
@@ -79,7 +79,7 @@ def constraint_rates(run: Run) -> int:
         if row["kind"] == POINT:
             rate[k] = mj["vx"][row["a"]] - mi["vx"][row["a"]]
             continue
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         rate[k] = primitive.rate(g, mi, mj)
         if row["fun"] >= 0:
             rate[k] -= fun[row["fun"], 1]
@@ -93,8 +93,8 @@ def constraint_right_side(run: Run) -> int:
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
-        s = primitive.curvature(row["kind"], row["a"], row["b"], mi, mj)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        s = primitive.curvature_between(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         for c in range(3):
             s += g[c] * mi["bx"][c] + g[3 + c] * mi["bom"][c]
             s += g[6 + c] * mj["bx"][c] + g[9 + c] * mj["bom"][c]
@@ -108,11 +108,11 @@ def constraint_right_side(run: Run) -> int:
 def constraint_jacobian(run: Run) -> int:
     """Rows of Cq on the bodies of their two markers, into dense.jac; after a position stage."""
     parts, now, rows, dense = run.system.parts, run.work.now, run.system.rows, run.work.dense
-    bodies, table, markers, jac, g = parts.bodies, parts.markers, now.marker, dense.jac, dense.g[0]
+    bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, dense.g[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j = row["I"], row["J"]
-        primitive.gradient(row["kind"], row["a"], row["b"], markers[i], markers[j], g)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], i, j)
         for side in range(2):
             at = row["jac_I"] if side == 0 else row["jac_J"]
             if at >= 0:

@@ -187,8 +187,7 @@ def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
         factor.diagonal[panel["col"]] = math.inf
         for r in range(group["n"]):
             row = sys.rows[group["row"] + r]
-            mi, mj = work.now.marker[row["I"]], work.now.marker[row["J"]]
-            primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+            primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
             s = 0.0
             for c in range(6):
                 s += g[6 * curve["side"] + c] * J[c]

@@ -37,7 +37,7 @@ def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
         w[c] = 0.0
     for r in range(group["row"], group["row"] + group["n"]):
         kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
-        primitive.gradient(kind, a, b, mi, mj, g)
+        primitive.put_gradient(run, kind, a, b, i, j)
         for c in range(12):
             w[c] += lam[r] * g[c]
         if kind != POINT:

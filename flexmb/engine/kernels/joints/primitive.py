@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import line
@@ -34,6 +34,8 @@ from flexmb.engine.kernels.joints.dots import (
     put_pair,
     separation,
 )
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Run
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
@@ -65,6 +67,14 @@ def value(kind, a, b, mi, mj, f):
     if kind == DOT2:
         return Ri[0, a] * hx + Ri[1, a] * hy + Ri[2, a] * hz - f
     return math.sqrt(hx * hx + hy * hy + hz * hz) - f
+
+
+@unit
+def put_gradient(run: Run, kind: int, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of one row between markers i and j to dense.g[0]."""
+    markers = run.work.now.marker
+    gradient(kind, a, b, markers[i], markers[j], run.work.dense.g[0])
+    return FINE
 
 
 @kernel
@@ -131,6 +141,13 @@ def rate(g, mi, mj):
         r += g[k] * mi["vx"][k] + g[3 + k] * mi["om"][k]
         r += g[6 + k] * mj["vx"][k] + g[9 + k] * mj["om"][k]
     return r
+
+
+@unit
+def curvature_between(run: Run, kind: int, a: int, b: int, i: int, j: int) -> float:
+    """Curvature of one row between markers i and j."""
+    markers = run.work.now.marker
+    return curvature(kind, a, b, markers[i], markers[j])
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import call_stage, kernel, unit
+from flexmb.engine.jit import call_stage, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import primitive
@@ -11,26 +11,19 @@ from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 
-@kernel
-def _add_wrenches(rows, group, markers, lam, g, w):
-    """Add the wrenches on markers I and J of one group to w (12), global; g (12) is scratch."""
-    for r in range(group["row"], group["row"] + group["n"]):
-        row = rows[r]
-        mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(row["kind"], row["a"], row["b"], mi, mj, g)
-        for c in range(12):
-            w[c] -= lam[r] * g[c]
-
-
 @unit
 def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
     """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
     sys, d = run.system, run.work.dense
-    group, w = sys.groups[k], d.g[1]
+    group, g, w = sys.groups[k], d.g[0], d.g[1]
     d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
     for c in range(12):
         w[c] = 0.0
-    _add_wrenches(sys.rows, group, run.work.now.marker, lam, d.g[0], w)
+    for r in range(group["row"], group["row"] + group["n"]):
+        row = sys.rows[r]
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
     return FINE
 
 

@@ -190,10 +190,10 @@ def _coordinate(run, at, term):
             return joint_angle(mi["R"], mj["R"], b)
         return primitive.value(kind, a, b, mi, mj, 0.0)
     g = run.work.dense.g[0]
-    primitive.gradient(kind, a, b, mi, mj, g)
+    primitive.put_gradient(run, kind, a, b, i, j)
     if term["level"] == 1:
         return primitive.rate(g, mi, mj)
-    s = primitive.curvature(kind, a, b, mi, mj)
+    s = primitive.curvature_between(run, kind, a, b, i, j)
     for side in range(2):
         k, o = (i, 0) if side == 0 else (j, 6)
         for p in range(2):
