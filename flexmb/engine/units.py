@@ -186,11 +186,17 @@ _C_TYPES: dict[Any, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
 
 
 @functools.cache
-def _c_function(name: str, address: int) -> Any:
+def _parameters(name: str) -> tuple[Any, ...]:
+    """Annotations of the parameters of a unit."""
     hints = get_type_hints(UNITS[name].function, include_extras=True)
-    result = _C_TYPES[hints.pop("return")]
+    return tuple(hint for word, hint in hints.items() if word != "return")
+
+
+@functools.cache
+def _c_function(name: str, address: int) -> Any:
+    result = _C_TYPES[get_type_hints(UNITS[name].function)["return"]]
     types: list[Any] = []
-    for hint in hints.values():
+    for hint in _parameters(name):
         words = 5 + 2 * array_ndim(hint) if array_ndim(hint) else 1
         types += [_C_TYPES[hint]] if hint in _C_TYPES else [ctypes.c_int64] * words
     return ctypes.CFUNCTYPE(result, *types)(address)
@@ -206,12 +212,17 @@ def call(unit: Unit, *arguments: Any) -> Any:
     arguments : records, arrays and numbers
         As its annotations say, records also as `hand_over` gives them; arrays and the arrays of
         records are changed in place.
+
+    Raises
+    ------
+    TypeError
+        An array of another dtype or number of dimensions than annotated, or not contiguous.
     """
     if interpreted():
         return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
     prepare_units(_needed(unit, arguments))
     owned, words = [], []
-    for value in arguments:
+    for value, hint in zip(arguments, _parameters(unit.name), strict=True):
         if isinstance(value, tuple):
             owned.append(pack(value, _address))
             words.append(owned[-1].address)
@@ -219,7 +230,7 @@ def call(unit: Unit, *arguments: Any) -> Any:
             owned.append(value if value.address else pack(value.record, _address))
             words.append(owned[-1].address)
         else:
-            words += _array_words(value) if isinstance(value, np.ndarray) else [value]
+            words += _array_words(value, hint) if array_ndim(hint) else [value]
     return _c_function(unit.name, _address(unit))(*words)
 
 
@@ -247,7 +258,12 @@ def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:
     return [unit, *(other for record in records for other in units_in(record))]
 
 
-def _array_words(array: np.ndarray) -> list[int]:
+def _array_words(array: np.ndarray, hint: Any) -> list[int]:
     """An array as compiled code is handed it: owner, parent, sizes, data, shape, strides."""
+    kind = hint.__metadata__[0]
+    fits = array.dtype == kind.dtype and array.ndim == kind.ndim and array.flags.c_contiguous
+    if not fits:
+        what = f"{array.dtype}{array.shape}, strides {array.strides}"
+        raise TypeError(f"the array must be a contiguous {kind}, not {what}")
     data = array.__array_interface__["data"][0]
     return [0, 0, array.size, array.itemsize, data, *array.shape, *array.strides]

@@ -356,6 +356,18 @@ def test_calls_take_arrays_as_they_are():
     moved = np.full_like(q, np.nan)
     call(motion.move, bench.sys.parts, q, dq, moved)
     np.testing.assert_allclose(moved, bench.moved(q, dq), rtol=0, atol=1e-14)
+    again = np.full_like(q, np.nan)
+    motion.move(bench.sys.parts, q, dq, again)  # in Python it is a plain function
+    np.testing.assert_allclose(again, moved, rtol=0, atol=1e-15)
+
+
+def test_arrays_of_another_kind_are_refused():
+    """Compiled code would read them as what they are not."""
+    bench = Bench(Mechanism(3, "chain", "rigid").model)
+    q, n = bench.q.copy(), bench.layout.nv
+    for dq in (np.zeros(2 * n)[::2], np.zeros(n, np.int64), np.zeros((1, n))):
+        with pytest.raises(TypeError, match="must be a contiguous"):
+            call(motion.move, bench.sys.parts, q, dq, q)
 
 
 def test_folder_of_tests_is_not_the_users(project):
