@@ -65,10 +65,15 @@ def carry_turns(run, at, angles):
 
 
 def interpreted(code, folder):
-    """Run Python code in a process with compilation off; the arrays it puts into `found`."""
+    """As `computed`, with compilation off."""
+    return computed(code, folder, NUMBA_DISABLE_JIT="1")
+
+
+def computed(code, folder, **environment):
+    """Run Python code in a process of its own; the arrays it puts into `found`."""
     file = folder / "found.npz"
     paths = [str(Path(__file__).parent), *(path for path in sys.path if path)]
-    env = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(paths)}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **environment}
     code = f"import numpy as np\nfound = {{}}\n{code}\nnp.savez({str(file)!r}, **found)\n"
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False
