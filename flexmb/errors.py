@@ -127,6 +127,10 @@ class ViewError(FlexmbError):
     """A picture or plot cannot be made."""
 
 
+class CompilationError(FlexmbError):
+    """A part of the time loop cannot be compiled on this machine."""
+
+
 class FlexmbWarning(UserWarning):
     """Something allowed but suspicious, such as an implausible wave speed."""
 

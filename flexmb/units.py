@@ -120,6 +120,18 @@ def _rounded(factor: float) -> float:
     return float(f"{factor:.15g}")
 
 
+def _factor(length: float, mass: float, time: float, L: float, M: float, T: float) -> float:
+    """Factor to SI of length^L mass^M time^T, with these units of length, mass and time."""
+    return _rounded(length**L * mass**M * time**T)
+
+
+@lru_cache(maxsize=1024)
+def _scale(length: float, mass: float, time: float, unit: str) -> float:
+    """What the like of `unit` that is made of these units is in SI."""
+    L, M, T, _ = parse_unit(unit).dimension
+    return _factor(length, mass, time, L, M, T)
+
+
 @dataclass(frozen=True)
 class UnitSystem:
     """A consistent unit system: one unit each of length, mass and time, in SI.
@@ -140,7 +152,7 @@ class UnitSystem:
         >>> unit_system("mm-t-s").factor(L=-1, M=1, T=-2)  # a pressure: MPa
         1000000.0
         """
-        return _rounded(self.length**L * self.mass**M * self.time**T)
+        return _factor(self.length, self.mass, self.time, L, M, T)
 
     def scale(self, unit: str) -> float:
         """How many SI units `unit` one unit of this system is; angles are in rad in all systems.
@@ -148,8 +160,7 @@ class UnitSystem:
         >>> unit_system("mm-t-s").scale("m/s^2")
         0.001
         """
-        L, M, T, _ = parse_unit(unit).dimension
-        return self.factor(L, M, T)
+        return _scale(self.length, self.mass, self.time, unit)
 
     def label(self, unit: str, raised: bool = False) -> str:
         """The unit of this system for what SI measures in `unit`; `raised`: m² for m^2.

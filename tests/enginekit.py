@@ -1,7 +1,6 @@
-"""The engine's kernels in the hands of tests: one compiled entry for all of them, and dense views.
+"""The engine's units in the hands of tests, and dense views of what they leave.
 
-A `Bench` holds a compiled system with its state and scratch. Features that a model does not use get
-empty tables instead of None, so that all tests share one compilation.
+A `Bench` holds a compiled system with its state and scratch.
 """
 
 from __future__ import annotations
@@ -14,137 +13,67 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.element_tables import FRAME, LAW, MUTUAL, Elements
-from flexmb.engine.functions import lower
-from flexmb.engine.jit import entry
-from flexmb.engine.kernels import energy
+from flexmb.engine.compile.core import with_markers
+from flexmb.engine.kernels import stages
 from flexmb.engine.kernels.algebra.ldl import solve_refined
-from flexmb.engine.kernels.bodies import kinematics
+from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.bodies.motion import move, position_rate
 from flexmb.engine.kernels.bodies.tangent import marker_jacobian
-from flexmb.engine.kernels.forces import contact, element, force, joint_friction
-from flexmb.engine.kernels.joints import constraint, coordinate, reaction
+from flexmb.engine.kernels.joints import constraint
+from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.residual import position_stage, residual, velocity_stage
-from flexmb.engine.kernels.sensors import sensor, signal
-from flexmb.engine.sensor_tables import PARTIAL, PULL, Signals
-from flexmb.engine.tables import (
-    CONTACT,
-    COORDINATE,
-    JOINT_FRICTION,
-    SLIDER,
-    SPRING,
-)
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.kernels.sensors.sensor import read_channels
+from flexmb.engine.units import call, hand_over
+from flexmb.engine.work import new_run, new_state, new_work
 
-NO_SIGNALS = Signals(
-    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, PARTIAL), np.zeros(0, PULL),
-    np.zeros(1, np.int64),
-)  # fmt: skip
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
-@entry
-def run(sys, st, wk, out, what, cv, cp, k):
-    """One part of the engine at the state `st`; what it leaves is in `wk` and `out`."""
-    now, tr = wk.now, wk.trial
-    if what == STAGES:
-        bad = residual(sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
-        velocity_stage(sys, wk, st.v)
-        kinematics.bias(sys.parts, now, st.v)
-        constraint.rates(sys.lines, sys.rows, now.marker, wk.con, wk.dense.g[0])
-        constraint.right_side(sys.lines, sys.rows, now.marker, wk.con, wk.dense.g[0])
-        constraint.jacobian(sys.lines, sys.parts, now, sys.rows, wk.dense)
-        out[0] = energy.kinetic(sys.parts, now, st.v, wk.dense.B)
-        out[1] = energy.strain(sys.parts, st.q)
-        out[2] = energy.gravitational(sys.parts, now, st.q)
-        out[3] = force.spring_energy(sys.springs, now.marker)
-        out[3] += coordinate.spring_energy(sys.parts.coordinates, st.q)
-        out[3] += contact.energy(sys.contacts, now.marker)
-        out[3] += element.energy(sys.elements, sys.parts.coordinates, now, st.v)
-        energy.powers(sys, now, wk.con.fun, st.v, st.lam, out[4:7])
-        coordinates = sys.parts.coordinates
-        out[5] += joint_friction.power(sys.frictions, coordinates, now, st.q, st.v)
-        sensor.follow_angles(sys.sensors, now.marker, st.angles)
-        sensor.follow_turns(sys.further, sys.sensors, now.marker, st.angles)
-        n = st.angles.shape[0]
-        sensor.read(
-            sys.further, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam, out, st.angles, out[7 : 7 + n]
-        )
-        return bad
-    if what == FACTOR:
-        position_stage(sys, wk, st.t[0], st.q)
-        signal.stage(sys.signals, sys, wk, st.t[0], st.q, st.v, st.vd, st.lam)
-        return factorise(sys, wk, st.v, st.vd, st.lam, cv, cp)
-    if what == SOLVE:
-        solve_refined(sys.kkt, wk.factor, k)
-    elif what == MOVE:
-        move(sys.parts, st.q, tr.dq, tr.q)
-        position_rate(sys.parts, st.q, st.v, out)
-    elif what == MARKER:
-        marker_jacobian(sys.parts, now, k, wk.dense.J[0])
-        kinematics.add_pulled_back(sys.parts, now, k, out, 0, 1.0, out, 6)
-    elif what == REACTIONS:
-        reaction.read(sys, now.marker, st.lam, wk.dense.g, out)
-    return 0
+def run_stages(run, at, out):
+    """Every stage at the state: what it leaves is in the work and in `out`; returns the status."""
+    work = run.record.work
+    call(stages.begin_run, run, at)
+    status = call(stages.residual, run, at)
+    residual = work.trial.res.copy()
+    call(stages.velocity_stage, run, at)
+    call(stages.bias_stage, run, at)
+    call(stages.complete_poses, run, at)
+    call(constraint.constraint_rates, run)
+    call(constraint.constraint_right_side, run)
+    call(constraint.constraint_jacobian, run)
+    call(stages.energies, run, at)
+    out[:4] = work.energies[:4]
+    call(stages.powers, run, at)
+    out[4:7] = work.powers
+    angles = run.record.state.angles
+    carry_turns(run, at, angles)
+    n = len(angles)
+    channels = np.full(n, np.nan)
+    call(read_channels, run, at, out[:7].copy(), angles, channels)
+    out[7 : 7 + n] = channels
+    work.trial.res[:] = residual
+    return status
 
 
-def plain(system):
-    """Whether it holds nothing but bodies, joints, springs, loads, couplers and their sensors."""
-    rare = ("elements", "signals", "contacts", "frictions", "further")
-    return system.parts.sliders is None and all(getattr(system, name) is None for name in rare)
-
-
-def padded_plainly(system):
-    """The system with empty tables where it has none of what is `plain`."""
-    parts = system.parts
-    if parts.coordinates is None:
-        parts = parts._replace(coordinates=np.zeros(0, COORDINATE))
-    return system._replace(
-        parts=parts,
-        lines=np.zeros(1),
-        springs=np.zeros(0, SPRING) if system.springs is None else system.springs,
-        kinks=None,
-    )
-
-
-def padded(system):
-    """The system with empty tables where it has none."""
-    system = padded_plainly(system)
-    parts = system.parts
-    if parts.sliders is None:
-        parts = parts._replace(sliders=np.zeros(0, SLIDER))
-    return system._replace(
-        parts=parts,
-        elements=_padded_elements(system.elements),
-        further=np.zeros(1),
-        signals=NO_SIGNALS if system.signals is None else system.signals,
-        stops=np.zeros(0, np.int64) if system.stops is None else system.stops,
-        contacts=np.zeros(0, CONTACT) if system.contacts is None else system.contacts,
-        frictions=np.zeros(0, JOINT_FRICTION) if system.frictions is None else system.frictions,
-    )
-
-
-def _padded_elements(elements):
-    if elements is None:
-        elements = Elements(None, None, None, np.zeros(1), lower([]))
-    tables = {"frames": FRAME, "laws": LAW, "mutual": MUTUAL}
-    empty = {
-        name: np.zeros(0, dtype)
-        for name, dtype in tables.items()
-        if getattr(elements, name) is None
-    }
-    return elements._replace(**empty)
+def carry_turns(run, at, angles):
+    """Carry what counts turns to the present position."""
+    near, stage = run.record.work.feedback.near, run.record.stages.angles
+    near[: len(angles)] = angles
+    for unit, tables in zip(stage.units, stage.tables, strict=True):
+        call(unit, run, tables, at)
+    angles[:] = near[: len(angles)]
 
 
 def interpreted(code, folder):
-    """Run Python code with compilation off; the arrays it puts into `found`.
+    """As `computed`, with compilation off."""
+    return computed(code, folder, NUMBA_DISABLE_JIT="1")
 
-    It costs no compile time, so analyses that need entries of their own are tested by it.
-    """
+
+def computed(code, folder, **environment):
+    """Run Python code in a process of its own; the arrays it puts into `found`."""
     file = folder / "found.npz"
     paths = [str(Path(__file__).parent), *(path for path in sys.path if path)]
-    env = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(paths)}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **environment}
     code = f"import numpy as np\nfound = {{}}\n{code}\nnp.savez({str(file)!r}, **found)\n"
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False
@@ -156,11 +85,12 @@ def interpreted(code, folder):
 class Bench:
     """A compiled model with state and scratch; arrays are copies, safe to keep."""
 
-    def __init__(self, model, as_compiled=False):
+    def __init__(self, model):
+        self.model = model
+        self._key = None
         self.compiled = compile_system(model)
         self.layout = self.compiled.layout
-        self.use(self.compiled.system if as_compiled else padded(self.compiled.system))
-        self.q[:] = self.compiled.placed
+        self.use(self.compiled.system)
 
     def use(self, system):
         """Work with these tables from now on."""
@@ -174,19 +104,64 @@ class Bench:
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
+        self.q[:] = self.compiled.placed
+
+    def _handed(self):
+        """The run and its point in memory, for these tables."""
+        key = self.sys, self.state, self.work
+        if self._key is None or any(a is not b for a, b in zip(key, self._key, strict=True)):
+            run = new_run(*key)
+            self._key, self._packed = key, (hand_over(run), hand_over(run.state_point))
+        return self._packed
+
+    def use_rows(self):
+        """Take constraint rows that were edited in place for what they are now."""
+        markers = self.sys.parts.markers
+        markers["point"] = 0  # any row may need axes
+        self.use(with_markers(self.sys, markers, self.sys.parts.pool))
 
     def run(self, what, cv=0.0, cp=0.0, k=0):
-        return run(self.sys, self.state, self.work, self.out, what, cv, cp, k)
+        """One part of the engine at the state; what it leaves is in `work` and `out`."""
+        run, at = self._handed()
+        out, parts, trial = self.out, self.sys.parts, self.work.trial
+        if what == STAGES:
+            return run_stages(run, at, out)
+        if what == FACTOR:
+            call(stages.begin_run, run, at)
+            call(stages.residual, run, at)
+            return call(factorise, run, at, cv, cp)
+        if what == SOLVE:
+            call(solve_refined, self.sys.kkt, self.work.factor, k)
+        elif what == MOVE:
+            call(move, parts, self.q, trial.dq, trial.q)
+            position_rate(parts, self.q, self.v, out)
+        elif what == MARKER:
+            call(marker_jacobian, parts, self.work.now, k, self.work.dense.J[0])
+            add_pulled_back(parts, self.work.now, k, out, 0, 1.0, out, 6)
+        elif what == REACTIONS:
+            reactions = np.full(12 * len(self.sys.groups), np.nan)
+            call(read_reactions, run, at, reactions)
+            out[: len(reactions)] = reactions
+        return 0
 
     def randomise(self, seed, eta=0.3):
-        """A random state, anywhere: not on the constraints. Euler parameters of unit length."""
+        """A random state, anywhere: not on the constraints. Euler parameters of unit length.
+
+        Of a planar model in the plane, all else as placed.
+        """
         rng = np.random.default_rng(seed)
         self.state.t[0] = rng.uniform(0.2, 1.5)
         for row in self.sys.parts.bodies:
-            i, m = row["iq"], row["m"]
-            self.q[i : i + 3] = rng.standard_normal(3)
-            p = rng.standard_normal(4)
-            self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
+            i, o, m = row["iq"], row["iv"], row["m"]
+            if self.model.plane is None:
+                self.q[i : i + 3] = rng.standard_normal(3)
+                p = rng.standard_normal(4)
+                self.q[i + 3 : i + 7] = p / np.linalg.norm(p)
+            else:
+                free = self.sys.kkt.column[o : o + 6] >= 0
+                self.q[i : i + 3] = np.where(free[:3], rng.standard_normal(3), self.q[i : i + 3])
+                turn = np.where(free[3:], rng.uniform(-np.pi, np.pi, 3), 0.0)
+                self.q[i + 3 : i + 7] = quaternion_product(self.q[i + 3 : i + 7], exponential(turn))
             self.q[i + 7 : i + 7 + m] = eta * rng.standard_normal(m)
         for s in self.scalars:
             self.q[s["iq"]] = rng.standard_normal()
@@ -197,6 +172,9 @@ class Bench:
             self.q[self.sys.parts.coordinates[slider["coordinate"]]["iq"]] = middle
         for x in (self.v, self.vd, self.lam):
             x[:] = rng.standard_normal(x.size)
+        if self.model.plane is not None:
+            n = len(self.v)
+            self.v[self.sys.kkt.column[:n] < 0] = self.vd[self.sys.kkt.column[:n] < 0] = 0.0
         return rng
 
     def at(self, t=None, q=None, v=None, vd=None, lam=None):
@@ -263,14 +241,12 @@ class Bench:
     @property
     def scalars(self):
         """The scalar coordinates beside the bodies."""
-        found = self.sys.parts.coordinates
-        return () if found is None else found
+        return self.sys.parts.coordinates
 
     @property
     def sliders(self):
         """The curve markers."""
-        found = self.sys.parts.sliders
-        return () if found is None else found
+        return self.sys.parts.curve_markers
 
     @property
     def Cq(self):

@@ -1,26 +1,21 @@
-"""Runs in memory for tests that compare with known truth: models in, arrays over time out.
-
-Systems get tables, empty where the model has nothing for them, so that runs share two compiled time
-loops for each method: that of usual models, and that of all kinds of elements, which takes long to
-compile and is for slow tests.
-"""
+"""Runs in memory for tests that compare with known truth: models in, arrays over time out."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from enginekit import Bench, padded, padded_plainly, plain
+from enginekit import Bench
 from scipy.spatial.transform import Rotation
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.engine import march, method
+from flexmb.engine import method
 from flexmb.engine.compile import compile_system
-from flexmb.engine.consistent import ACCELERATIONS, BEGIN, VELOCITIES, solve_level
-from flexmb.engine.work import new_work
+from flexmb.engine.entries import ACCELERATIONS, BEGIN, VELOCITIES, integrate, solve_level
+from flexmb.engine.work import new_output, new_run, new_work
 
 _REFERENCES = Path(__file__).parent / "references"
 
@@ -29,13 +24,6 @@ def reference(file, name=None):
     """A table of reference values, each with its source."""
     table = json.loads((_REFERENCES / f"{file}.json").read_text())
     return table if name is None else table[name]
-
-
-def compiled(model):
-    """The compiled model, with empty tables of what is usual, or of everything if it needs more."""
-    made = compile_system(model)
-    fill = padded_plainly if plain(made.system) else padded
-    return replace(made, system=fill(made.system))
 
 
 def stiffness_and_mass(model):
@@ -113,7 +101,7 @@ class Run:
 def run(model, **knobs):
     """Run a model by `analysis.dynamics`, as a user's run does, without files."""
     model.set_dynamics(**knobs)
-    made, memory = compiled(model), Memory()
+    made, memory = compile_system(model), Memory()
     outcome = dynamics(made, model, memory)
     assert outcome.status == "finished", outcome.message
     return Run(made.layout, *memory.tables(), outcome.statistics)
@@ -125,7 +113,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
     `start(state, layout)` may change positions and velocities of the assembled state; velocities
     are then put on the constraints again, and accelerations and multipliers solved.
     """
-    made = compiled(model)
+    made = compile_system(model)
     state = assemble(made, model).state
     if start is not None:
         start(state, made.layout)
@@ -133,7 +121,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         for level in (VELOCITIES, ACCELERATIONS, BEGIN):
             solve_level(made.system, state, scratch, level)
         state.aa[:] = state.vd
-    work = new_work(made.system, len(made.layout.channels), method.n_stages(chosen))
+    work = new_work(made.system, len(made.layout.channels), chosen.stages)
     knobs = method.Settings(
         **{
             "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
@@ -144,8 +132,8 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         }
     )  # fmt: skip
     rows = count // (every or count) + 4
-    out = march.new_output(made.system, rows, len(made.layout.channels))
-    status = march.march(made.system, chosen, knobs, state, work, out, count)
+    out = new_output(made.system, rows, len(made.layout.channels))
+    status = integrate(new_run(made.system, state, work, chosen, knobs, out), count)
     assert status == method.FINE, status
     tables = [np.array(table[1 : int(out.rows[0])]) for table in out[:-1]]
     return Run(made.layout, *tables, {}), state, work

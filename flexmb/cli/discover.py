@@ -106,23 +106,19 @@ def schema(
 
 @app.command()
 @guarded
-def warmup(
-    method: Annotated[
-        list[str] | None,
-        typer.Option(help="Only this integrator (flexmb list methods); may be repeated."),
-    ] = None,
-) -> None:
-    """Compile ahead what runs would compile at first.
+def warmup() -> None:
+    """Compile ahead all that runs would compile at first.
 
-    Takes minutes, once per machine. Without it the first run of each combination of features takes
-    half a minute longer. Ctrl-C keeps what is compiled already.
+    Takes about a minute, once per machine and version. Without it the first run of a scene compiles
+    the parts that it uses. Ctrl-C keeps what is compiled already.
 
-    Example: flexmb warmup --method generalized-alpha
+    Example: flexmb warmup
     """
     from flexmb import workflow
 
     with Bars() as progress:
-        done = workflow.warmup(method or (), progress)
-    rows = [(features, name, f"{seconds:.1f}") for features, name, seconds in done.rows]
-    show.table(("compiled for", "method", "s"), rows, right=(2,))
-    show.line(f"kernels are kept in {done.cache}")
+        done = workflow.warmup(progress)
+    show.line(
+        f"{done.units} units, {done.compiled} of them compiled in {done.seconds:.1f} s; "
+        f"{done.size / 1e6:.1f} MB in {done.cache}"
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import sys
-import time
 from pathlib import Path
 
 import typer
@@ -15,6 +14,7 @@ from flexmb.cli import show
 from flexmb.cli.bars import Bars
 from flexmb.cli.guard import MISTAKE
 from flexmb.cli.versions import PACKAGES, flexmb_version, package_version
+from flexmb.errors import FlexmbError
 
 __all__ = ["examine"]
 
@@ -35,7 +35,7 @@ def examine() -> None:
         compiler = _compiler()
         progress("trying to compile", 1.0)
     rows = [("pictures", *rendering), ("plots", "ok", "matplotlib"), ("cache", *_cache())]
-    show.table(("part", "state", ""), [*rows, ("compiled kernels", *compiler)])
+    show.table(("part", "state", ""), [*rows, ("compiled units", *compiler)])
     if missing:
         show.line(f"missing: python -m pip install {' '.join(missing)}")
         raise typer.Exit(MISTAKE)
@@ -68,7 +68,7 @@ def _cache() -> tuple[str, str]:
     folder = cache_root()
     if writable(folder):
         return "ok", f"{folder} ({_megabytes(folder):.1f} MB)"
-    return "slow", f"{folder} cannot be written: every run compiles anew; set FLEXMB_CACHE_DIR"
+    return "slow", f"{folder} cannot be written: every run compiles again; set FLEXMB_CACHE_DIR"
 
 
 def _megabytes(folder: Path) -> float:
@@ -76,18 +76,19 @@ def _megabytes(folder: Path) -> float:
 
 
 def _compiler() -> tuple[str, str]:
-    from flexmb.engine import jit
+    from flexmb.engine.compilation import compile_units
+    from flexmb.engine.entries import all_units
+    from flexmb.engine.unit_cache import cache_folders
+    from flexmb.engine.units import interpreted, missing_units
 
-    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+    if interpreted():
         return "off", "NUMBA_DISABLE_JIT is set: runs are about a hundred times slower"
-    started = time.perf_counter()
-    compiled = jit.numba.njit(_twice)  # type: ignore[attr-defined]  # not cached: to compile now
-    works = compiled(21) == 42
-    seconds = time.perf_counter() - started
-    if not works:
-        return "BROKEN", "a trial kernel gives a wrong result; reinstall numba"
-    return "ok", f"trial in {seconds:.1f} s; kernels kept in {jit.CACHE_DIR}; one core for each run"
-
-
-def _twice(x: int) -> int:
-    return 2 * x
+    units = all_units()
+    missing = missing_units(units)
+    if missing:
+        try:
+            compile_units(missing[:1])
+        except FlexmbError as error:
+            return "BROKEN", str(error)
+    there = len(units) - max(len(missing) - 1, 0)
+    return "ok", f"{there} of {len(units)} units compiled, in {cache_folders()[0]}"

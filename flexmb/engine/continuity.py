@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import copy
+from flexmb.engine.kinematics_state import SINGULAR_POSES, Path
 from flexmb.engine.method import FINE, JUMP, LEAP
+from flexmb.engine.state import Run
 
-_LONGEST = 0.5  # motion of an increment at most, of the model size or rad
+_MAX_MOTION = 0.5  # of an increment, of the model size or rad
 _APART = 0.25  # off by this share of the motion: another branch, or too long an increment
-_NOTHING = 1e-5  # of the model size: branches this close are one
-_TURNED = 0.55  # a jump of v̇ amid the increment leaves 0.5
+_SAME_BRANCH = 1e-5  # of the model size: branches this close are one
+_TURNED = 0.55  # a jump of v̇ within the increment leaves 0.5
 _STILL = 1e-12  # motion by which velocities may differ, of the model size
 _STEEPER = 3.0  # a change of this many times what the slopes say is a jump
 _LAST_DIGITS = 1e-9
@@ -25,67 +27,76 @@ _FLIPPED = -0.5  # cosine
 
 
 @kernel
-def finite(functions, fun):
+def are_finite(functions, fun):
     """Whether all functions of time alone and their derivatives are finite numbers."""
-    s = 0.0
-    for k in range(functions.live.shape[0]):
-        if functions.live[k] == 0:
+    s, live = 0.0, functions.live
+    for k in range(live.shape[0]):
+        if live[k] == 0:
             s += fun[k, 0] + fun[k, 1] + fun[k, 2]
     return math.isfinite(s)
 
 
 @kernel
-def increment(left, h, speed):
+def next_increment(left, h, speed):
     """The increment to try: h or less, in parts of the time `left` that are about equal."""
-    if h * speed > _LONGEST:
-        h = _LONGEST / speed
+    if h * speed > _MAX_MOTION:
+        h = _MAX_MOTION / speed
     if h > left * (1.0 - 1e-9):
         return left
     return 0.5 * left if h > 0.5 * left else h
 
 
-@kernel
-def predict(v0, vd0, jerk, h, dq, v, vd, change):
-    """Motion and rates at h by Taylor's series; no corrections yet."""
+@unit
+def predict(run: Run, path: Path, h: float) -> int:
+    """Trial motion and rates at h by Taylor's series; no corrections yet."""
+    st, dq, at = run.state, run.work.trial.dq, run.trial_point
+    v0, vd0, jerk, v, vd, correction = st.v, st.vd, path.jerk, at.v, at.vd, path.correction
     for i in range(v0.shape[0]):
         j = jerk[i]
         dq[i] = h * (v0[i] + h * (0.5 * vd0[i] + h * j / 6.0))
         v[i] = v0[i] + h * (vd0[i] + 0.5 * h * j)
         vd[i] = vd0[i] + h * j
-        change[i] = 0.0
+        correction[i] = 0.0
+    return FINE
 
 
-@kernel
-def keep(vd0, vd, h, jerk, look, seen, fun, before):
-    """What the next point needs of an accepted one."""
+@unit
+def remember_point(run: Run, path: Path, h: float) -> int:
+    """What the next point needs of the trial point, which is accepted."""
+    fun, before = run.work.con.fun, path.functions_before
+    vd0, vd, jerk = run.state.vd, run.work.trial.vd, path.jerk
     for i in range(vd.shape[0]):
         jerk[i] = (vd[i] - vd0[i]) / h if h > 0.0 else 0.0
-        seen[i] = look[i]
+    copy(path.direction, path.direction_before)
     for k in range(before.shape[0]):
         for c in range(3):
             before[k, c] = fun[k, c]
+    return FINE
 
 
-@kernel
-def judge(functions, w, v0, vd0, v, vd, path, fun, h, last):
-    """Compare a point with the one before it (0); returns the status.
+@unit
+def check_branch(run: Run, path: Path, h: float, last: int) -> int:
+    """Compare the trial point with the state before it (0); returns the status.
 
-    `last`: there is no smaller increment, so a kink in a function is taken as it is.
+    `last` = 1: there is no smaller increment, so a kink in a function is taken as it is.
     """
-    if last and _jumps(functions, path.before, fun, h, 0):
+    functions, fun, w = run.system.functions, run.work.con.fun, run.system.weights
+    v0, vd0, v, vd = run.state.v, run.state.vd, run.work.trial.v, run.work.trial.vd
+    jerk, correction = path.jerk, path.correction
+    if last == 1 and _jumps(functions, path.functions_before, fun, h, 0):
         return LEAP
     off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
     for i in range(w.shape[0]):
-        c = path.change[i]
-        d = c + h * h * (h * path.jerk[i] - (vd[i] - vd0[i])) / 6.0
+        c = correction[i]
+        d = c + h * h * (h * jerk[i] - (vd[i] - vd0[i])) / 6.0
         off = max(off, w[i] * abs(d))
         motion = max(motion, w[i] * (0.5 * h * abs(v0[i] + v[i]) + abs(c)))
         mean = 0.5 * h * (vd0[i] + vd[i])
         turned = max(turned, w[i] * abs(v[i] - v0[i] - mean))
         speed = max(speed, w[i] * max(abs(v0[i]), abs(v[i]), abs(mean)))
-    far = off > _APART * motion and off > _NOTHING
+    far = off > _APART * motion and off > _SAME_BRANCH
     other = turned > _TURNED * speed and h * turned > _STILL
-    if far or (other and not (last and _jumps(functions, path.before, fun, h, 1))):
+    if far or (other and not (last == 1 and _jumps(functions, path.functions_before, fun, h, 1))):
         return JUMP
     return FINE
 
@@ -96,8 +107,9 @@ def _jumps(functions, before, now, h, order):
 
     Otherwise it changes by no more than the larger of its slopes says.
     """
-    for k in range(functions.live.shape[0]):
-        if functions.live[k] == 1:
+    live = functions.live
+    for k in range(live.shape[0]):
+        if live[k] == 1:
             continue
         change = abs(now[k, order] - before[k, order])
         slope = max(abs(before[k, order + 1]), abs(now[k, order + 1]))
@@ -107,22 +119,24 @@ def _jumps(functions, before, now, h, order):
     return False
 
 
-@kernel
-def note_passed(weights, path, t0, t, q):
-    """Count a singular pose between the last point and this one, and keep when and where."""
+@unit
+def note_singular_pose(run: Run, path: Path) -> int:
+    """Count a singular pose between the state and the trial point, and note when and where."""
+    weights, before, here = run.system.weights, path.direction_before, path.direction
+    times, count = path.singular_times, path.count
     both, first, second = 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
         w = weights[i] * weights[i]
-        both += w * path.seen[i] * path.look[i]
-        first += w * path.seen[i] * path.seen[i]
-        second += w * path.look[i] * path.look[i]
+        both += w * before[i] * here[i]
+        first += w * before[i] * before[i]
+        second += w * here[i] * here[i]
     if both < _FLIPPED * math.sqrt(first * second):
-        k = path.count[2]
-        if k < path.passed.shape[0]:
-            path.passed[k, 0] = t0
-            path.passed[k, 1] = t
-            copy(q, path.passed_q[k])
-        path.count[2] += 1
+        k = count[SINGULAR_POSES]
+        if k < times.shape[0]:
+            times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
+            copy(run.work.trial.q, path.singular_positions[k])
+        count[SINGULAR_POSES] += 1
+    return FINE
 
 
 @kernel

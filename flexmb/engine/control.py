@@ -13,8 +13,6 @@ import math
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.projection import LOOP, UNSETTLED
-from flexmb.engine.kinks import next_end
 from flexmb.engine.method import (
     AGE,
     CALM,
@@ -28,19 +26,17 @@ from flexmb.engine.method import (
     LAST_STEP,
     LEAST_STEP,
     MOTION,
-    NO_LOOP,
     OUTPUTS,
     PART,
     REJECTED,
     REPEAT,
-    SELF_LOCKING,
     SHARE,
     SINCE,
     SPEED,
     STEP,
     TOO_SMALL,
-    ZERO_LENGTH,
 )
+from flexmb.engine.time_events import next_end
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
@@ -66,14 +62,6 @@ _LOOK_AHEAD = 0.02
 _LEAST_SHARE = 1e-6
 # Motion of the model below which it counts as at rest, over its size.
 _AT_REST = 1e-6
-
-
-@kernel
-def failure(code):
-    """Status for what `projection.accelerations` returns where it finds none."""
-    if code == UNSETTLED:
-        return SELF_LOCKING
-    return NO_LOOP if code == LOOP else ZERO_LENGTH
 
 
 @kernel
@@ -107,7 +95,7 @@ def _least_interval(settings):
 
 
 @kernel
-def proposed(settings, kinks, st, room):
+def proposed(settings, time_events, st, room):
     """The step to try; `room` is how many more outputs there is space for."""
     h = st.memory[STEP]
     if settings.step > 0.0:
@@ -117,7 +105,7 @@ def proposed(settings, kinks, st, room):
     if settings.determined == 1 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
-    left = next_end(kinks, st.t[0], settings.end) - st.t[0]
+    left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     if h >= left * (1.0 - 1e-9):
         return left
     return 0.5 * left if h > 0.5 * left else h
@@ -163,12 +151,12 @@ def _size(memory, error, patience):
 
 
 @kernel
-def exact_time(settings, kinks, st, h):
+def exact_time(settings, time_events, st, h):
     """Time after the step: grid points, kinks and the end without the round-off of a sum."""
     if settings.step > 0.0 and st.memory[PART] + h / settings.step >= 1.0 - _ROUND_OFF:
         return settings.start + (st.count[GRID] + 1) * settings.step
     if settings.step == 0.0:
-        end = next_end(kinks, st.t[0], settings.end)
+        end = next_end(time_events, st.t[0], settings.end)
         if h == end - st.t[0]:
             return end
     return st.t[0] + h
@@ -232,12 +220,13 @@ def follow_motion(sys, st):
         return
     size = st.memory[MOTION]
     bodies, weights = sys.parts.bodies, sys.weights
+    q, q_first = st.q, st.q_first
     for k in range(bodies.shape[0]):
         iq, iv = bodies[k]["iq"], bodies[k]["iv"]
         for i in range(7 + bodies[k]["m"]):
             # Euler parameters change by half the angle.
             w = weights[iv + i] if i < 3 else 2.0 if i < 7 else weights[iv + i - 1]
-            size = max(size, w * abs(st.q[iq + i] - st.q_first[iq + i]))
+            size = max(size, w * abs(q[iq + i] - q_first[iq + i]))
     st.memory[MOTION] = min(size, 1.0)
 
 

@@ -1,166 +1,161 @@
-"""The one decorator of all compiled code, and the cache folder behind it.
+"""Marks of compiled code: kernels, units, and calls of units through their addresses.
 
-Numba keys its disk cache on the file of the *called* function only: after an edit in one file, a
-cached caller in another file goes on running the old code. So the cache folder carries a hash of
-every source file of the engine: any edit opens a fresh folder, and a stale one is never read.
+A *kernel* is a function that only compiled code calls; it takes arrays, records of them by their
+address, and numbers. A *unit* is a kernel with a fixed signature, told by its annotations, that is
+compiled and cached alone (`engine.compiler`, `engine.units`); other units call it by its name, or
+through a table of addresses. Here both are plain Python functions, so all of the engine also runs
+without compilation, from the same source; Numba is imported only where units are compiled.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
-import tempfile
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import Any
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple
 
-import numba
-from numba.core import codegen
-from numba.core.dispatcher import Dispatcher
-
-from flexmb.cache import cache_root, writable
-
-_ENGINE = Path(__file__).parent
-_UNUSED_DAYS = 30.0
-
-# `fastmath=True` would let the compiler assume that no NaN exists and make isfinite(nan) true;
-# these four flags keep NaN honest and still allow vectorised sums.
-_FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
+__all__ = [
+    "UNITS", "Reached", "Unit", "call_channel", "call_matrix", "call_stage", "call_step",
+    "call_value", "compile_with", "kernel", "reached", "unit",
+]  # fmt: skip
 
 
-def source_hash(folder: Path = _ENGINE) -> str:
-    """Hash of all Python sources below `folder`, names and contents (16 hex digits)."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.relative_to(folder).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+class Unit:
+    """A function that is compiled alone; called from Python it runs without compilation.
 
-
-def _forget_unused(root: Path, keep: Path) -> None:
-    limit = time.time() - _UNUSED_DAYS * 86400.0
-    for folder in root.iterdir():
-        with suppress(OSError):  # another process may be removing it as well
-            if folder != keep and folder.is_dir() and folder.stat().st_mtime < limit:
-                shutil.rmtree(folder, ignore_errors=True)
-
-
-def _open_cache() -> Path:
-    folder = cache_root() / "kernels" / source_hash()
-    if not writable(folder):
-        return Path(tempfile.mkdtemp(prefix="flexmb-kernels-"))
-    with suppress(OSError):  # a network disk may not keep times of folders
-        os.utime(folder)
-        _forget_unused(folder.parent, keep=folder)
-    return folder
-
-
-CACHE_DIR = _open_cache()
-numba.config.CACHE_DIR = str(CACHE_DIR)
-
-# Without reference counting (`_nrt`) nothing can allocate, calls cost a tenth, and Numba refuses
-# at compile time any kernel that would allocate.
-_OPTIONS = {
-    "cache": True,
-    "fastmath": _FASTMATH,
-    "error_model": "numpy",
-    "nogil": True,
-    "_nrt": False,
-}
-
-_LIGHT = type(numba.config.OPT)(1)
-
-
-@contextmanager
-def light_compilation() -> Iterator[None]:
-    """Compile with few optimisations meanwhile: for code outside the time loop."""
-    level, numba.config.OPT = numba.config.OPT, _LIGHT
-    try:
-        yield
-    finally:
-        numba.config.OPT = level
-
-
-class _Emission:
-    """Whether compiled code becomes machine code now."""
-
-    wanted = True
-
-
-def _skip_unless_wanted(cls: type, name: str) -> None:
-    """Let a method of the code generator do nothing while no machine code is wanted."""
-    method = getattr(cls, name, None)
-    if method is None:  # another version of Numba: all kernels become machine code, only slower
-        return
-
-    def guarded(*args: Any) -> Any:
-        return method(*args) if _Emission.wanted else None
-
-    setattr(cls, name, guarded)
-
-
-_skip_unless_wanted(codegen.JITCodeLibrary, "_finalize_specific")
-_skip_unless_wanted(codegen.JITCPUCodegen, "_add_module")
-_skip_unless_wanted(codegen.JITCPUCodegen, "set_env")
-
-
-@contextmanager
-def _without_machine_code() -> Iterator[None]:
-    """Stop at optimised intermediate code meanwhile: only entries run, with all they call linked.
-
-    Numba would make machine code of every kernel for its own, a quarter of all compile time, and
-    would bind it to an environment that only Python objects need.
+    Attributes
+    ----------
+    name : str
+        Module and function, the same in every process.
+    symbol : str
+        Its name in machine code.
+    function : callable
+        The Python function.
     """
-    before, _Emission.wanted = _Emission.wanted, False
-    try:
-        yield
-    finally:
-        _Emission.wanted = before
+
+    __slots__ = ("function", "name", "symbol")
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.name = f"{function.__module__}.{function.__qualname__}"
+        self.symbol = self.name.replace(".", "_")
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+    def __repr__(self) -> str:
+        return f"Unit({self.name})"
+
+    @property
+    def module(self) -> str:
+        """Module that defines it."""
+        return str(self.function.__module__)
 
 
-entry = numba.njit(**_OPTIONS)
-"""Decorator of the few functions that Python calls."""
-
-kernel_names: list[str] = []
-"""All kernels that were imported, for the progress of compilation."""
+UNITS: dict[str, Unit] = {}
+"""All units that were imported, by name."""
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator of all functions that only compiled code calls; they get no Python wrapper.
+class Reached(NamedTuple):
+    """What the source of a unit reaches.
 
-    Called from Python with compilation on, they raise `TypeError` (tests wrap them in an `entry`).
+    Attributes
+    ----------
+    units : frozenset of str
+        Names of the units that it calls by name.
+    kernels : dict
+        Size of the code (bytes) of each kernel that is compiled into it, its own function too.
     """
-    return _internal(function)
+
+    units: frozenset[str]
+    kernels: dict[FunctionType, int]
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator of kernels in the time loop that take the whole System and Work.
+@cache
+def reached(unit: Unit) -> Reached:
+    """Units and kernels that a unit calls, its own function among the kernels."""
+    units: set[str] = set()
+    kernels: dict[FunctionType, int] = {}
+    waiting: list[Any] = [unit.function]
+    while waiting:
+        function = waiting.pop()
+        if function in kernels:
+            continue
+        codes = list(_codes(function.__code__))
+        kernels[function] = sum(len(code.co_code) for code in codes)
+        for value in _named(codes, function.__globals__):
+            if isinstance(value, Unit):
+                units.add(value.name)
+            elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGE):
+                waiting.append(value)
+    return Reached(frozenset(units), kernels)
 
-    A call would copy hundreds of numbers, some 0.3 µs each time.
-    """
-    return _internal(function, forceinline=True)
+
+_PACKAGE = __name__.rpartition(".")[0]
 
 
-def _internal(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
-    kernel_names.append(f"{function.__module__}.{function.__qualname__}")
-    options = {**_OPTIONS, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compiled = numba.njit(**options, **more)(function)
-    if isinstance(compiled, Dispatcher):
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _codes(value)
 
-        def refuse(*_: Any, **__: Any) -> None:
-            raise TypeError(f"kernel {function.__qualname__} is called by compiled code only")
 
-        def template(args: Any, kws: Any) -> Any:
-            plain = tuple(numba.types.unliteral(arg) for arg in args)
-            with light_compilation(), _without_machine_code():
-                return Dispatcher.get_call_template(compiled, plain, kws)
+def _named(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
+    """Values that code names: globals, and members of modules among them."""
+    names = {name for code in codes for name in code.co_names}
+    for value in [scope[name] for name in names if name in scope]:
+        if isinstance(value, ModuleType):
+            yield from (vars(value)[name] for name in names if name in vars(value))
+        yield value
 
-        compiled._compile_for_args = refuse
-        compiled._insert = lambda *_, **__: None
-        # One compilation for all integers, not one for every literal that is passed, and a cheap
-        # one: the entries optimise everything once more with all kernels in view.
-        compiled.get_call_template = template
-    return compiled
+
+_compiler: tuple[Callable[..., Any], Callable[..., Any]] | None = None
+
+
+def compile_with(
+    kernel_mark: Callable[[Callable[..., Any]], Any], unit_mark: Callable[[Unit], Any]
+) -> None:
+    """Let a compiler mark all kernels and units that are imported from now on."""
+    global _compiler  # noqa: PLW0603  one compiler a process
+    _compiler = kernel_mark, unit_mark
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Decorator of functions that compiled code calls."""
+    return function if _compiler is None else _compiler[0](function)
+
+
+def unit(function: Callable[..., Any]) -> Any:
+    """Decorator of functions that are compiled and cached alone; annotations give the types."""
+    made = Unit(function)
+    UNITS[made.name] = made
+    return made if _compiler is None else _compiler[1](made)
+
+
+# Calls of a unit that stands in a table; compiled, `unit` and `tables` are addresses.
+
+
+def call_stage(unit: Any, run: Any, tables: Any, at: Any) -> int:
+    """Status of a stage of one kind."""
+    return unit(run, tables, at)  # type: ignore[no-any-return]
+
+
+def call_value(unit: Any, run: Any, tables: Any, at: Any) -> float:
+    """Number that one kind gives: an energy, a change."""
+    return unit(run, tables, at)  # type: ignore[no-any-return]
+
+
+def call_matrix(unit: Any, run: Any, tables: Any, at: Any, cv: float, cp: float) -> int:
+    """Status of what one kind adds to the iteration matrix."""
+    return unit(run, tables, at, cv, cp)  # type: ignore[no-any-return]
+
+
+def call_step(unit: Any, run: Any, tables: Any, h: float) -> int:
+    """Status of one step of a method."""
+    return unit(run, tables, h)  # type: ignore[no-any-return]
+
+
+def call_channel(unit: Any, run: Any, tables: Any, at: Any, k: int) -> float:
+    """Value of channel or row k of one kind."""
+    return unit(run, tables, at, k)  # type: ignore[no-any-return]

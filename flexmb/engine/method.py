@@ -1,45 +1,32 @@
 """What a run is asked to do: the method with its coefficients, and the settings of the loop.
 
-The step contract. A method is one file in `integrators` with a kernel `step(sys, coefficients,
-settings, st, wk, h) -> status` that reads `State` and leaves the trial state at t + h in
-`Work.trial`, with its estimate of the local error in `trial.error` if steps are controlled; the
-loop alone accepts, rejects, chooses the next step, stores and reports. Memory that a method carries
-from step to step (previous accelerations, contraction, step sizes) lives in `State`, so a
-multi-step method, a multi-stage method and an explicit one fit alike; and because a step is only
-proposed, an event found between `State` and the trial state can still shorten or reject it.
-Coefficients are data. The methods not chosen are None and are not compiled.
+The step contract. A method is one file in `integrators` with a unit `step(run, coefficients, h) ->
+status` that reads `State` and leaves the trial state at t + h in `Work.trial`, with its estimate of
+the local error in `trial.error` if steps are controlled; the loop alone accepts, rejects, chooses
+the next step, stores and reports. Memory that a method carries from step to step (previous
+accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a multi-stage
+method and an explicit one fit alike; and because a step is only proposed, an event found between
+`State` and the trial state can still shorten or reject it. The words of methods are
+`model.tasks.methods`.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-
-class Alpha(NamedTuple):
-    """Coefficients of generalized-alpha."""
-
-    alpha_m: float
-    alpha_f: float
-    beta: float
-    gamma: float
-
-
-class Tableau(NamedTuple):
-    """Butcher tableau of an explicit pair: y1 from b, error from b - b_hat."""
-
-    A: np.ndarray  # (stages, stages)
-    b: np.ndarray
-    c: np.ndarray
-    difference: np.ndarray  # b - b_hat
+from flexmb.engine.records import Records, Units
 
 
 class Method(NamedTuple):
-    """The chosen method; the others are None."""
+    """A method for a scene."""
 
-    alpha: object  # Alpha or None
-    explicit: object  # Tableau or None
+    step: Units  # its unit `step`, alone
+    coefficients: Records  # its coefficients, alone
+    order: int
+    stages: int  # explicit stages that need memory
+    filter: float  # over h²: factor of the tangent beside M in reported accelerations
+    tolerance_factor: float  # local error of a step over accuracy to the power below: what leaves
+    tolerance_power: float  # the accuracy in the end, by the errors achieved
 
 
 class Settings(NamedTuple):
@@ -84,29 +71,3 @@ MEMORY = 19
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
 EVENTS = 8
 COUNTS = 9
-
-
-def generalized_alpha(spectral_radius: float) -> Method:
-    """Chung & Hulbert's coefficients for a spectral radius at infinity in [0, 1]."""
-    rho = spectral_radius
-    alpha_m = (2.0 * rho - 1.0) / (rho + 1.0)
-    alpha_f = rho / (rho + 1.0)
-    gamma = 0.5 + alpha_f - alpha_m
-    beta = 0.25 * (gamma + 0.5) ** 2
-    return Method(alpha=Alpha(alpha_m, alpha_f, beta, gamma), explicit=None)
-
-
-def bogacki_shampine() -> Method:
-    """The explicit 3(2) pair of Bogacki & Shampine (Appl. Math. Lett. 2, 1989, 321)."""
-    A = np.zeros((4, 4))
-    A[1, 0] = 1 / 2
-    A[2, 1] = 3 / 4
-    A[3, :3] = 2 / 9, 1 / 3, 4 / 9
-    b = np.array([2 / 9, 1 / 3, 4 / 9, 0.0])
-    b_hat = np.array([7 / 24, 1 / 4, 1 / 3, 1 / 8])
-    return Method(alpha=None, explicit=Tableau(A, b, np.array([0.0, 0.5, 0.75, 1.0]), b - b_hat))
-
-
-def n_stages(method: Method) -> int:
-    """Number of explicit stages that need memory."""
-    return 0 if method.explicit is None else len(method.explicit.b)

@@ -9,24 +9,37 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import inlined, kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import multiply, solve
 from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.bodies import kinematics
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints import constraint, coordinate
+from flexmb.engine.kernels.joints.constraint import (
+    constraint_rates,
+    constraint_right_side,
+    evaluate_constraints,
+)
 from flexmb.engine.kernels.kkt import factorise_metric
+from flexmb.engine.kernels.stages import bias_stage, pose_stage, velocity_stage
+from flexmb.engine.kinematics_state import (
+    FACTORISATIONS,
+    ITERATIONS,
+    MOVED,
+    PIVOT,
+    KinematicsSettings,
+    Path,
+)
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, SINGULAR, UNLIKE_RATES
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Run
 
-_ITERATIONS = 15
-_MOVED, _PIVOT = 1, 2  # places in Path.number
-_OLD = 0.02  # motion after which a factor is renewed before it is used
+_MAX_ITERATIONS = 15
+_RENEW_AFTER_MOTION = 0.02  # motion after which a factor is renewed before it is used
 _RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
 _GIVE_UP_ABOVE = 0.9
-_FAR = 0.5  # a correction of this size does not belong to the prediction
+_MAX_CORRECTION = 0.5  # a correction of this size does not belong to the prediction
 _LAST_PLACES = 4e-16
-_OPEN = 1e-10  # rows that repeat others may leave this much
-_ROUNDS = 6
+_REDUNDANT_GAP = 1e-10  # rows that repeat others may leave this much
+_MAX_ROUNDS = 6
 _EXACT = 1e-13  # relative, of velocities and accelerations
 _UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
 # Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
@@ -35,45 +48,53 @@ _SINGULAR = 1e-7
 _REGULARISATION = 1e-9
 
 
-@inlined
-def close(sys, settings, wk, path):
+@unit
+def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
     """Put the trial positions on C = 0; leaves the factor of the pose. Returns the status."""
-    tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
-    nv = tr.dq.shape[0]
-    renew = path.number[_MOVED] < 0.0 or path.number[_MOVED] > _OLD
-    enough = settings.closed + _noise(sys.rows, sys.row_weights, con.fun)
+    sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
+    q, dq, C, sol, place, memory = (
+        at.q,
+        run.work.trial.dq,
+        con.C,
+        fac.sol,
+        sys.kkt.place,
+        path.memory,
+    )
+    weights, correction = sys.weights, path.correction
+    nv = dq.shape[0]
+    renew = memory[MOVED] < 0.0 or memory[MOVED] > _RENEW_AFTER_MOTION
+    enough = settings.gap + _noise(sys.rows, sys.row_weights, con.fun)
     size, last, fresh = math.inf, 0.0, False
-    for _ in range(_ITERATIONS):
-        coordinate.put_values(sys.parts.coordinates, sys, tr.q, con.fun)
-        kinematics.position(sys.parts, wk.now, tr.q)
-        constraint.evaluate(sys.lines, sys.rows, wk.now.marker, con)
-        gap = weighted_size(con.C, sys.row_weights)
-        closed = gap <= enough or (size <= enough and gap <= _OPEN)
+    for _ in range(_MAX_ITERATIONS):
+        pose_stage(run, at)
+        evaluate_constraints(run)
+        gap = weighted_size(C, sys.row_weights)
+        closed = gap <= enough or (size <= enough and gap <= _REDUNDANT_GAP)
         if not gap < math.inf:
             return NOT_FINITE
         if closed or renew:
-            factorise_metric(sys, wk, path.metric)
-            path.number[_MOVED] = 0.0
-            path.count[1] += 1
+            factorise_metric(run, at, path.metric)
+            memory[MOVED] = 0.0
+            path.count[FACTORISATIONS] += 1
             if closed:
                 return FINE
             fresh, last = True, 0.0
-        _solve_rows(sys.kkt, wk.factor, nv, con.C, -1.0)
+        _solve_rows(sys.kkt, fac, nv, C, -1.0)
         size = 0.0
         for i in range(nv):
             d = sol[place[i]]
-            tr.dq[i] = d
-            path.change[i] += d
-            size = max(size, abs(d) * sys.weights[i])
-        path.count[0] += 1
-        if not size <= _FAR:
+            dq[i] = d
+            correction[i] += d
+            size = max(size, abs(d) * weights[i])
+        path.count[ITERATIONS] += 1
+        if not size <= _MAX_CORRECTION:
             return NO_CONVERGENCE
         renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
-        if fresh and last > 0.0 and size > _GIVE_UP_ABOVE * last and gap > _OPEN:
+        if fresh and last > 0.0 and size > _GIVE_UP_ABOVE * last and gap > _REDUNDANT_GAP:
             return NO_CONVERGENCE
         last = size
-        move(sys.parts, tr.q, tr.dq, tr.q)
-        path.number[_MOVED] += size
+        move(sys.parts, q, dq, q)
+        memory[MOVED] += size
     return NO_CONVERGENCE
 
 
@@ -87,82 +108,87 @@ def _noise(rows, row_weights, fun):
     return _LAST_PLACES * size
 
 
-@inlined
-def rates(sys, settings, wk, path):
+@unit
+def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSettings) -> int:
     """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
-    tr, con, sol, place = wk.trial, wk.con, wk.factor.sol, sys.kkt.place
-    nv = tr.dq.shape[0]
+    sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
+    sol, place, v, memory = fac.sol, sys.kkt.place, at.v, path.memory
+    nv = v.shape[0]
     if settings.redundant == 0:
-        pivot = _least_pivot(place[nv:], wk.factor.d, wk.factor.eps)
-        path.number[_PIVOT] = max(path.number[_PIVOT], pivot)
-        if pivot < _SINGULAR * path.number[_PIVOT]:
+        pivot = _least_pivot(place, nv, fac.d, fac.eps)
+        memory[PIVOT] = max(memory[PIVOT], pivot)
+        if pivot < _SINGULAR * memory[PIVOT]:
             return SINGULAR
     scale, off = 0.0, math.inf
-    for n in range(_ROUNDS + 1):
-        kinematics.velocity(sys.parts, wk.now, tr.v)
-        coordinate.put_rates(sys.parts.coordinates, sys, tr.v, con.fun)
-        constraint.rates(sys.lines, sys.rows, wk.now.marker, con, wk.dense.g[0])
+    for n in range(_MAX_ROUNDS + 1):
+        velocity_stage(run, at)
+        constraint_rates(run)
         off = weighted_size(con.rate, sys.row_weights)
-        scale = max(scale, off, weighted_size(tr.v, sys.weights))
-        if off <= _EXACT * scale or n == _ROUNDS:
+        scale = max(scale, off, weighted_size(v, sys.weights))
+        if off <= _EXACT * scale or n == _MAX_ROUNDS:
             break
-        _solve_rows(sys.kkt, wk.factor, nv, con.rate, -1.0)
+        _solve_rows(sys.kkt, fac, nv, con.rate, -1.0)
         for i in range(nv):
-            tr.v[i] += sol[place[i]]
+            v[i] += sol[place[i]]
     if off > _UNLIKE * scale:
         return UNLIKE_RATES
-    kinematics.bias(sys.parts, wk.now, tr.v)
-    constraint.right_side(sys.lines, sys.rows, wk.now.marker, con, wk.dense.g[0])
-    _accelerations(sys.kkt, wk.factor, sys.weights, sys.row_weights, con.gamma, tr.vd)
+    bias_stage(run, at)
+    constraint_right_side(run)
+    correct_accelerations(run, at.vd)
     # The solution of Cq x = probe: its direction flips where det Cq passes zero.
-    _solve_rows(sys.kkt, wk.factor, nv, path.probe, 1.0)
+    _solve_rows(sys.kkt, fac, nv, path.probe, 1.0)
     for i in range(nv):
-        path.look[i] = sol[place[i]]
+        path.direction[i] = sol[place[i]]
     return FINE
 
 
 @kernel
-def _least_pivot(places, d, eps):
+def _least_pivot(place, nv, d, eps):
     """The smallest pivot of a row over its own compliance: small where others decide the row."""
     least = 1.0
-    for i in range(places.shape[0]):
-        k = places[i]
+    for i in range(nv, place.shape[0]):
+        k = place[i]
         if eps[k] > 0.0:
             least = min(least, abs(d[k]) * _REGULARISATION / eps[k])
     return least
 
 
-@kernel
-def _accelerations(kkt, fac, w, row_weights, gamma, vd):
+@unit
+def correct_accelerations(run: Run, vd: Vector) -> int:
     """Correct vd to Cq v̇ = γ."""
-    place, nv = kkt.place, vd.shape[0]
+    kkt, fac, gamma, row_weights = (
+        run.system.kkt, run.work.factor, run.work.con.gamma, run.system.row_weights
+    )  # fmt: skip
+    place, rhs, tmp, sol, nv = kkt.place, fac.rhs, fac.tmp, fac.sol, vd.shape[0]
     scale = weighted_size(gamma, row_weights)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         for i in range(nv):
-            fac.rhs[place[i]] = vd[i]
+            rhs[place[i]] = vd[i]
         for i in range(gamma.shape[0]):
-            fac.rhs[place[nv + i]] = 0.0
-        multiply(kkt, fac, fac.rhs, fac.tmp)
+            rhs[place[nv + i]] = 0.0
+        multiply(kkt, fac, rhs, tmp)
         off = 0.0
         for i in range(nv):
-            fac.sol[place[i]] = 0.0
+            sol[place[i]] = 0.0
         for i in range(gamma.shape[0]):
             k = place[nv + i]
-            fac.sol[k] = gamma[i] - fac.tmp[k]
-            off = max(off, abs(fac.sol[k]) * row_weights[i])
-        scale = max(scale, weighted_size(vd, w))
+            sol[k] = gamma[i] - tmp[k]
+            off = max(off, abs(sol[k]) * row_weights[i])
+        scale = max(scale, weighted_size(vd, run.system.weights))
         if off <= _EXACT * scale:
             break
-        solve(kkt, fac, fac.sol)
+        solve(kkt, fac, sol)
         for i in range(nv):
-            vd[i] += fac.sol[place[i]]
+            vd[i] += sol[place[i]]
+    return FINE
 
 
 @kernel
 def _solve_rows(kkt, fac, nv, values, sign):
     """fac.sol from no forces on the coordinates and these values of the rows, times a sign."""
+    place, sol = kkt.place, fac.sol
     for i in range(nv):
-        fac.sol[kkt.place[i]] = 0.0
+        sol[place[i]] = 0.0
     for i in range(values.shape[0]):
-        fac.sol[kkt.place[nv + i]] = sign * values[i]
-    solve(kkt, fac, fac.sol)
+        sol[place[nv + i]] = sign * values[i]
+    solve(kkt, fac, sol)

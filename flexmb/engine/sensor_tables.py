@@ -9,12 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.kernels.functions.function import FunctionTable
+from flexmb.engine.records import Integers, array_of
+
 _I = "i8"
 _F = "f8"
 
-# One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. Wrenches: of the element
-# `first` (of contacts: of `n` from there on), force or moment (`quantity` 0, 1) on marker J or I
-# (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
+# One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. WRENCH: of row `first` (`n`
+# rows from there on) of a kind, by its number among those with an element wrench; force or moment
+# (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the axes of a marker, -1:
+# global, -2: those of the side.
 # ENERGY: number `first` of the energies, of body `n` or -1. EXPRESSION: program `first` over
 # channels. STATE: velocity coordinate `first`. PLACE of a curve marker: position coordinate
 # `first`, or with `n` = 1 velocity coordinate `first`.
@@ -28,6 +32,7 @@ CHANNEL = np.dtype(
         ("quantity", _I),
         ("axes", _I),
         ("a", _I),
+        ("kind", _I),
     ],
     align=True,
 )
@@ -42,13 +47,16 @@ TERM = np.dtype(
 
 # One partial derivative that forces need: of the program of a signal with respect to a channel.
 PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
-# Where a partial derivative enters the iteration matrix. What acts: component `a` of load `load`,
-# or the scalar coordinate with velocity `iv` if load = -1. What it depends on: `term` at its marker
-# I or J (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
-PULL = np.dtype(
+# Where a partial derivative enters the iteration matrix. What acts: component `a` of row `row` on
+# its marker J or I (`on` 0, 1), of the kind `kind` among those with a unit force; or the scalar
+# coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J
+# (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
+FEEDBACK_TANGENT = np.dtype(
     [
         ("partial", _I),
-        ("load", _I),
+        ("kind", _I),
+        ("row", _I),
+        ("on", _I),
         ("a", _I),
         ("iv", _I),
         ("panel", _I),  # of what acts
@@ -64,24 +72,23 @@ PULL = np.dtype(
 class Sensors(NamedTuple):
     """Channels, those of the results first, then states that only expressions read."""
 
-    channels: np.ndarray  # CHANNEL
-    terms: np.ndarray  # TERM
-    programs: object  # FunctionTable over channels by number
+    channels: array_of(CHANNEL)
+    terms: array_of(TERM)
+    programs: FunctionTable  # over channels by number
 
 
-class Signals(NamedTuple):
+class Feedback(NamedTuple):
     """Functions of measured channels that act as forces or drive states."""
 
-    programs: np.ndarray  # (k,) programs of `functions`
-    channels: np.ndarray  # (n,) channels that they read
-    partials: np.ndarray  # PARTIAL
-    pulls: np.ndarray  # PULL
-    implicit: np.ndarray  # (1,) 1: some depend on accelerations or reactions
+    programs: Integers  # (k,) programs of `System.functions`
+    channels: Integers  # (n,) channels that they read
+    partials: array_of(PARTIAL)
+    tangents: array_of(FEEDBACK_TANGENT)
+    implicit: int  # 1: some depend on accelerations or reactions
 
 
 # What channels are.
-SUM, REACTION, SPRING_WRENCH, LOAD_WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(8)
-FRAME_WRENCH, LAW_WRENCH, MUTUAL_WRENCH, CONTACT_WRENCH = 8, 9, 10, 11
+SUM, WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(6)
 # Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
 # angular velocity and acceleration, what turning axes add to the latter).
 TURNING = 90

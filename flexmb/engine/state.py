@@ -2,7 +2,7 @@
 
 `State` is all that a run hands from one chunk to the next, integrator memory included. `Work` is
 scratch, grouped by what writes it and filled with NaN, so that reading a stage that was not
-evaluated shows at once. Kernels take the group they need, not the whole.
+evaluated shows at once. `Run` holds all that compiled code is handed, by its address.
 """
 
 from __future__ import annotations
@@ -11,9 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.method import Method, Settings
+from flexmb.engine.records import Integers, Matrix, Records, Units, Vector, array_of
+from flexmb.engine.tables import System
+
 _F = "f8"
 
-# A body now. Written by kinematics.position (A) and inertia.prepare (J, c).
+# A body now. Written by the stages position (A) and inertia (J, c).
 BODY_NOW = np.dtype(
     [
         ("A", _F, (3, 3)),  # body axes to global
@@ -44,83 +48,72 @@ MARKER_NOW = np.dtype(
 
 
 # A curve marker now: its twist per ds and the change of that per ds, global.
-SLIDER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
+CURVE_MARKER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
 
 
 class State(NamedTuple):
     """Complete state: positions, velocities, multipliers, integrator memory, counters."""
 
-    t: np.ndarray  # (1,) time, s
-    q: np.ndarray  # (nq,)
-    v: np.ndarray  # (nv,)
-    vd: np.ndarray  # (nv,) accelerations
-    vd_before: np.ndarray  # (nv,) accelerations one step earlier, for the predictor
-    aa: np.ndarray  # (nv,) algorithmic accelerations of generalized-alpha
-    jerk: np.ndarray  # (nv,) its rate over the last step
-    jerk_before: np.ndarray  # (nv,) and over the one before
-    lam: np.ndarray  # (nc,) the integrator's own multipliers
-    lam_before: np.ndarray  # (nc,) multipliers one step earlier, for the predictor
-    work_done: np.ndarray  # (3,) work of drivers, dampers and applied forces so far, J
-    power: np.ndarray  # (3,) their power at t, W
-    angles: np.ndarray  # (channels,) continuous joint angles of the angle sensors, rad
-    q_first: np.ndarray  # (nq,) positions at the start, for the motion so far
-    memory: np.ndarray  # integrator memory, places in `method`
-    count: np.ndarray  # counters, places in `method`
-    kept: np.ndarray  # memory of the elements: time of the last accepted step, then their own
+    t: Vector  # (1,) time, s
+    q: Vector  # (nq,)
+    v: Vector  # (nv,)
+    vd: Vector  # (nv,) accelerations
+    vd_before: Vector  # (nv,) accelerations one step earlier, for the predictor
+    aa: Vector  # (nv,) algorithmic accelerations of generalized-alpha
+    jerk: Vector  # (nv,) its rate over the last step
+    jerk_before: Vector  # (nv,) and over the one before
+    lam: Vector  # (nc,) the integrator's own multipliers
+    lam_before: Vector  # (nc,) multipliers one step earlier, for the predictor
+    work_done: Vector  # (3,) work of drivers, dampers and applied forces so far, J
+    power: Vector  # (3,) their power at t, W
+    angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
+    q_first: Vector  # (nq,) positions at the start, for the motion so far
+    memory: Vector  # integrator memory, places in `method`
+    count: Integers  # counters, places in `method`
+    history: Vector  # of the elements: time of the last accepted step, then their own
 
 
-class ElementNow(NamedTuple):
-    """Scratch of one force element: relative motion, force, and what tangents are made of."""
+class Point(NamedTuple):
+    """Where the equations are evaluated."""
 
-    x: np.ndarray  # (6,) separation and rotation vector of J from I, axes of I
-    rate: np.ndarray  # (6,) velocity and angular velocity of J seen from I, axes of I
-    Q: np.ndarray  # (3, 3) axes of J in those of I
-    p: np.ndarray  # (6,) force conjugate to x
-    f: np.ndarray  # (6,) force and moment with which J is pulled to I, axes of I
-    K: np.ndarray  # (6, 6) its change with the relative motion
-    C: np.ndarray  # (6, 6) and with the relative velocity
-    E: np.ndarray  # (6, 12) relative motion per motion of the markers
-    D: np.ndarray  # (6, 12) change of the relative velocity with their position
-    S: np.ndarray  # (6, 12)
-    W: np.ndarray  # (12, 12) damping between the markers
-    N: np.ndarray  # (6, 6 + m) change of a marker's velocity with q at constant v
-    s: np.ndarray  # scalar coordinates
-    stack: np.ndarray  # (depth, 3) of the function evaluator
+    t: Vector  # (1,) time, s
+    q: Vector  # (nq,)
+    v: Vector  # (nv,)
+    vd: Vector  # (nv,)
+    lam: Vector  # (nc,)
 
 
 class Now(NamedTuple):
     """Bodies and markers at the last evaluated position."""
 
-    body: np.ndarray  # BODY_NOW
-    marker: np.ndarray  # MARKER_NOW
-    Z: np.ndarray  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
-    slider: object  # SLIDER_NOW or None
-    kept: np.ndarray  # memory of the elements that forces are evaluated with, as State.kept
-    span: np.ndarray  # (1,) time since then, s
-    grip: np.ndarray  # (joint frictions, 2): normal force and force of friction, N
-    element: object  # ElementNow, or None without such elements
+    body: array_of(BODY_NOW)
+    marker: array_of(MARKER_NOW)
+    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    curve_marker: array_of(CURVE_MARKER_NOW)
+    history: Vector  # of the elements, that forces are evaluated with, as State.history
+    span: Vector  # (1,) time since then, s
 
 
 class Constraints(NamedTuple):
     """Values of all rows."""
 
-    C: np.ndarray  # (nc,) constraint values
-    rate: np.ndarray  # (nc,) Cq v + C_t
-    drift: np.ndarray  # (1,) its largest entry before the last projection
-    gamma: np.ndarray  # (nc,) acceleration right side
-    fun: np.ndarray  # (functions, 3) value, first and second derivative at t
+    C: Vector  # (nc,) constraint values
+    rate: Vector  # (nc,) Cq v + C_t
+    drift: Vector  # (1,) its largest entry before the last projection
+    gamma: Vector  # (nc,) acceleration right side
+    fun: Matrix  # (functions, 3) value, first and second derivative at t
 
 
 class Dense(NamedTuple):
     """Small dense blocks on the way into the KKT matrix."""
 
-    B: np.ndarray  # (6 + m, 6 + m) of one body or a pair
-    J: np.ndarray  # (2, 6, 6 + m) Jacobians of two markers
-    T: np.ndarray  # (6, 6 + m) one product
-    H: np.ndarray  # (12, 12) tangent at two markers
-    g: np.ndarray  # (2, 12) gradient of one row, wrench pair of one group
-    jac: np.ndarray  # Jacobian rows, flat
-    D: np.ndarray  # (3, 3) force of one contact per relative velocity
+    B: Matrix  # (6 + m, 6 + m) of one body or a pair
+    J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
+    T: Matrix  # (6, 6 + m) one product
+    H: Matrix  # (12, 12) tangent at two markers
+    g: Matrix  # (2, 12) gradient of one row, wrench pair of one group
+    jac: Vector  # Jacobian rows, flat
+    pair: Integers  # (2,) markers I and J of a wrench pair
 
 
 class Factor(NamedTuple):
@@ -129,73 +122,76 @@ class Factor(NamedTuple):
     The vectors end with one place more, for all coordinates that are left out.
     """
 
-    low: np.ndarray  # panels: rows of the lower triangle
-    up: np.ndarray  # panels: columns of the upper triangle
-    low0: np.ndarray  # the matrix itself, for refinement
-    up0: np.ndarray
-    Wl: np.ndarray  # one panel, times its pivots
-    Wu: np.ndarray
-    d: np.ndarray  # (n,) pivots
-    eps: np.ndarray  # (n,) regularisation
-    diagonal: np.ndarray  # (n,) |diagonal| of the coordinates before elimination
-    symmetric: np.ndarray  # (1,) 1: LDL^T on `low`; 0: LDU on both
-    replaced: np.ndarray  # (1,) pivots replaced in the last factorisation
-    rhs: np.ndarray  # (n,)
-    sol: np.ndarray  # (n,)
-    tmp: np.ndarray  # (n,)
+    low: Vector  # panels: rows of the lower triangle
+    up: Vector  # panels: columns of the upper triangle
+    low0: Vector  # the matrix itself, for refinement
+    up0: Vector
+    Wl: Vector  # one panel, times its pivots
+    Wu: Vector
+    d: Vector  # (n,) pivots
+    eps: Vector  # (n,) regularisation
+    diagonal: Vector  # (n,) |diagonal| of the coordinates before elimination
+    symmetric: Integers  # (1,) 1: LDL^T on `low`; 0: LDU on both
+    replaced: Integers  # (1,) pivots replaced in the last factorisation
+    rhs: Vector  # (n,)
+    sol: Vector  # (n,)
+    tmp: Vector  # (n,)
 
 
 class Before(NamedTuple):
     """What the dense output needs of the start of the last accepted step."""
 
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    work_done: np.ndarray
-    power: np.ndarray
-    kept: np.ndarray
+    t: Vector
+    q: Vector
+    v: Vector
+    work_done: Vector
+    power: Vector
+    history: Vector
 
 
 class Events(NamedTuple):
-    """What the step control watches: each crosses zero where a force has a kink."""
+    """What the step control watches: each value crosses zero where a force changes its law.
 
-    before: np.ndarray  # at the start of the step
-    now: np.ndarray  # at its end
+    Columns: the value, and its rate where it may peak unseen within a step, else NaN.
+    """
+
+    before: Matrix  # (n, 2) at the start of the step
+    now: Matrix  # (n, 2) at its end
 
 
 class Trial(NamedTuple):
     """The state that a step proposes."""
 
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    vd: np.ndarray
-    aa: np.ndarray
-    aa_start: np.ndarray  # (nv,) algorithmic acceleration at the start, for this step size
-    lam: np.ndarray
-    dq: np.ndarray  # (nv,) motion of the step
-    res: np.ndarray  # (nv,) M vd - Q + Cq^T lam
-    zero: np.ndarray  # (nv,) zeros
-    power: np.ndarray  # (3,)
-    work_done: np.ndarray  # (3,) works at an output
-    angles: np.ndarray  # (channels,) joint angles at an output
+    t: Vector
+    q: Vector
+    v: Vector
+    vd: Vector
+    aa: Vector
+    aa_start: Vector  # (nv,) algorithmic acceleration at the start, for this step size
+    lam: Vector
+    dq: Vector  # (nv,) motion of the step
+    res: Vector  # (nv,) M vd - Q + Cq^T lam
+    power: Vector  # (3,)
+    work_done: Vector  # (3,) works at an output
+    angles: Vector  # (channels,) joint angles at an output
     before: Before  # the state that the last accepted step began with
-    stages: np.ndarray  # (stages, nq + nv) slopes of an explicit method
-    error: np.ndarray  # (2,) estimated local error of positions and velocities, weighted
-    jerk: np.ndarray  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
-    stack: np.ndarray  # (depth, 3) of the function evaluator
-    variables: np.ndarray  # (channels, 3) jets of the channels, for functions that name them
+    stages: Matrix  # (stages, nq + nv) slopes of an explicit method
+    error: Vector  # (2,) estimated local error of positions and velocities, weighted
+    jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
+    stack: Matrix  # (depth, 3) of the function evaluator
+    variables: Matrix  # (channels, 3) jets of the channels, for functions that name them
 
 
-class Live(NamedTuple):
+class FeedbackWork(NamedTuple):
     """Scratch of functions over channels."""
 
-    t: np.ndarray  # (1,) the time at which they were evaluated last
-    near: np.ndarray  # (channels,) the continuous angles at the last accepted state
-    slopes: np.ndarray  # (partials,) partial derivatives
-    g: np.ndarray  # (4, 12) gradients of one term: position, velocity; two of scratch
-    left: np.ndarray  # (6 + m,) what acts
-    right: np.ndarray  # (6 + m,) what it depends on
+    t: Vector  # (1,) the time at which they were evaluated last
+    near: Vector  # (channels,) the continuous angles at the last accepted state
+    slopes: Vector  # (partials,) partial derivatives
+    g: Matrix  # (4, 12) gradients of one term: position, velocity; two of scratch
+    left: Vector  # (6 + m,) what acts
+    right: Vector  # (6 + m,) what it depends on
+    block: Integers  # (4,) first coordinate of left and right, and how many each has
 
 
 class Work(NamedTuple):
@@ -206,5 +202,74 @@ class Work(NamedTuple):
     dense: Dense
     factor: Factor
     trial: Trial
-    live: object  # Live or None
+    feedback: FeedbackWork
     events: Events
+    energies: Vector  # (5,) kinetic, strain, gravity, spring; stored in bristles of friction
+    powers: Vector  # (3,) of drivers, dampers, applied forces
+    fault: Integers  # (1,) row of the element that gave the last status
+
+
+class Stage(NamedTuple):
+    """The units of one stage, one for each kind that the scene holds, with its tables."""
+
+    units: Units
+    tables: Records
+
+
+class Stages(NamedTuple):
+    """What each kind of the scene does, stage by stage (`engine.kind`)."""
+
+    constants: Stage
+    functions: Stage
+    position: Stage
+    inertia: Stage
+    velocity: Stage
+    force_velocity: Stage  # velocity, where wrenches need it
+    bias: Stage
+    axes: Stage
+    feedback: Stage
+    reaction: Stage
+    wrench: Stage
+    force: Stage
+    matrix: Stage
+    jacobian: Stage
+    coupling: Stage
+    mass: Stage
+    energy: Stage
+    power: Stage
+    begin: Stage
+    remember: Stage
+    events: Stage
+    limits: Stage
+    angles: Stage
+    wrenches: Stage
+    unit_force: Stage
+
+
+class Output(NamedTuple):
+    """Rows of one chunk, allocated once."""
+
+    t: Vector  # (rows,)
+    q: Matrix  # (rows, nq)
+    v: Matrix  # (rows, nv)
+    vd: Matrix  # (rows, nv)
+    lam: Matrix  # (rows, nc)
+    reactions: Matrix  # (rows, 12 groups), as `layout.Layout` says
+    sensors: Matrix  # (rows, channels)
+    energy: Matrix  # (rows, 7): kinetic, strain, gravity, spring, and three works
+    drift: Matrix  # (rows, 2): largest |C|, and |Cq v + C_t| before v was projected
+    rows: Integers  # (1,) rows written so far
+
+
+class Run(NamedTuple):
+    """All that compiled code is handed."""
+
+    system: System
+    state: State
+    work: Work
+    state_point: Point  # arrays of the state
+    trial_point: Point  # arrays of the trial state
+    stages: Stages
+    method: Method
+    settings: Settings
+    output: Output

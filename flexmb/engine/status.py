@@ -58,7 +58,7 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
         return _curve_end(compiled, work, time)
     where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
     cure = _CURE[status]
-    if status == NO_CONVERGENCE and compiled.system.frictions is not None:
+    if status == NO_CONVERGENCE and "joint_frictions" in compiled.system.kinds:
         cure += f"; or {_LOCKS}"
     return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cure}"
 
@@ -67,13 +67,11 @@ def _curve_end(compiled: Compiled, work: Work, time: float) -> str:
     """Which joint leaves its curve, and where."""
     parts = compiled.system.parts
     names = compiled.layout.coordinates
-    sliders, coordinates = parts.sliders, parts.coordinates
-    assert isinstance(sliders, np.ndarray) and isinstance(coordinates, np.ndarray)
-    for slider in sliders:
-        s = work.trial.q[coordinates[slider["coordinate"]]["iq"]]
-        length = parts.pool[slider["at"] + slider["n"]]
-        if not slider["closed"] and not 0.0 <= s <= length:
-            joint = names[slider["coordinate"]].rpartition(".")[0]
+    for marker in parts.curve_markers:
+        s = work.trial.q[parts.coordinates[marker["coordinate"]]["iq"]]
+        length = parts.pool[marker["at"] + marker["n"]]
+        if not marker["closed"] and not 0.0 <= s <= length:
+            joint = names[marker["coordinate"]].rpartition(".")[0]
             end = "beginning" if s < 0.0 else "end"
             return (
                 f"at t = {time:.6g} s {joint} leaves its curve at the {end} of it: lengthen the "

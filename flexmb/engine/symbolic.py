@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,22 +49,57 @@ class Symbolic:
     coordinate_links: dict[tuple[int, int], int]  # of (group, block)
 
 
+@dataclass(frozen=True)
+class _Fill:
+    """The blocks below the diagonal of the factor, panel by panel; all by place in the order."""
+
+    first: np.ndarray  # (panels + 1,) first entry of each panel
+    panel: np.ndarray  # of each entry, ascending
+    block: np.ndarray  # whose rows stand there, ascending in each panel
+    row: np.ndarray  # the first of them, counted from below the diagonal block
+
+    def entry(self, panel: np.ndarray, block: np.ndarray) -> np.ndarray:
+        """Which entries stand in these panels for these blocks."""
+        n = len(self.first)
+        return np.searchsorted(self.panel * n + self.block, panel * n + block)
+
+
 def analyse(blocks: Blocks) -> Symbolic:
     """Order the blocks, lay out the panels and the updates between them."""
-    order, below = _eliminate(blocks)
-    panels, starts = _panels(blocks, order, below)
-    updates = _updates(blocks, order, below, panels, starts)
-    links, *ids = _links(blocks, order, below, panels)
-    kkt = _kkt(blocks, order, panels, below, starts, updates, links)
-    panel_of = [0] * len(order)
-    for k, block in enumerate(order):
-        panel_of[block] = k
-    return Symbolic(kkt, panel_of, *ids)
+    sizes = _sizes(blocks)
+    order, below = _eliminate(blocks, sizes)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    size = np.array(sizes, np.int64)[order]
+    fill = _fill(below, size)
+    panels = _panels(fill, size, np.array(order) < len(blocks.columns))
+    updates = _updates(fill, panels)
+    pairs, *ids = _links(blocks)
+    kkt = Kkt(
+        panels=panels,
+        rows=_ranges(panels["col"][fill.block], size[fill.block]),
+        updates=updates,
+        links=_link_table(fill, panels, place[pairs]),
+        place=_unknowns(blocks, panels, place),
+        column=_columns(blocks),
+    )
+    return Symbolic(kkt, place.tolist(), *ids)
 
 
-def _size(blocks: Blocks, b: int) -> int:
-    n = len(blocks.columns)
-    return sum(c >= 0 for c in blocks.columns[b]) if b < n else blocks.group_rows[b - n]
+def _sizes(blocks: Blocks) -> list[int]:
+    """Columns of each block that belong to the system."""
+    return [sum(c >= 0 for c in columns) for columns in blocks.columns] + blocks.group_rows
+
+
+def _ends(counts: np.ndarray) -> np.ndarray:
+    """(n + 1,) where parts of these lengths begin one after the other, and the end of the last."""
+    return np.append(0, np.cumsum(counts, dtype=np.int64))
+
+
+def _ranges(starts: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The numbers from each start on, so many of each, one after the other."""
+    ends = _ends(counts)
+    return np.repeat(starts - ends[:-1], counts) + np.arange(ends[-1])
 
 
 def _scalars(blocks: Blocks) -> list[tuple[int, ...]]:
@@ -108,168 +144,157 @@ def _tree_child(blocks: Blocks) -> dict[int, int]:
     return child
 
 
-def _waits(blocks: Blocks) -> list[set[int]]:
-    """The blocks that must be eliminated before each block."""
+def _precedence(blocks: Blocks) -> Iterator[tuple[int, int]]:
+    """Pairs of blocks of which the first must be eliminated before the second."""
     n = len(blocks.columns)
     child = _tree_child(blocks)
-    waits: list[set[int]] = [set() for _ in range(n)]
     for g, pair in enumerate(blocks.group_bodies):
-        bodies = {b for b in pair if b >= 0}
-        waits.append({child[g]} if g in child else bodies)
-        for c in blocks.group_coordinates[g]:
-            if bodies:
-                waits[c].add(n + g)
-            else:  # it relates coordinates only
-                waits[n + g].add(c)
-    _wait_for_sliders(blocks, child, waits)
-    return waits
+        bodies = [b for b in pair if b >= 0]
+        for b in [child[g]] if g in child else bodies:
+            yield b, n + g
+        for c in blocks.group_coordinates[g]:  # without bodies it relates coordinates only
+            yield (n + g, c) if bodies else (c, n + g)
+    yield from _precedence_of_sliders(blocks, child)
 
 
-def _wait_for_sliders(blocks: Blocks, child: dict[int, int], waits: list[set[int]]) -> None:
+def _precedence_of_sliders(blocks: Blocks, child: dict[int, int]) -> Iterator[tuple[int, int]]:
     n = len(blocks.columns)
     first = {c for g in child for c in blocks.group_sliders[g]}
     every = {c for slides in blocks.group_sliders for c in slides}
     for g, slides in enumerate(blocks.group_sliders):
         for c in slides:
-            waits[c].add(n + g)
+            yield n + g, c
         if g not in child:
-            waits[n + g] |= first if slides else every
+            for c in first if slides else every:
+                yield c, n + g
 
 
-def _eliminate(blocks: Blocks) -> tuple[list[int], list[list[int]]]:
-    """Elimination order and, for each position, the later blocks its panel has rows of."""
+def _eliminate(blocks: Blocks, size: list[int]) -> tuple[list[int], list[list[int]]]:
+    """Elimination order and, for each position, those of the later blocks its panel has rows of."""
     graph = _graph(blocks)
-    waits = _waits(blocks)
-    after: list[set[int]] = [set() for _ in waits]
-    for b, before in enumerate(waits):
-        for c in before:
-            after[c].add(b)
-
-    def degree(b: int) -> int:
-        return sum(_size(blocks, c) for c in graph[b])
-
-    heap = [(degree(b), b) for b in range(len(graph)) if not waits[b]]
+    waits = [0] * len(graph)  # for so many blocks
+    after: dict[int, list[int]] = {}
+    for b, c in set(_precedence(blocks)):
+        waits[c] += 1
+        after.setdefault(b, []).append(c)
+    degree = [sum(size[c] for c in near) for near in graph]
+    heap = [(degree[b], b) for b in range(len(graph)) if not waits[b]]
     heapq.heapify(heap)
     order: list[int] = []
-    below: list[list[int]] = []
-    done: set[int] = set()
+    below: list[set[int]] = []
+    place: dict[int, int] = {}
     while heap:
         d, b = heapq.heappop(heap)
-        if b in done or d != degree(b):
+        if b in place or d != degree[b]:
             continue
-        done.add(b)
+        place[b] = len(order)
         order.append(b)
         neighbours = graph[b]
-        below.append(list(neighbours))
+        below.append(neighbours)
         for c in neighbours:
-            graph[c] |= neighbours
-            graph[c] -= {b, c}
-        graph[b] = set()
-        for c in after[b]:
-            waits[c].discard(b)
-        for c in neighbours | after[b]:
+            near = graph[c]
+            near.discard(b)
+            degree[c] -= size[b]
+            for x in neighbours - near:
+                if x != c:
+                    near.add(x)
+                    degree[c] += size[x]
+        later = after.get(b, [])
+        for c in later:
+            waits[c] -= 1
+        for c in (*neighbours, *later):
             if not waits[c]:
-                heapq.heappush(heap, (degree(c), c))
-    place = {b: k for k, b in enumerate(order)}
-    return order, [sorted(rows, key=place.__getitem__) for rows in below]
+                heapq.heappush(heap, (degree[c], c))
+    return order, [sorted(place[c] for c in rows) for rows in below]
 
 
-def _panels(
-    blocks: Blocks, order: list[int], below: list[list[int]]
-) -> tuple[np.ndarray, list[int]]:
-    panels = np.zeros(len(order), PANEL)
-    starts = [0] * len(order)
-    at = col = rows = 0
-    for k, block in enumerate(order):
-        nc = _size(blocks, block)
-        nr = sum(_size(blocks, b) for b in below[k])
-        sign = 1.0 if block < len(blocks.columns) else -1.0
-        panels[k] = (at, nc, nr, col, rows, 0, 0, sign)
-        starts[block] = col
-        at += (nc + nr) * nc
-        col += nc
-        rows += nr
-    return panels, starts
+def _fill(below: list[list[int]], size: np.ndarray) -> _Fill:
+    counts = np.array([len(rows) for rows in below], np.int64)
+    first, panel = _ends(counts), np.repeat(np.arange(len(below)), counts)
+    block = np.array([b for rows in below for b in rows], np.int64)
+    row = _ends(size[block])
+    return _Fill(first, panel, block, row[:-1] - row[first[panel]])
 
 
-def _row_offsets(blocks: Blocks, below: list[int]) -> dict[int, int]:
-    offsets, row = {}, 0
-    for b in below:
-        offsets[b] = row
-        row += _size(blocks, b)
-    return offsets
+def _panels(fill: _Fill, size: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """PANEL rows but for their updates; `moves` tells bodies and coordinates from groups."""
+    panels = np.zeros(len(size), PANEL)
+    rows = _ends(size[fill.block])[fill.first]
+    panels["nc"], panels["nr"] = size, np.diff(rows)
+    panels["at"] = _ends((size + panels["nr"]) * size)[:-1]
+    panels["col"], panels["rows"] = _ends(size)[:-1], rows[:-1]
+    panels["sign"] = np.where(moves, 1.0, -1.0)
+    return panels
 
 
-def _updates(blocks, order, below, panels, starts) -> np.ndarray:
-    """Rectangles that panel k subtracts from the panels of its rows' blocks."""
-    place = {b: k for k, b in enumerate(order)}
-    offsets = [_row_offsets(blocks, rows) for rows in below]
-    updates = []
-    for k, rows in enumerate(below):
-        panels[k]["update"] = len(updates)
-        nc = panels[k]["nc"]
-        for j, y in enumerate(rows):
-            ny, target = _size(blocks, y), panels[place[y]]
-            source_y = nc + offsets[k][y]
-            for x in rows[j:]:
-                nx = _size(blocks, x)
-                row = 0 if x == y else ny + offsets[place[y]][x]
-                at = target["at"] + row * ny
-                updates.append((nc + offsets[k][x], nx, source_y, ny, at, ny, x == y))
-        panels[k]["n_update"] = len(updates) - panels[k]["update"]
-    return np.array(updates, UPDATE) if updates else np.zeros(0, UPDATE)
+def _updates(fill: _Fill, panels: np.ndarray) -> np.ndarray:
+    """Rectangles that each panel subtracts from the panels of its rows' blocks; tells the panels.
+
+    In a panel each entry y with itself and each later one x.
+    """
+    entries = np.arange(len(fill.block))
+    counts = fill.first[fill.panel + 1] - entries
+    y, x = np.repeat(entries, counts), _ranges(entries, counts)
+    ends = _ends(counts)[fill.first]
+    panels["update"], panels["n_update"] = ends[:-1], np.diff(ends)
+    nc, size = panels["nc"][fill.panel[y]], panels["nc"][fill.block]
+    target = panels[fill.block[y]]
+    diagonal = x == y
+    other = fill.entry(fill.block[y[~diagonal]], fill.block[x[~diagonal]])
+    row = np.zeros(len(y), np.int64)
+    row[~diagonal] = size[y[~diagonal]] + fill.row[other]
+    updates = np.zeros(len(y), UPDATE)
+    updates["x"], updates["nx"] = nc + fill.row[x], size[x]
+    updates["y"], updates["ny"] = nc + fill.row[y], size[y]
+    updates["at"] = target["at"] + row * size[y]
+    updates["stride"], updates["diagonal"] = size[y], diagonal
+    return updates
 
 
-def _link(blocks, place, below, panels, first: int, second: int) -> tuple[int, int, int]:
-    """Place of the block (first, second); flipped if first is eliminated before second."""
-    flipped = place[first] < place[second]
-    early, late = (first, second) if flipped else (second, first)
-    k = place[early]
-    row = _row_offsets(blocks, below[k])[late] + panels[k]["nc"]
-    return panels[k]["at"] + row * panels[k]["nc"], panels[k]["nc"], flipped
-
-
-def _links(blocks, order, below, panels):
+def _links(blocks: Blocks):
+    """Pairs of blocks (n, 2) that tables refer to, and the number of the pair for each use."""
     n = len(blocks.columns)
-    place = {b: k for k, b in enumerate(order)}
-    links: list[tuple[int, int, int]] = []
+    pairs: list[tuple[int, int]] = []
     group_links: list[tuple[int, int]] = []
-    for g, pair in enumerate(blocks.group_bodies):
+    for g, (i, j) in enumerate(blocks.group_bodies):
         ids = []
-        for b in pair:
-            ids.append(len(links) if b >= 0 else -1)
+        for b in (i, j):
+            ids.append(len(pairs) if b >= 0 else -1)
             if b >= 0:
-                links.append(_link(blocks, place, below, panels, n + g, b))
+                pairs.append((n + g, b))
         group_links.append((ids[0], ids[1]))
     coordinate_links: dict[tuple[int, int], int] = {}
     for g, free in enumerate(_scalars(blocks)):
         for c in free:
-            coordinate_links[(g, c)] = len(links)
-            links.append(_link(blocks, place, below, panels, n + g, c))
+            coordinate_links[(g, c)] = len(pairs)
+            pairs.append((n + g, c))
     couple_links: dict[tuple[int, int], int] = {}
     for a, b in blocks.couples:
         if a >= 0 and b >= 0 and (a, b) not in couple_links:
-            couple_links[(a, b)] = len(links)
-            links.append(_link(blocks, place, below, panels, a, b))
-    table = np.array(links, LINK) if links else np.zeros(0, LINK)
-    return table, group_links, couple_links, coordinate_links
+            couple_links[(a, b)] = len(pairs)
+            pairs.append((a, b))
+    return np.array(pairs, np.int64).reshape(-1, 2), group_links, couple_links, coordinate_links
 
 
-def _kkt(blocks, order, panels, below, starts, updates, links) -> Kkt:
-    rows = [np.arange(starts[b], starts[b] + _size(blocks, b)) for under in below for b in under]
-    column = np.array([c for columns in blocks.columns for c in columns], np.int64)
-    end = sum(_size(blocks, b) for b in range(len(order)))
-    place = [
-        np.where(np.array(columns) < 0, end, starts[b] + np.array(columns))
-        for b, columns in enumerate(blocks.columns)
-    ]
-    for b in range(len(blocks.columns), len(order)):
-        place.append(starts[b] + np.arange(_size(blocks, b)))
-    return Kkt(
-        panels=panels,
-        rows=np.concatenate(rows).astype(np.int64) if rows else np.zeros(0, np.int64),
-        updates=updates,
-        links=links,
-        place=np.concatenate(place).astype(np.int64),
-        column=column,
-    )
+def _link_table(fill: _Fill, panels: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """LINK rows of pairs of places (n, 2); flipped if the first is eliminated before the second."""
+    early, late = places.min(axis=1), places.max(axis=1)
+    nc = panels["nc"][early]
+    table = np.zeros(len(places), LINK)
+    table["at"] = panels["at"][early] + (nc + fill.row[fill.entry(early, late)]) * nc
+    table["stride"], table["flipped"] = nc, places[:, 0] == early
+    return table
+
+
+def _columns(blocks: Blocks) -> np.ndarray:
+    """(nv,) column of each velocity coordinate in its panel."""
+    return np.array([c for columns in blocks.columns for c in columns], np.int64)
+
+
+def _unknowns(blocks: Blocks, panels: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(nv + nc,) permuted index of each unknown; one past the end: left out."""
+    n, start = len(blocks.columns), panels["col"][place]
+    column = _columns(blocks)
+    moving = np.repeat(start[:n], [len(columns) for columns in blocks.columns]) + column
+    moving[column < 0] = panels["nc"].sum()
+    return np.append(moving, _ranges(start[n:], np.array(blocks.group_rows, np.int64)))

@@ -1,17 +1,20 @@
 """The compiled model as flat tables: what the kernels read, and nothing else.
 
-`System` is constant during a run. A table whose feature the model does not use is `None`; Numba
-compiles nothing of a branch on `None` when the field is passed on as an argument. All numbers are
+`System` is constant during a run. A table that the model does not use is empty. What only some
+models have (springs, contacts, friction ...) stands with its kind (`engine.kind`). All numbers are
 SI. Offsets `iq`, `iv` point into q and v; `pool` holds all data whose size depends on the number of
 modes, addressed by offsets in the body and marker tables.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.kernels.functions.function import FunctionTable
+from flexmb.engine.records import Integers, Matrix, Vector, array_of
 from flexmb.engine.sensor_tables import Sensors
 
 _I = "i8"
@@ -50,6 +53,7 @@ MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
+        ("point", _I),  # 1: only its place matters (`kernels.bodies.point_marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
         ("R", _F, (3, 3)),  # marker axes in body axes, undeformed
@@ -122,75 +126,6 @@ GROUP = np.dtype(
     align=True,
 )
 
-# Spring-damper along the line between two markers.
-SPRING = np.dtype(
-    [
-        ("I", _I),
-        ("J", _I),
-        ("k", _F),  # N/m
-        ("c", _F),  # N s/m
-        ("d0", _F),  # m
-        ("couple", _I),
-    ],
-    align=True,
-)
-
-# Force or torque at a marker; `follower` = 1: components in the marker's axes.
-LOAD = np.dtype(
-    [("marker", _I), ("torque", _I), ("follower", _I), ("fun", _I, (3,))],
-    align=True,
-)
-
-# One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
-# normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
-# The last fields are those of JOINT_FRICTION. Memory from `kept` on: d0', and with friction
-# whether it slides, then the bristle (3) in axes of J.
-FRICTION_FIELDS = [
-    ("model", _I),  # NO_FRICTION, BRISTLE, SMOOTH
-    ("static", _F),
-    ("dynamic", _F),
-    ("stribeck", _F),  # m/s
-    ("viscous", _F),  # s/m, coefficient per speed
-    ("k", _F),  # N/m of the bristle
-    ("c", _F),  # N s/m of the bristle
-    ("creep", _F),  # m/s, of the smooth model
-    ("kept", _I),
-]
-CONTACT = np.dtype(
-    [
-        ("I", _I),
-        ("J", _I),
-        ("kind", _I),  # BALL, PLANE, CYLINDER, BORE: of side J
-        ("ri", _F),
-        ("rj", _F),
-        ("half", _F),  # half the length of a cylinder, m
-        ("K", _F),  # N/m^n
-        ("n", _F),
-        ("damping", _F),
-        ("slow", _F),  # m/s
-        ("couple", _I),
-        *FRICTION_FIELDS,
-    ],
-    align=True,
-)
-# Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
-# radius times s. Memory from `kept` on: the anchor of the bristle (m), and whether it slides.
-JOINT_FRICTION = np.dtype(
-    [
-        ("group", _I),  # of the joint
-        ("coordinate", _I),
-        ("row", _I),  # by which the coordinate follows the joint
-        ("link", _I),  # LINK of the joint's rows with the coordinate
-        ("axis", _I),  # of marker I, along which or about which it moves
-        ("radius", _F),  # m, or 1 of a stroke
-        ("length", _F),  # of the bearing, m; 0: it bears no moment
-        ("width", _F),  # of the guide, m; 0: it bears no torque about its axis
-        ("preload", _F),  # N
-        *FRICTION_FIELDS,
-    ],
-    align=True,
-)
-
 # One panel of the factor: `nc` columns, `nr` rows below, values at `at` with row stride nc,
 # `col` the first permuted index, `rows` the offset of its permuted row indices.
 PANEL = np.dtype(
@@ -218,7 +153,7 @@ LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
 # One curve marker: a row of the marker table that slides along a curve carried by the marker it
 # begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
 # them the six coefficients of x, of y and of z.
-SLIDER = np.dtype(
+CURVE_MARKER = np.dtype(
     [
         ("marker", _I),
         ("coordinate", _I),  # its place s along the curve, m
@@ -241,59 +176,44 @@ SLIDER = np.dtype(
 class Parts(NamedTuple):
     """Bodies and what is fixed to them."""
 
-    bodies: np.ndarray  # BODY
-    pool: np.ndarray  # modal data of bodies and markers
-    markers: np.ndarray  # MARKER
-    gravity: np.ndarray  # (3,) m/s^2
-    coordinates: object  # COORDINATE or None
-    sliders: object  # SLIDER or None
+    bodies: array_of(BODY)
+    pool: Vector  # modal data of bodies and markers
+    markers: array_of(MARKER)
+    gravity: Vector  # (3,) m/s^2
+    coordinates: array_of(COORDINATE)
+    curve_markers: array_of(CURVE_MARKER)
 
 
 class Kkt(NamedTuple):
     """Symbolic factorisation of the KKT matrix (block minimum degree, supernodal panels)."""
 
-    panels: np.ndarray  # PANEL, in elimination order
-    rows: np.ndarray  # permuted row indices of all panels
-    updates: np.ndarray  # UPDATE
-    links: np.ndarray  # LINK
-    place: np.ndarray  # (nv + nc,) permuted index of each unknown; one past the end: left out
-    column: np.ndarray  # (nv,) column in its panel, -1: left out
+    panels: array_of(PANEL)  # in elimination order
+    rows: Integers  # permuted row indices of all panels
+    updates: array_of(UPDATE)
+    links: array_of(LINK)
+    place: Integers  # (nv + nc,) permuted index of each unknown; one past the end: left out
+    column: Integers  # (nv,) column in its panel, -1: left out
 
 
 class System(NamedTuple):
-    """Everything constant during a run.
-
-    What costs to compile is None where the model does not use it. Functions, loads and sensors are
-    always tables, empty ones if need be: most models have them, and each choice of features is
-    compiled apart.
-    """
+    """Everything constant during a run."""
 
     parts: Parts
-    rows: np.ndarray  # ROW
-    follows: np.ndarray  # FOLLOW
-    groups: np.ndarray  # GROUP
+    rows: array_of(ROW)
+    follows: array_of(FOLLOW)
+    groups: array_of(GROUP)
     kkt: Kkt
-    weights: np.ndarray  # (nv,) size of one unit of each velocity coordinate's increment
-    row_weights: np.ndarray  # (nc,) size of one unit of each constraint row
-    lines: object  # one number if there are rows about lines, or None
-    functions: object  # FunctionTable
-    springs: object  # SPRING or None
-    loads: np.ndarray  # LOAD
-    elements: object  # Elements or None
-    kinks: object  # (n, 2) times just before and after kinks of functions, in order, or None
+    weights: Vector  # (nv,) size of one unit of each velocity coordinate's increment
+    row_weights: Vector  # (nc,) size of one unit of each constraint row
+    functions: FunctionTable
+    time_events: Matrix  # (n, 2) times just before and after jumps of functions, in order
     sensors: Sensors
-    further: object  # one number if sensors read more than motions along axes and angles, or None
-    signals: object  # Signals or None
-    contacts: object = None  # CONTACT
-    frictions: object = None  # JOINT_FRICTION
-    stops: object = None  # (n,) the rows of elements.laws that are stops
+    implicit_feedback: int  # 1: what is measured for forces depends on accelerations or reactions
+    history: int  # numbers that the elements remember from step to step, time first; 0: none
+    events: int  # values that the step control watches
+    program_depth: int  # rows of stack that programs of the kinds need
+    kinds: Mapping[str, Any]  # tables of the kinds that the model holds, by name (`engine.kinds`)
 
 
 # Kinds of constraint rows.
 POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7
-LINES = (TWIST, RADIAL, MOMENT)
-# Sides J of contacts.
-BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
-# Models of friction, and what its memory says.
-NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
-OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0

@@ -4,31 +4,80 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.method import AGE, CONTRACTION, COUNTS, MEMORY, SHARE, SYMMETRIC
+from flexmb.engine.kinds import KINDS
+from flexmb.engine.kinematics_state import Path
+from flexmb.engine.method import (
+    AGE,
+    CONTRACTION,
+    COUNTS,
+    MEMORY,
+    SHARE,
+    SYMMETRIC,
+    Method,
+    Settings,
+)
 from flexmb.engine.state import (
     BODY_NOW,
+    CURVE_MARKER_NOW,
     MARKER_NOW,
-    SLIDER_NOW,
     Before,
     Constraints,
     Dense,
-    ElementNow,
     Events,
     Factor,
-    Live,
+    FeedbackWork,
     Now,
+    Output,
+    Point,
+    Run,
+    Stage,
+    Stages,
     State,
     Trial,
     Work,
 )
-from flexmb.engine.tables import NO_FRICTION, System
+from flexmb.engine.tables import System
+
+__all__ = [
+    "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "sizes", "stages_of",
+]  # fmt: skip
+
+_NO_METHOD = Method((), (), 2, 0, 0.0, 1.0, 1.0)
+_SINGULAR_POSES = 8  # of which time and positions are kept
+_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0, 0)
 
 
 def sizes(system: System) -> tuple[int, int, int]:
     """nq, nv, nc."""
-    m = system.parts.bodies["m"]
-    n = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
+    m, n = system.parts.bodies["m"], len(system.parts.coordinates)
     return int((7 + m).sum()) + n, int((6 + m).sum()) + n, len(system.rows)
+
+
+def kinds_of(system: System) -> list:
+    """The kinds that a system holds, in the order of their stages."""
+    return [kind for kind in KINDS if kind.name in system.kinds]
+
+
+def stages_of(system: System) -> Stages:
+    """What each kind of a system does, stage by stage."""
+    kinds = kinds_of(system)
+
+    def stage(name: str) -> Stage:
+        acting = [kind for kind in kinds if name in kind.units]
+        units = tuple(kind.units[name] for kind in acting)
+        return Stage(units, tuple(system.kinds[kind.name] for kind in acting))
+
+    moving = any(kind.uses_velocity for kind in kinds)
+    return Stages(
+        **{
+            name: stage(name)
+            if name != "force_velocity"
+            else stage("velocity")
+            if moving
+            else Stage((), ())
+            for name in Stages._fields
+        }
+    )
 
 
 def new_state(system: System, channels: int = 0) -> State:
@@ -38,32 +87,13 @@ def new_state(system: System, channels: int = 0) -> State:
     q[system.parts.bodies["iq"] + 3] = 1.0
     memory = np.zeros(MEMORY)
     memory[CONTRACTION], memory[AGE], memory[SHARE] = 1.0, -1.0, 1.0
-    memory[SYMMETRIC] = 0.0 if _rubs(system) else 1.0
+    unsymmetric = any(kind.is_unsymmetric(system.kinds[kind.name]) for kind in kinds_of(system))
+    memory[SYMMETRIC] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
-        np.zeros(COUNTS, dtype=np.int64), np.zeros(_memory(system)),
+        np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
     )  # fmt: skip
-
-
-def _rows(table: object) -> int:
-    return 0 if table is None else len(table)  # type: ignore[arg-type]
-
-
-def _rubs(system: System) -> bool:
-    """Whether there is dry friction, whose matrix is far from symmetric."""
-    touching = system.contacts
-    found = isinstance(touching, np.ndarray) and bool(np.any(touching["model"] != NO_FRICTION))
-    return found or _rows(system.frictions) > 0
-
-
-def _memory(system: System) -> int:
-    """Length of the elements' memory; 0 if none has any."""
-    n = 0
-    for row in system.contacts if system.contacts is not None else ():
-        n += 1 if row["model"] == NO_FRICTION else 5  # see tables.CONTACT
-    n += 2 * _rows(system.frictions)
-    return 1 + n if n else 0
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -77,61 +107,52 @@ def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:
 def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     """Scratch for one run of `system` by a method with `stages` explicit stages."""
     nq, nv, nc = sizes(system)
-    m = system.parts.bodies["m"]
+    m, history = system.parts.bodies["m"], system.history
     nfun = len(system.functions.start) - 1
     nfun += int(np.sum(system.follows["first"]))
-    depth = max(int(system.functions.depth), int(system.sensors.programs.depth))
-    sliders = system.parts.sliders
+    depth = max(system.functions.depth, system.sensors.programs.depth, system.program_depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum()) + 1),
-        None if sliders is None else _nan_records(len(sliders), SLIDER_NOW),
-        _nan(_memory(system)),
+        _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
+        _nan(history),
         _nan(1),
-        _nan(_rows(system.frictions), 2),
-        _new_element(system),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
-        lam=_nan(nc), dq=_nan(nv), res=_nan(nv), zero=np.zeros(nv), power=_nan(3),
+        lam=_nan(nc), dq=_nan(nv), res=_nan(nv), power=_nan(3),
         work_done=_nan(3), angles=_nan(channels),
-        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(_memory(system))),
+        before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
         stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
-    live = None if system.signals is None else _new_live(system)
-    n = 3 * _rows(system.contacts) + _rows(system.frictions) + _rows(system.stops)
-    events = Events(_nan(n), _nan(n))
-    return Work(now, con, _new_dense(system), _new_factor(system), trial, live, events)
-
-
-def _new_live(system: System) -> Live:
-    n = 6 + int(system.parts.bodies["m"].max(initial=0))
-    partials = len(system.signals.partials)
-    channels = len(system.sensors.channels)
-    return Live(_nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n))
-
-
-def _new_element(system: System) -> ElementNow | None:
-    if system.elements is None:
-        return None
-    n = 6 + int(system.parts.bodies["m"].max(initial=0))
-    scalars = 0 if system.parts.coordinates is None else len(system.parts.coordinates)
-    return ElementNow(
-        _nan(6), _nan(6), _nan(3, 3), _nan(6), _nan(6), _nan(6, 6), _nan(6, 6), _nan(6, 12),
-        _nan(6, 12), _nan(6, 12), _nan(12, 12), _nan(6, n), _nan(scalars),
-        _nan(int(system.elements.programs.depth), 3),
+    return Work(
+        now, con, _new_dense(system), _new_factor(system), trial, _new_feedback(system),
+        Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
+        np.zeros(1, dtype=np.int64),
     )  # fmt: skip
+
+
+def _new_feedback(system: System) -> FeedbackWork:
+    n = 6 + int(system.parts.bodies["m"].max(initial=0))
+    feedback = system.kinds.get("feedback")
+    partials = 0 if feedback is None else len(feedback.partials)
+    channels = len(system.sensors.channels)
+    block = np.zeros(4, dtype=np.int64)
+    return FeedbackWork(
+        _nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n), block
+    )
 
 
 def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
     return Dense(
-        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac), _nan(3, 3)
-    )
+        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac),
+        np.zeros(2, dtype=np.int64),
+    )  # fmt: skip
 
 
 def _new_factor(system: System) -> Factor:
@@ -155,3 +176,45 @@ def _jac_end(system: System, side: str, field: str) -> int:
         return 0
     body = system.parts.markers["body"][rows[side][used]]
     return int((rows[field][used] + 6 + system.parts.bodies["m"][body]).max())
+
+
+def new_output(system: System, rows: int, channels: int) -> Output:
+    """Room for `rows` output rows."""
+    nq, nv, nc = sizes(system)
+    widths = (nq, nv, nv, nc, 12 * len(system.groups), channels, 7, 2)
+    tables = (np.empty((rows, w)) for w in widths)
+    return Output(np.empty(rows), *tables, np.zeros(1, dtype=np.int64))
+
+
+def new_run(
+    system: System,
+    state: State,
+    work: Work,
+    method: Method = _NO_METHOD,
+    settings: Settings = _NO_SETTINGS,
+    output: Output | None = None,
+) -> Run:
+    """All that units are handed, of one run; arrays are shared, not copied."""
+    trial = work.trial
+    return Run(
+        system, state, work,
+        Point(state.t, state.q, state.v, state.vd, state.lam),
+        Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
+        stages_of(system), method, settings,
+        new_output(system, 0, len(state.angles)) if output is None else output,
+    )  # fmt: skip
+
+
+def new_path(system: System) -> Path:
+    """Memory for one kinematic analysis; the metric is that of the weights."""
+    nq, nv, nc = sizes(system)
+    weights = np.where(system.weights > 0.0, system.weights, 1.0)
+    signs = np.where(np.random.default_rng(1).random(nc) < 0.5, -1.0, 1.0)
+    sizes_of_rows = np.linspace(0.7, 1.3, nc)  # so that no symmetry hides a pose
+    n_functions = max(1, len(system.functions.start) - 1)
+    return Path(
+        weights**2, signs * sizes_of_rows / system.row_weights,
+        *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
+        np.array([np.inf, -1.0, 0.0]), np.zeros((_SINGULAR_POSES, 2)),
+        np.zeros((_SINGULAR_POSES, nq)), np.zeros(3, dtype=np.int64),
+    )  # fmt: skip

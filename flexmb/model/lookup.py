@@ -7,7 +7,7 @@ modes; a flexible one has one for each of its interfaces. Out: specifications, a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.bodies.meshbody import MeshBodySpec
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.values.names import GROUND, split_reference
-from flexmb.model.values.orientation import rotation_matrix, triad
+from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -31,14 +31,18 @@ __all__ = [
     "automatic_markers",
     "find",
     "frames",
+    "has_marker",
     "joint_frames",
     "marker_names",
     "markers_known",
+    "places",
     "pose",
+    "poses",
 ]
 
 Array = NDArray[np.float64]
 PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
+_ORIGIN = MarkerSpec()
 Bodies = Mapping[str, "FlexBody"]
 
 
@@ -67,40 +71,71 @@ def markers_known(model: Model, body: str, flexbodies: Bodies) -> bool:
     return not isinstance(spec, FlexbodySpec) or flexbody_of(model, body, flexbodies) is not None
 
 
-def automatic_markers(model: Model, body: str, flexbodies: Bodies) -> dict[str, MarkerSpec]:
-    """The markers a body has without being told."""
-    markers = {"origin": MarkerSpec()}
-    spec = model.bodies.get(body)
-    if isinstance(spec, RigidBodySpec):
-        markers["center"] = MarkerSpec(position=spec.center)
-    names = tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else ()
+def automatic_markers(model: Model, body: str, flexbodies: Bodies) -> tuple[str, ...]:
+    """Names of the markers a body has without being told."""
+    center = () if _center(model, body, flexbodies) is None else ("center",)
+    return tuple(dict.fromkeys(("origin", *center, *_interfaces(model, body, flexbodies))))
+
+
+def _interfaces(model: Model, body: str, flexbodies: Bodies) -> tuple[str, ...]:
+    """Names of the interfaces of a body."""
     flexbody = flexbody_of(model, body, flexbodies)
     if flexbody is not None:
-        names = tuple(interface.name for interface in flexbody.interfaces)
-        if flexbody.m == 0 and isinstance(spec, FlexbodySpec):
-            markers["center"] = MarkerSpec(position=tuple(flexbody.center))
-    return markers | {name: MarkerSpec(interface=name) for name in names}
+        return tuple(interface.name for interface in flexbody.interfaces)
+    spec = model.bodies.get(body)
+    return tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else ()
 
 
-def _markers(model: Model, body: str, flexbodies: Bodies) -> dict[str, MarkerSpec]:
-    owner = model.ground if body == GROUND else model.bodies[body]
-    return automatic_markers(model, body, flexbodies) | dict(owner.markers)
+def _center(model: Model, body: str, flexbodies: Bodies) -> tuple[float, float, float] | None:
+    """Centre of mass of a body that cannot deform, in its frame [m]; None of others."""
+    spec = model.bodies.get(body)
+    if isinstance(spec, RigidBodySpec):
+        return spec.center
+    flexbody = flexbody_of(model, body, flexbodies)
+    if flexbody is None or flexbody.m > 0 or not isinstance(spec, FlexbodySpec):
+        return None
+    x, y, z = flexbody.center.tolist()
+    return x, y, z
+
+
+def _given_markers(model: Model, body: str) -> Mapping[str, MarkerSpec]:
+    """The markers that the model gives to a body."""
+    return (model.ground if body == GROUND else model.bodies[body]).markers
 
 
 def marker_names(model: Model, body: str, flexbodies: Bodies | None = None) -> tuple[str, ...]:
     """Names of the markers of a body."""
-    return tuple(_markers(model, body, flexbodies or {}))
+    automatic = automatic_markers(model, body, flexbodies or {})
+    return tuple(dict.fromkeys((*automatic, *_given_markers(model, body))))
+
+
+def has_marker(model: Model, body: str, name: str, flexbodies: Bodies | None = None) -> bool:
+    """Whether a body has a marker of that name."""
+    if name == "origin" or name in _given_markers(model, body):
+        return True
+    return name in automatic_markers(model, body, flexbodies or {})
+
+
+def _automatic(model: Model, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
+    """A marker that a body has without being told; of another name, an interface to come."""
+    if name not in _interfaces(model, body, flexbodies):
+        center = _center(model, body, flexbodies)
+        if name == "origin":
+            return _ORIGIN
+        if name == "center" and center is not None:
+            return MarkerSpec.model_construct(position=center)
+    return MarkerSpec(interface=name)
 
 
 def missing(model: Model, reference: str, flexbodies: Bodies) -> Problem | None:
     """The problem of a reference to a marker that does not exist; its place is left open."""
     body, marker = split_reference(reference)
-    bodies = (*model.bodies, GROUND)
-    if body not in bodies:
+    if body != GROUND and body not in model.bodies:
+        bodies = (*model.bodies, GROUND)
         return Problem("", f'unknown body "{body}"', bodies, nearest(body, bodies))
-    known = marker_names(model, body, flexbodies)
-    if marker in known or not markers_known(model, body, flexbodies):
+    if has_marker(model, body, marker, flexbodies) or not markers_known(model, body, flexbodies):
         return None
+    known = marker_names(model, body, flexbodies)
     what = f'body "{body}" has no marker "{marker}"'
     return Problem("", what, known, nearest(marker, known))
 
@@ -118,13 +153,32 @@ def find(model: Model, reference: str, flexbodies: Bodies | None = None) -> Foun
     if problem is not None:
         raise SceneError.from_problems([problem])
     body, name = split_reference(reference)
-    markers = _markers(model, body, flexbodies)
-    return Found(body, name, markers.get(name, MarkerSpec(interface=name)))
+    given = _given_markers(model, body)
+    spec = given[name] if name in given else _automatic(model, body, name, flexbodies)
+    return Found(body, name, spec)
 
 
 def pose(body: BodySpec) -> tuple[Array, Array]:
     """Placed position r (3,) [m] and Euler parameters p (4,), scalar first, of a body frame."""
     return np.array(body.position), np.array(body.orientation)
+
+
+def places(model: Model, body: str, flexbodies: Bodies) -> list[Sequence[float] | Array]:
+    """Positions (3,) of all markers of a body, undeformed and in its frame [m]."""
+    if flexbody_of(model, body, flexbodies) is not None:
+        names = marker_names(model, body, flexbodies)
+        return [placed(model, f"{body}.{name}", flexbodies).position for name in names]
+    origin = (0.0, 0.0, 0.0)
+    own = [marker.position or origin for marker in _given_markers(model, body).values()]
+    return [origin, _center(model, body, flexbodies) or origin, *own]
+
+
+def poses(model: Model) -> tuple[Array, Array]:
+    """Placed positions r (n + 1, 3) [m] and axes A (n + 1, 3, 3) of all bodies, ground the last."""
+    specs = model.bodies.values()
+    r = np.array([*(spec.position for spec in specs), (0.0, 0.0, 0.0)])
+    p = np.array([*(spec.orientation for spec in specs), (1.0, 0.0, 0.0, 0.0)])
+    return r, rotation_matrices(p)
 
 
 def placed(model: Model, reference: str, flexbodies: Bodies | None = None) -> PlacedMarker:
@@ -160,7 +214,8 @@ def frames(
     I, J = (placed(model, reference, flexbodies) for reference in between)  # noqa: E741
     if axis is None:
         return I, J
-    return _turned(model, I, triad(axis)), _turned(model, J, triad(axis))
+    R = triad(axis)
+    return _turned(model, I, R), _turned(model, J, R)
 
 
 def joint_frames(

@@ -28,7 +28,7 @@ from flexmb.model.plane import read_plane
 from flexmb.model.scenes import references, writing
 from flexmb.model.scenes.entries import read_named
 from flexmb.model.scenes.head import read_gravity
-from flexmb.model.sensors.sensor import SensorSpec, channel_unit, channels_of
+from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
 from flexmb.model.sensors.states import ControllerSpec, StateSpec
 from flexmb.model.tasks.assembly import AssemblySpec
 from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
@@ -152,15 +152,15 @@ class Model:
         spec, problems = read_named("markers", name, fields, self.terms)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
         problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
-        if name in lookup.marker_names(self, body):
+        if lookup.has_marker(self, body, name):
             problems.append(Problem(where, f'the name "{name}" is used twice'))
         _raise(problems)
         assert isinstance(spec, MarkerSpec)
-        owner = owner.model_copy(update={"markers": {**owner.markers, name: spec}})
-        if isinstance(owner, BodySpec):
+        if isinstance(owner, BodySpec):  # perhaps the body of another model as well
+            owner = owner.model_copy(update={"markers": {**owner.markers, name: spec}})
             self.bodies[body] = owner
         else:
-            self.ground = owner
+            owner.markers[name] = spec
         return spec
 
     def add_curve(self, name: str, **fields: Any) -> Spec:
@@ -265,8 +265,12 @@ class Model:
 
     def channel_unit(self, channel: str) -> str | None:
         """SI unit of a channel; None where there is no such sensor, state or controller."""
-        owners = {**self.sensors, **self.states, **self.controllers}
-        return channel_unit({name: vars(spec) for name, spec in owners.items()}, channel)
+        sections: tuple[Mapping[str, Spec], ...] = (self.controllers, self.states, self.sensors)
+        for name in (channel, channel.rpartition(".")[0]):
+            for owners in sections:
+                if name in owners:
+                    return unit_of(vars(owners[name]))
+        return None
 
     def check_terms(self, channel: Any) -> Terms:
         """What numbers mean that are compared with a channel."""

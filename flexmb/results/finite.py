@@ -39,12 +39,9 @@ def _bad_columns(columns: Columns, tables: Tables, row: int) -> list[str]:
     names: list[str] = []
     for key, start in (("q", "iq"), ("v", "iv"), ("vd", "iv")):
         bad = np.flatnonzero(~np.isfinite(tables[key][row]))
-        for index in bad:
-            owner = max(
-                (b for b in columns.bodies if getattr(b, start) <= index),
-                key=lambda b: getattr(b, start),
-            )
-            names.append(f"body {owner.name}")
+        starts = [getattr(body, start) for body in columns.bodies]
+        owners = np.unique(np.searchsorted(starts, bad, side="right") - 1)
+        names += [f"body {columns.bodies[k].name}" for k in owners]
     labels = {
         "lam": [f"constraint {name}" for name in columns.rows],
         "reactions": [f"reaction {name}" for name in columns.reactions for _ in range(12)],

@@ -149,7 +149,7 @@ def _costs(study: Study) -> Iterator[str]:
         yield f"one-off: flexible bodies{of} reduced from their meshes in {seconds_text(seconds)} s"
     compiled = [float(row.statistics.get("seconds_compile", 0.0)) for row in study.rows]
     if max(compiled) >= 1.0:
-        yield f"one-off: kernels compiled or loaded in up to {seconds_text(max(compiled))} s"
+        yield f"one-off: units compiled in up to {seconds_text(max(compiled))} s"
     times = "" if study.repeats == 1 else f", median of {study.repeats} runs"
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
     yield f"time: wall time of the integration{times}, {at}"

@@ -18,7 +18,7 @@ __all__ = ["html", "markdown", "save_tables", "table", "write_csv"]
 
 _FAILED = "✗"
 _COUNTS = ("steps", "rejected_steps", "failed_steps", "newton_iterations", "factorisations")
-_PHASES = ("seconds_compile", "seconds_assemble")
+_PHASES = ("seconds_compile", "seconds_load", "seconds_assemble")
 
 
 def table(study: Study) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

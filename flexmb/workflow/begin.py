@@ -45,12 +45,13 @@ class Beginning:
     def changes(self, compiled: Compiled, state: State, units: UnitSystem) -> list[str]:
         """What the first state had to change of what was taken over, a sentence for each body."""
         speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
+        changes = np.abs(state.v - self.begin.v)
         sentences = []
         for body in self.matched:
             q, p = self.begin.q[body.iq :], state.q[body.iq :]
             moved = float(np.linalg.norm(p[:3] - q[:3]))
             turned = 2.0 * float(np.arccos(min(abs(float(p[3:7] @ q[3:7])), 1.0)))
-            change = np.abs(state.v - self.begin.v)[body.iv :]
+            change = changes[body.iv :]
             faster, spun = float(change[:3].max()), float(change[3:6].max())
             parts = (
                 (moved > _MOVED * compiled.length, f"moved by {units.say(moved, 'm', 3)}"),
@@ -112,11 +113,12 @@ def beginning(
         v[body.iv : body.iv + 6 + m] = other.v[-1, old.iv : old.iv + 6 + m]
         if body.m > 0 and not same:
             undeformed.append(body.name)
-    n, before = len(compiled.layout.coordinates), len(other.layout.coordinates)
+    last, scalars = other.v[-1], other.layout.coordinates
+    old_at = {name: other.layout.nv - len(scalars) + k for k, name in enumerate(scalars)}
+    first = compiled.layout.nv - len(compiled.layout.coordinates)
     for k, name in enumerate(compiled.layout.coordinates):
-        if name.startswith("states.") and name in other.layout.coordinates:
-            old_at = other.layout.nv - before + other.layout.coordinates.index(name)
-            v[compiled.layout.nv - n + k] = other.v[-1, old_at]
+        if name.startswith("states.") and name in old_at:
+            v[first + k] = last[old_at[name]]
     notes = [_told(other, matched, compiled)]
     if undeformed:
         notes.append(

@@ -9,22 +9,12 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.workflow import body_listings
 from flexmb.workflow.listings import Listing, Table, fields_tables
 
-__all__ = ["METHODS", "TOPICS", "Listing", "Table", "listing"]
-
-
-METHODS = {
-    "generalized-alpha": "implicit, second order, numerical damping by spectral_radius: "
-    "the choice for flexible bodies and stiff springs",
-    "explicit-rk": "Bogacki-Shampine 3(2) with projection onto the joints: for rigid bodies "
-    "without stiff parts",
-}
-"""What each integrator is good for; their names are those of ``dynamics.method``."""
+__all__ = ["TOPICS", "Listing", "Table", "listing"]
 
 
 def listing(topic: str) -> Listing:
@@ -180,9 +170,9 @@ def _methods() -> Listing:
     from flexmb.model.tasks.assembly import AssemblySpec, GuessSpec
     from flexmb.model.tasks.dynamics import DynamicsSpec
     from flexmb.model.tasks.kinematics import KinematicsSpec
+    from flexmb.model.tasks.methods import METHODS
 
-    names = get_args(DynamicsSpec.model_fields["method"].annotation)
-    rows = [(name, METHODS.get(name, "")) for name in names]
+    rows = [(str(name), about) for name, about in METHODS.items()]
     kinds = {
         "[dynamics]": DynamicsSpec,
         "[kinematics]": KinematicsSpec,

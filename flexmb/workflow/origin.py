@@ -33,9 +33,9 @@ _EXTENDED = ("dynamics.duration", "dynamics.outputs")
 def made_by() -> dict[str, str]:
     """This version of flexmb and the hash of its compiled code."""
     from flexmb import __version__
-    from flexmb.engine.jit import source_hash
+    from flexmb.engine.unit_cache import engine_hash
 
-    return {"flexmb": __version__, "engine": source_hash()}
+    return {"flexmb": __version__, "engine": engine_hash()}
 
 
 def origin_text(

@@ -6,10 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from enginekit import interpreted
+from truthkit import Memory
 
+from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.dynamics.analysis import dynamics as dynamics_of
 from flexmb.engine.compile import compile_system
-from flexmb.errors import SceneError
+from flexmb.errors import AssemblyError, SceneError
 from flexmb.model import Model
 
 CIRCLE = {"circle": 0.05}
@@ -167,14 +169,8 @@ def test_a_table_without_numbers_names_its_line(tmp_path):
     told(model.problems(), "curves.profile.file", "line 3 is no point")
 
 
-RUN = """
-from truthkit import Memory, compiled
-from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.analysis.assembly.analysis import assemble
-from flexmb.errors import AssemblyError
-from flexmb.model import Model
-
-def cam(curve, kind, height, **fields):
+def turning(curve, kind, height, **fields):
+    """A cam on a pivot with a follower in a guide."""
     model = Model("cam", plane="xy")
     model.add_curve("profile", **curve)
     model.add_body("cam", mass=1, inertia=[1, 1, 1])
@@ -184,70 +180,65 @@ def cam(curve, kind, height, **fields):
     model.add_joint("contact", kind, between=["cam", "follower"], curve="profile", **fields)
     return model
 
-def ends(model, angle, **knobs):
+
+def turn(model, angle, **dynamics):
+    """How a run ends in which the cam is turned, and its last time."""
     model.add_driver("motor", joint="pivot", angle=angle)
-    model.set_dynamics(**{"duration": 0.2, "step": 0.01, "outputs": 10, **knobs})
+    model.set_dynamics(**{"duration": 0.2, "step": 0.01, "outputs": 10, **dynamics})
     memory = Memory()
-    outcome = dynamics(compiled(model), model, memory)
-    return outcome.status, outcome.message, " ".join(outcome.notes), float(memory.tables()[0][-1])
-
-open_cam = {"polar": "0.05 + 0.01*t", "range": [0, 3]}
-found["end"] = ends(cam(open_cam, "cam-knife", 0.06), "-20*t")
-found["beginning"] = ends(cam(open_cam, "cam-knife", 0.06), "20*t")
-found["controlled"] = ends(cam(open_cam, "cam-knife", 0.06), "-20*t", step=None, accuracy=1e-2)
-disk = {"circle": 0.05, "center": [0.02, 0]}
-found["lifting"] = ends(cam(disk, "cam-flat", 0.05, axis="y"), "10*t")
-pressed = cam(disk, "cam-flat", 0.05, axis="y")
-pressed.set_gravity([0, -9.81, 0])
-found["pressed"] = ends(pressed, "10*t")
-spiral = {"polar": "0.02 + 0.004*t", "range": [0, "4*pi"]}
-waisted = {"polar": "0.05 + 0.02*cos(2*t)", "closed": True}
-for name, model in {
-    "cut": cam(spiral, "cam-roller", 0.041, radius=0.015),
-    "bridged": cam(waisted, "cam-flat", 0.031, axis="y"),
-}.items():
-    try:
-        assemble(compiled(model), model)
-        found[name] = ""
-    except AssemblyError as error:
-        found[name] = str(error)
-"""
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """Runs and assemblies that end badly, in one process without compilation."""
-    return interpreted(RUN, tmp_path_factory.mktemp("curves"))
+    outcome = dynamics_of(compile_system(model), model, memory)
+    return outcome, float(memory.tables()[0][-1])
 
 
 @pytest.mark.parametrize(
-    ("name", "end", "time"),
-    [("end", "end", 3 - np.pi / 2), ("controlled", "end", 3 - np.pi / 2),
-     ("beginning", "beginning", np.pi / 2)],
+    ("angle", "control", "end", "time"),
+    [("-20*t", {}, "end", 3 - np.pi / 2),
+     ("-20*t", {"step": None, "accuracy": 1e-2}, "end", 3 - np.pi / 2),
+     ("20*t", {}, "beginning", np.pi / 2)],
+    ids=["end", "controlled", "beginning"],
 )  # fmt: skip
-def test_a_joint_that_leaves_its_curve(name, end, time, found):
+def test_a_joint_that_leaves_its_curve(angle, control, end, time):
     """The cam is touched at the angle π/2 ± 20 t of its profile, which ends at 0 and 3 rad."""
-    status, message, _, last = found[name]
-    assert status == "failed"
+    model = turning({"polar": "0.05 + 0.01*t", "range": [0, 3]}, "cam-knife", 0.06)
+    outcome, last = turn(model, angle, **control)
+    message = outcome.message
+    assert outcome.status == "failed"
     told_at = float(re.search(r"at t = ([\d.]+) s", message)[1])
     assert told_at == pytest.approx(0.05 * time, abs=2e-5)
     assert f"joints.contact leaves its curve at the {end} of it" in message
     assert "closed = true" in message
-    assert 0.05 * time - 0.021 < float(last) < 0.05 * time
+    assert 0.05 * time - 0.021 < last < 0.05 * time
 
 
-def test_a_cam_that_loses_contact_is_noted(found):
+DISK = {"circle": 0.05, "center": [0.02, 0]}
+
+
+def test_a_cam_that_loses_contact_is_noted():
     """Without weight the flat is pulled as soon as it slows down, sin θ > 0."""
-    note = found["lifting"][2]
+    outcome, _ = turn(turning(DISK, "cam-flat", 0.05, axis="y"), "10*t")
+    note = " ".join(outcome.notes)
     assert "joints.contact pulls its follower towards the cam, first at t = 0.02 s" in note
     assert "impact force" in note
 
 
-def test_weight_keeps_contact_below_its_speed(found):
+def test_weight_keeps_contact_below_its_speed():
     """e ω² = 2 m/s² is below g: no note."""
-    assert found["pressed"][:3].tolist() == ["finished", "", ""]
+    model = turning(DISK, "cam-flat", 0.05, axis="y")
+    model.set_gravity([0, -9.81, 0])
+    outcome, _ = turn(model, "10*t")
+    assert (outcome.status, outcome.message, outcome.notes) == ("finished", "", ())
 
 
-@pytest.mark.parametrize("name", ["cut", "bridged"])
-def test_a_follower_on_the_wrong_branch(name, found):
-    assert re.search("another part of it reaches .* into the follower", str(found[name]))
+SPIRAL = {"polar": "0.02 + 0.004*t", "range": [0, "4*pi"]}
+WAISTED = {"polar": "0.05 + 0.02*cos(2*t)", "closed": True}
+
+
+@pytest.mark.parametrize(
+    ("curve", "kind", "height", "fields"),
+    [(SPIRAL, "cam-roller", 0.041, {"radius": 0.015}), (WAISTED, "cam-flat", 0.031, {"axis": "y"})],
+    ids=["cut", "bridged"],
+)
+def test_a_follower_on_the_wrong_branch(curve, kind, height, fields):
+    model = turning(curve, kind, height, **fields)
+    with pytest.raises(AssemblyError, match="another part of it reaches .* into the follower"):
+        assemble(compile_system(model), model)

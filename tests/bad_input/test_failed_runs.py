@@ -1,8 +1,4 @@
-"""Runs that fail on the way: one sentence with the time, the place and a cure; results until then.
-
-All scenes here have functions of time and sensors and nothing else that compiles, so that they
-share their kernels with the other cases.
-"""
+"""Runs that fail on the way: one sentence with time, place and a cure; results until then."""
 
 from __future__ import annotations
 

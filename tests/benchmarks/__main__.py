@@ -12,6 +12,13 @@ def main():
         seconds, iterations, factors = timing.per_step(*models.chain(n), 1e-3, count)
         micro = 1e6 * seconds
         print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
+    print("\nSet-up of a rigid chain [s]: model, tables, first state, result file")
+    print(f"{'joints':>12} {'bodies':>8} {'seconds':>9}  by stage")
+    for joint, axis in (("spherical", None), ("revolute", "y")):
+        for n in (1000, 10000):
+            stages = timing.set_up(n, joint, axis=axis)
+            parts = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in stages.items())
+            print(f"{joint:>12} {n:8} {sum(stages.values()):9.3f}  {parts}")
     print("\nChain of 10 bars held by force elements, h = 1 ms, no output")
     print(f"{'element':>16} {'us/step':>10} {'iterations':>11} {'factors':>8}")
     for force in models.FORCES:

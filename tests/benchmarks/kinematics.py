@@ -8,8 +8,8 @@ from statistics import median
 from flexmb.analysis.kinematics.analysis import prepare_sweep
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
-from flexmb.engine.march import new_output
-from flexmb.engine.sweep import POINTS, sweep
+from flexmb.engine.entries import POINTS, analyse_kinematics
+from flexmb.engine.work import new_output, new_run
 from tests.quickreturn import quick_return
 
 _REPEATS = 5
@@ -24,10 +24,9 @@ def per_point(model):
         ready = prepare_sweep(compiled, model)
         n = ready.settings.outputs + 1
         output = new_output(compiled.system, n, len(compiled.layout.channels))
+        run = new_run(compiled.system, ready.state, ready.work, output=output)
         begin = time.process_time()
-        status = sweep(
-            compiled.system, ready.settings, ready.state, ready.work, ready.path, output, POINTS, n
-        )
+        status = analyse_kinematics(run, ready.path, ready.settings, POINTS, n)
         seconds.append((time.process_time() - begin) / n)
         assert status == method.FINE, status
     return median(seconds), ready.path.count / n
@@ -36,7 +35,7 @@ def per_point(model):
 def main():
     begin = time.perf_counter()
     prepare_sweep(compile_system(quick_return()), quick_return())
-    print(f"ready after {time.perf_counter() - begin:.1f} s (kernels compiled or loaded)")
+    print(f"ready after {time.perf_counter() - begin:.1f} s (units compiled or loaded)")
     print("\nQuick-return, positions, velocities, accelerations, reactions, energies of all points")
     print(f"{'model':>24} {'points/turn':>12} {'us/point':>9} {'iterations':>11} {'factors':>8}")
     for kind, plane in (("A", "xy"), ("C", "xy"), ("A", None)):

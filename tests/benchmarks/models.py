@@ -13,7 +13,19 @@ _SLIDER_CRANK = Path(__file__).parents[2] / "cases" / "slider_crank" / "scene.to
 
 def chain(n):
     """n bars of 1 kg and 1 m with spherical joints, horizontal, at rest, under gravity."""
-    made = Model(f"chain of {n}", gravity=[0, 0, -9.81])
+    made = chain_model(n)
+    return made, compile_system(made)
+
+
+def planar_chain(n):
+    """The same in the plane, with revolute joints."""
+    made = chain_model(n, "revolute", plane="zx", axis="y")
+    return made, compile_system(made)
+
+
+def chain_model(n, joint="spherical", plane=None, **fields):
+    """The same with joints of any type, not compiled."""
+    made = Model(f"chain of {n}", gravity=[0, 0, -9.81], plane=plane)
     for k in range(n):
         made.add_body(
             f"b{k}", mass=1.0, center=[0.5, 0, 0], inertia=[0.01, 1 / 12, 1 / 12],
@@ -21,9 +33,9 @@ def chain(n):
         )  # fmt: skip
         made.add_marker(f"b{k}.end", position=[1, 0, 0])
         before = f"b{k - 1}.end" if k else "ground"
-        made.add_joint(f"j{k}", "spherical", between=[before, f"b{k}"])
+        made.add_joint(f"j{k}", joint, between=[before, f"b{k}"], **fields)
     made.set_dynamics(duration=1.0, step=1e-3, newton_tolerance=1e-6)
-    return made, compile_system(made)
+    return made
 
 
 FORCES = {

@@ -13,8 +13,14 @@ from statistics import median
 import numpy as np
 
 from flexmb.analysis.assembly.analysis import assemble
-from flexmb.engine import march, method
-from flexmb.engine.work import new_work
+from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.engine import method
+from flexmb.engine.compile import compile_system
+from flexmb.engine.entries import integrate, prepare_integration
+from flexmb.engine.integrators.generalized_alpha import generalized_alpha
+from flexmb.engine.work import new_output, new_run, new_work
+from flexmb.results import ResultWriter
+from tests.benchmarks.models import chain_model
 
 _ROOT = Path(__file__).parents[2]
 _REPEATS = 5
@@ -37,7 +43,7 @@ for name, value in report.statistics.items():
 def per_step(model, compiled, h, count):
     """Median CPU time of a step [s] over several runs of `count` steps without output; Newton
     iterations and factorisations of a step."""
-    chosen = method.generalized_alpha(0.8)
+    chosen = generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
     settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 2, tolerance, 15, 1, 1, 0)
@@ -46,11 +52,10 @@ def per_step(model, compiled, h, count):
         state = type(first)(*(array.copy() for array in first))
         channels = len(compiled.layout.channels)
         work = new_work(compiled.system, channels)
-        out = march.new_output(compiled.system, 4, channels)
+        out = new_output(compiled.system, 4, channels)
+        run = new_run(compiled.system, state, work, chosen, settings, out)
         begin = time.process_time()
-        status = march.march(
-            compiled.system, chosen, settings, state, work, out, 1 if k == 0 else count
-        )
+        status = integrate(run, 1 if k == 0 else count)
         if k:  # the first loads or compiles the loop
             seconds.append((time.process_time() - begin) / count)
         assert status == method.FINE, (model, status, state.t)
@@ -58,11 +63,36 @@ def per_step(model, compiled, h, count):
     return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
 
 
+def set_up(n, joint="spherical", **fields):
+    """CPU time [s] of all that comes before the time loop of a chain, by stage; kernels are there
+    already."""
+    stages, begin = {}, time.process_time()
+
+    def lap(stage):
+        nonlocal begin
+        now = time.process_time()
+        stages[stage], begin = now - begin, now
+
+    model = chain_model(n, joint, **fields)
+    lap("model")
+    compiled = compile_system(model)
+    lap("tables")
+    prepare_integration(compiled.system, generalized_alpha(0.8))
+    begin = time.process_time()
+    prepare(compiled, model)
+    lap("first state")
+    with tempfile.TemporaryDirectory() as folder:
+        file, rows = Path(folder) / "result.h5", model.dynamics.outputs + 1
+        with ResultWriter(file, compiled.layout, rows, scene=model.to_scene_dict()):
+            lap("file")
+    return stages
+
+
 def control_overhead(model, compiled, accuracy):
     """CPU time of a step with error control, rejected ones included, over that of as many fixed
     steps with about as many iterations of Newton's method; steps, rejected ones, and iterations of
     a step in both."""
-    chosen = method.generalized_alpha(0.8)
+    chosen = generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
     duration, stiff = model.dynamics.duration, int(np.any(compiled.system.parts.bodies["m"] > 0))
     controlled = method.Settings(
@@ -86,9 +116,10 @@ def _march(compiled, chosen, settings, first):
     state = type(first)(*(array.copy() for array in first))
     channels = len(compiled.layout.channels)
     work = new_work(compiled.system, channels)
-    out = march.new_output(compiled.system, 4, channels)
+    out = new_output(compiled.system, 4, channels)
+    run = new_run(compiled.system, state, work, chosen, settings, out)
     begin = time.process_time()
-    status = march.march(compiled.system, chosen, settings, state, work, out, 10**9)
+    status = integrate(run, 10**9)
     assert status == method.FINE, (status, state.t)
     return time.process_time() - begin, state
 

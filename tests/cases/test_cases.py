@@ -17,16 +17,6 @@ SHORTER = {
 }
 
 
-# Cases whose combination of features is compiled for them alone.
-APART = ("andrews", "bowling_ball", "cam_valve", "planetary_gear", "quick_return", "servo")
-
-
-def of_a_run(scene: Path) -> object:
-    """A case that is run, by its name."""
-    name = scene.parent.name
-    return pytest.param(scene, id=name, marks=[pytest.mark.slow] if name in APART else [])
-
-
 def runs(scene: Path) -> bool:
     """Whether the case is a run, or flexible bodies alone."""
     return any(f"[{a}]" in scene.read_text(encoding="utf-8") for a in ("dynamics", "kinematics"))
@@ -43,7 +33,9 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     assert report.statistics["energy_balance_error"] < 1e-4
 
 
-@pytest.mark.parametrize("scene", [of_a_run(path) for path in CASES if runs(path)])
+@pytest.mark.parametrize(
+    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
+)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
 

@@ -11,7 +11,7 @@ import pytest
 from femeshes import line
 from truthkit import order, run, steps
 
-from flexmb.engine import method
+from flexmb.engine.integrators.explicit_rk import bogacki_shampine
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -105,7 +105,6 @@ def test_explicit_estimate_has_order_three(truth):
     model, duration, _ = truth
     counts = np.array([1000, 2000, 4000])
     errors = [
-        steps(model, method.bogacki_shampine(), duration / n, n // 2, 0)[2].trial.error[0]
-        for n in counts
+        steps(model, bogacki_shampine(), duration / n, n // 2, 0)[2].trial.error[0] for n in counts
     ]
     assert 2.7 < order(1.0 / counts, errors) < 3.3, errors

@@ -34,6 +34,7 @@ def bench(request):
     rows["offset"] = np.random.default_rng(seed).uniform(-1, 1, len(rows))
     driven = np.flatnonzero(rows["fun"] >= 0)
     rows["kind"][driven[1:2]] = DISTANCE
+    made.use_rows()
     made.randomise(seed + 100)
     return made
 

@@ -119,7 +119,7 @@ def test_rows_less_places_are_the_equations(kind, planar):
         n = len(bodies(bench))
         assert np.linalg.matrix_rank(Cq, tol=1e-6) == bench.layout.nc
         places = np.linalg.matrix_rank(Cq[:, n:], tol=1e-6)
-        assert places == len(bench.sys.parts.sliders) == row.curves
+        assert places == len(bench.sys.parts.curve_markers) == row.curves
         held = null_space(Cq[:, n:].T).T @ Cq[:, :n]
         assert len(held) == (row.planar_equations if planar else row.equations)
         assert np.linalg.matrix_rank(held, tol=1e-6) == len(held)

@@ -15,6 +15,7 @@ from generators import BODIES, Mechanism, random_rotation
 # The difference rules leave 1e-12 of the size of the numbers here.
 DIFFERENCES = 1e-8
 LAST_DIGITS = 1e-11
+KINDS = ("six_component_forces", "force_characteristics", "action_reaction_loads")
 
 
 def matrix(rng, size=6):
@@ -94,14 +95,19 @@ def close(found, wanted, tolerance=DIFFERENCES):
     np.testing.assert_allclose(found, wanted, atol=tolerance * max(1.0, np.abs(wanted).max()))
 
 
+def with_rows(system, rows):
+    """The system with other rows of some kinds."""
+    tables = {name: system.kinds[name]._replace(rows=left) for name, left in rows.items()}
+    return system._replace(kinds={**system.kinds, **tables})
+
+
 def test_every_element_acts(bench):
     """Else the tests here would pass without them: each changes the residual."""
-    whole = bench.at().residual
-    tables = bench.sys.elements
-    for name in ("frames", "laws", "mutual"):
-        for k in range(len(getattr(tables, name))):
-            left = np.delete(getattr(tables, name), k)
-            bench.sys = bench.sys._replace(elements=tables._replace(**{name: left}))
+    whole, system = bench.at().residual, bench.sys
+    for name in KINDS:
+        rows = system.kinds[name].rows
+        for k in range(len(rows)):
+            bench.sys = with_rows(system, {name: np.delete(rows, k)})
             assert np.abs(bench.at().residual - whole).max() > 1e-2, (name, k)
 
 
@@ -121,12 +127,11 @@ def test_velocity_tangent(bench):
 
 def test_stored_energy_dissipation_and_applied_power_add_up(bench):
     """−Qᵀ v of the elements alone is what they store less what goes in and out."""
-    tables, q, v, t = bench.sys.elements, bench.q.copy(), bench.v.copy(), bench.state.t[0]
+    q, v, t = bench.q.copy(), bench.v.copy(), bench.state.t[0]
     with_them = bench.at().residual
     rate = slope(lambda s: bench.at(q=bench.moved(q, s * v), t=t).energies[3])
     powers = bench.at(q=q).powers
-    bare = tables._replace(**{n: getattr(tables, n)[:0] for n in ("frames", "laws", "mutual")})
-    bench.sys = bench.sys._replace(elements=bare)
+    bench.sys = with_rows(bench.sys, {name: bench.sys.kinds[name].rows[:0] for name in KINDS})
     without = bench.at(q=q)
     stored = slope(lambda s: bench.at(q=bench.moved(q, s * v), t=t).energies[3])
     bench.at(q=q)
@@ -138,17 +143,17 @@ def test_stored_energy_dissipation_and_applied_power_add_up(bench):
 
 def test_pairs_have_no_momentum(bench):
     """Seen as one rigid whole, what acts between two bodies does no work in any motion."""
-    tables, layout = bench.sys.elements, bench.layout
-    bodies = bench.sys.parts.markers["body"]
-    frames, laws, mutual = tables.frames, tables.laws, tables.mutual
-    inner = tables._replace(
-        frames=frames[(bodies[frames["I"]] >= 0) & (bodies[frames["J"]] >= 0)],
-        laws=laws[(laws["I"] >= 0) & (bodies[laws["I"]] >= 0) & (bodies[laws["J"]] >= 0)],
-        mutual=mutual[mutual["other"] >= 0],
+    layout, system = bench.layout, bench.sys
+    bodies = system.parts.markers["body"]
+    six, laws, pairs = (system.kinds[name].rows for name in KINDS)
+    inner = (
+        six[(bodies[six["I"]] >= 0) & (bodies[six["J"]] >= 0)],
+        laws[(laws["I"] >= 0) & (bodies[laws["I"]] >= 0) & (bodies[laws["J"]] >= 0)],
+        pairs[pairs["other"] >= 0],
     )
     found = []
-    for elements in (inner, inner._replace(frames=frames[:0], laws=laws[:0], mutual=mutual[:0])):
-        bench.sys = bench.sys._replace(elements=elements)
+    for rows in (inner, (six[:0], laws[:0], pairs[:0])):
+        bench.sys = with_rows(system, dict(zip(KINDS, rows, strict=True)))
         found.append(bench.at().residual)
     force = found[0] - found[1]
     assert np.abs(force).max() > 1.0

@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.tables import BRISTLE, SMOOTH
+from flexmb.engine.kernels.forces.friction import BRISTLE, SMOOTH
 from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")
@@ -33,13 +33,13 @@ def rubbing(bodies="mixed", seed=3):
 def bench_of(friction="slides", bodies="mixed"):
     bench = Bench(rubbing(bodies).model)
     rng = bench.randomise(4)
-    for row in bench.sys.frictions:
+    for row in bench.sys.kinds["joint_frictions"].rows:
         row["model"], row["static"] = FRICTIONS[friction]
         row["dynamic"], row["creep"] = 0.7 * row["static"], 0.5
     n = len(bench.sys.parts.coordinates)
     bench.q[-n:] = rng.standard_normal(n)
-    kept = bench.work.now.kept
-    kept[1::2] = 0.1 * rng.standard_normal(n)
+    history = bench.work.now.history
+    history[1::2] = 0.1 * rng.standard_normal(n)
     return bench
 
 
@@ -66,7 +66,7 @@ def test_normal_force_is_that_of_two_bearings():
     """R₁ + R₂ carry the lateral force, (L/2) z × (R₁ − R₂) the moment, computed here by vectors."""
     bench = bench_of()
     bench.at()
-    for k, row in enumerate(bench.sys.frictions):
+    for k, row in enumerate(bench.sys.kinds["joint_frictions"].rows):
         group = bench.sys.groups[row["group"]]
         first = bench.sys.rows[group["row"]]
         F, M = reaction(bench, group)
@@ -80,7 +80,7 @@ def test_normal_force_is_that_of_two_bearings():
         wanted = sum(np.linalg.norm(R) for R in ends) + row["preload"]
         if row["width"] > 0.0:
             wanted += abs(M @ z) / row["width"]
-        assert bench.work.now.grip[k, 0] == pytest.approx(wanted, rel=1e-12)
+        assert bench.sys.kinds["joint_frictions"].load[k, 0] == pytest.approx(wanted, rel=1e-12)
 
 
 def reaction(bench, group):
@@ -99,21 +99,21 @@ def test_power_of_friction_is_torque_times_rate(friction):
     bench = bench_of(friction)
     bench.at()
     wanted = 0.0
-    for k, row in enumerate(bench.sys.frictions):
+    for k, row in enumerate(bench.sys.kinds["joint_frictions"].rows):
         rate = bench.v[bench.sys.parts.coordinates[row["coordinate"]]["iv"]]
-        wanted += bench.work.now.grip[k, 1] * row["radius"] * rate
+        wanted += bench.sys.kinds["joint_frictions"].load[k, 1] * row["radius"] * rate
     damping = modal_damping(bench)
     assert bench.powers[1] == pytest.approx(wanted + damping, rel=1e-12)
 
 
 def modal_damping(bench):
     """Power of the flexible bodies' own damping, which friction stands beside."""
-    frictions = bench.sys.frictions.copy()
-    for row in bench.sys.frictions:
+    frictions = bench.sys.kinds["joint_frictions"].rows.copy()
+    for row in bench.sys.kinds["joint_frictions"].rows:
         row["model"], row["static"], row["dynamic"] = SMOOTH, 0.0, 0.0
         row["viscous"] = 0.0
     found = bench.at().powers[1]
-    bench.sys.frictions[:] = frictions
+    bench.sys.kinds["joint_frictions"].rows[:] = frictions
     bench.at()
     return found
 

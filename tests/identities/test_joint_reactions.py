@@ -13,9 +13,10 @@ import pytest
 from enginekit import Bench, rotation
 from generators import cloud, interface, random_rotation
 from jointfields import special_fields
+from rowmeasures import placed_markers
 
 from flexmb.analysis.mobility.poses import close
-from flexmb.analysis.mobility.rows import placed_markers
+from flexmb.analysis.mobility.rows import ConstraintRows
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
@@ -131,8 +132,8 @@ class Pair:
                     i, angle = int(row["iq"]), self.rng.uniform(-1, 1)
                     bench.q[i + 2 : i + 7] = 0, np.cos(angle), 0, 0, np.sin(angle)
                 bench.v[bench.sys.kkt.column < 0] = 0.0
-            closed = close(bench.compiled, bench.q.copy())
-            if closed.kept and self._right_way(bench, closed.rows.markers):
+            closed = close(ConstraintRows(bench.compiled), bench.q.copy())
+            if closed.kept and self._right_way(bench, closed.rows):
                 break
         bench.q[:] = closed.q
         bench.project()

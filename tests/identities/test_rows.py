@@ -1,4 +1,4 @@
-"""The rows in numpy against those of the kernels: two independent ways to C and Cq."""
+"""The rows of the units against those in numpy, `rowmeasures`: two independent ways to C and Cq."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from enginekit import Bench
 from generators import TOPOLOGIES, Mechanism
 from jointfields import special_fields
 from mechanisms import excavator, quick_return
+from rowmeasures import MEASURES, moved, rows_at
 
-from flexmb.analysis.mobility.rows import MEASURES, moved, rows_at
+from flexmb.analysis.mobility.rows import ConstraintRows, dense_jacobian, gradient
 from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
+from flexmb.engine.constraint_rows import evaluate_rows
+from flexmb.engine.tables import DISTANCE, RADIAL
+from flexmb.engine.units import interpretation, interpreted, prepare_units
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 
@@ -38,28 +42,70 @@ MODELS = {
 }
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_values_and_jacobian_are_those_of_the_kernels(name):
-    """Round-off of sums of products of size one is left, and of angles and lengths about three."""
-    model = MODELS[name]()
-    bench = Bench(model)
-    bench.randomise(1)
-    bench.at()
+# Round-off of sums of products of size one, and of angles and lengths about three.
+ROUND_OFF = 1e-13
+
+
+@pytest.fixture(params=MODELS)
+def bench(request):
+    """Every stage at a random state."""
+    made = Bench(MODELS[request.param]())
+    made.randomise(1)
+    return made.at()
+
+
+def test_values_and_jacobian_are_those_of_the_kernels(bench):
     rows = rows_at(bench.compiled, bench.q.copy(), float(bench.state.t[0]))
-    np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(rows.Cq, bench.Cq, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(rows.markers.x, bench.marker("x"), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rows.Cq, bench.Cq, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rows.markers.x, bench.marker("x"), rtol=0, atol=ROUND_OFF)
+    dense = dense_jacobian(bench.compiled, bench.work)
+    np.testing.assert_allclose(rows.Cq, dense, rtol=0, atol=ROUND_OFF)
+
+
+def test_rows_of_the_mobility_analysis_are_those_in_numpy(bench):
+    """In plain Python, and in machine code unless the tests run without."""
+    t, found = float(bench.state.t[0]), ConstraintRows(bench.compiled)
+    wanted = rows_at(bench.compiled, bench.q, t)
+    with interpretation():
+        plain = found.at(bench.q, t)
+    prepare_units([evaluate_rows])  # all others were called at the random state
+    for rows in (plain, found.at(bench.q, t)):
+        np.testing.assert_allclose(rows.C, wanted.C, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(rows.Cq, wanted.Cq, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(rows.g, wanted.g, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(rows.x, wanted.markers.x, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(rows.R, wanted.markers.R, rtol=0, atol=ROUND_OFF)
 
 
 def test_positions_move_as_in_the_kernels():
     bench = Bench(Mechanism(4, "chain", "mixed").model)
     d = bench.randomise(2).standard_normal(bench.layout.nv)
-    np.testing.assert_allclose(
-        moved(bench.compiled, bench.q, d), bench.moved(bench.q, d), atol=1e-14
-    )
+    wanted = bench.moved(bench.q, d)
+    np.testing.assert_allclose(moved(bench.compiled, bench.q, d), wanted, atol=1e-14)
+    rows = ConstraintRows(bench.compiled)
+    np.testing.assert_allclose(rows.moved(bench.q, d), wanted, atol=1e-14)
+    with interpretation():
+        np.testing.assert_allclose(rows.moved(bench.q, d), wanted, atol=1e-14)
+
+
+def test_a_row_without_a_gradient_is_not_finite():
+    """A distance of zero has no direction, whether in Python or in machine code."""
+    x, R = np.zeros(3), np.eye(3)
+    assert not np.any(np.isfinite(gradient((DISTANCE, 0, 0), x, R, x, R)[:3]))
+    assert not np.any(np.isfinite(gradient((RADIAL, 0, 0), x, R, x, R)[:3]))
 
 
 def test_every_kind_of_row_has_its_measure():
     """A kind that a joint or driver uses and that is missing here would stop `flexmb check`."""
     kinds = {row[0] for rows in JOINT_ROWS.values() for row in rows}
     assert kinds | {row[0] for row in DRIVER_ROWS.values()} <= set(MEASURES)
+
+
+def test_rows_are_evaluated_by_machine_code_where_it_is_there(monkeypatch):
+    bench = Bench(Mechanism(3, "loop", "mixed").model).at()
+    prepare_units([evaluate_rows])
+    if not interpreted():
+        monkeypatch.setattr(evaluate_rows, "function", pytest.fail)
+    rows = ConstraintRows(bench.compiled).at(bench.q)
+    np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=ROUND_OFF)

@@ -243,7 +243,7 @@ def test_energy_sensors_are_the_stored_energies(loaded):
 
 
 def test_wrenches_of_springs_and_loads(loaded):
-    found, spring = channels(loaded), loaded.sys.springs[0]
+    found, spring = channels(loaded), loaded.sys.kinds["springs"].rows[0]
     x, vx = loaded.marker("x"), loaded.marker("vx")
     h, u = x[spring["J"]] - x[spring["I"]], vx[spring["J"]] - vx[spring["I"]]
     d = np.linalg.norm(h)

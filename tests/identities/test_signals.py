@@ -214,8 +214,8 @@ def test_times_in_expressions_over_channels_are_events():
     value = "x.x*step(t, 0.2, 0, 0.4, 1) + step(x.y, 0.1, 0, 0.3, 1)"
     model.add_force("f", "force", at="a", value=[value, "hypot(x.x, t)", 0])
     model.set_dynamics(duration=1.0)
-    kinks = compile_system(model).system.kinks
-    np.testing.assert_allclose(kinks.mean(axis=1), [0.2, 0.4], rtol=1e-12)
+    events = compile_system(model).system.time_events
+    np.testing.assert_allclose(events.mean(axis=1), [0.2, 0.4], rtol=1e-12)
 
 
 def test_states_are_no_freedoms():

@@ -34,6 +34,7 @@ def make(topology, bodies):
         if group["couple"] >= 0 or -1 in (group["body_I"], group["body_J"]):
             for row in rows[int(group["row"]) : int(group["row"] + group["n"])]:
                 row["kind"] = next(kinds) if row["kind"] == POINT else row["kind"]
+    made.use_rows()
     made.randomise(2)
     return made
 

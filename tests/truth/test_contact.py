@@ -20,8 +20,6 @@ from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 from flexmb.model.forces.contacts import damping_factor
 
-pytestmark = pytest.mark.slow
-
 G, R, M = 9.81, 0.1, 1.0
 BALL = {"mass": M, "inertia": [0.4 * M * R * R] * 3}
 GLUED = {"static": 0.8, "dynamic": 0.8, "stiffness": 1e5, "damping": 100.0}

@@ -278,7 +278,6 @@ def test_a_linear_coupler_of_three_is_a_differential():
     np.testing.assert_allclose(found, -9.0 - share * factors / masses, rtol=1e-10)
 
 
-@pytest.mark.slow
 def test_a_rack_on_a_spring_swings_with_its_frequency():
     model = racked()
     steps = [2e-2, 1e-2, 5e-3]
@@ -290,7 +289,6 @@ def test_a_rack_on_a_spring_swings_with_its_frequency():
     assert runs[-1].mismatch() < 1e-5
 
 
-@pytest.mark.slow
 def test_a_nut_falls_through_many_turns():
     """Ten metres of thread: no turn is lost."""
     found = run(screw(), duration=2.0, step=1e-3, outputs=20, newton_tolerance=1e-11)
@@ -300,7 +298,6 @@ def test_a_nut_falls_through_many_turns():
     assert abs(wanted[-1]) > 0.2 > 3 * 0.05
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:couplers.ring")
 def test_a_planetary_train_runs_up():
     """Constant torque: angles grow with t², over three turns; three planets share the load.
@@ -318,7 +315,6 @@ def test_a_planetary_train_runs_up():
     assert wanted[-1] > 2 * np.pi
 
 
-@pytest.mark.slow
 def test_kinematics_counts_the_turns_of_gears():
     """A driven sun, 20 rad ahead of its arm in the end: ω_sun = 3 ω_arm, at every point."""
     model = planetary(1)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import ellipk, gamma
-from truthkit import compiled, order, reference, run, stiffness_and_mass
+from truthkit import order, reference, run, stiffness_and_mass
 
 from flexmb.analysis.assembly.analysis import assemble
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
-
-pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
 
 LAST_DIGITS = 1e-9
 
@@ -224,9 +223,9 @@ def test_in_a_plane_as_in_space():
 
 def test_a_start_inside_a_stop_is_told():
     made = bouncing("translational-stop", upper=-0.002)
-    first = assemble(compiled(made), made)
+    first = assemble(compile_system(made), made)
     assert first.notes == (
         "forces.stop is 0.002 m inside the stop at the start: it pushes from there on",
     )
     made = bouncing("stop", axis="x", upper=1.0)
-    assert assemble(compiled(made), made).notes == ()
+    assert assemble(compile_system(made), made).notes == ()

@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from truthkit import compiled, run
+from truthkit import run
 
 from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
-
-pytestmark = pytest.mark.slow
 
 G = 9.81
 
@@ -78,7 +77,7 @@ def test_smooth_friction_creeps_as_it_says():
     found = run(made, duration=0.5, outputs=10, accuracy=1e-3)
     share = math.tan(a) / 0.5
     assert found.v[-1, 0] == pytest.approx(creep * share / math.sqrt(1 - share**2), rel=1e-3)
-    notes = prepare(compiled(made), made).notes
+    notes = prepare(compile_system(made), made).notes
     assert any("forces.rub: smooth friction does not stick but creeps" in note for note in notes)
 
 

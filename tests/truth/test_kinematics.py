@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from enginekit import interpreted
+from enginekit import computed
 from linkages import four_bar_angles
 from quickreturn import ram_motion
 
@@ -91,7 +91,7 @@ for branch, word in ((1, "open"), (-1, "crossed")):
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
     code = PLANAR.replace("NORTON", repr(str(NORTON))).replace("TRUTH", repr(str(TRUTH)))
-    return interpreted(code, tmp_path_factory.mktemp("planar"))
+    return computed(code, tmp_path_factory.mktemp("planar"))
 
 
 def test_slider_crank(planar):
@@ -161,7 +161,7 @@ def test_nortons_four_bar(planar, word):
 SPATIAL = """
 import numpy as np
 from flexmb.engine.compile import compile_system
-from flexmb.engine.consistent import ACCELERATIONS, solve_level
+from flexmb.engine.entries import ACCELERATIONS, solve_level
 from flexmb.engine.work import new_state, new_work
 from flexmb.model import Model
 from linkages import swept
@@ -245,7 +245,7 @@ found["energy"] = rows["energy"]
 
 @pytest.fixture(scope="module")
 def spatial(tmp_path_factory):
-    return interpreted(SPATIAL, tmp_path_factory.mktemp("spatial"))
+    return computed(SPATIAL, tmp_path_factory.mktemp("spatial"))
 
 
 def test_universal_joint_turns_unevenly(spatial):

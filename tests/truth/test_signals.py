@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
-from truthkit import Memory, compiled, order, run
+from truthkit import Memory, order, run
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
-
-pytestmark = pytest.mark.slow  # the loop with all kinds of elements takes long to compile
 
 VAN_DER_POL = 6.6632868593
 
@@ -200,12 +199,12 @@ def test_a_loop_that_amplifies_is_told():
     model = push(slider(), "1 - 3*a.x")
     model.add_sensor("a", "acceleration", of="mass")
     with pytest.raises(AssemblyError, match="the loop amplifies; lower its gain"):
-        assemble(compiled(model), model)
+        assemble(compile_system(model), model)
 
 
 def test_an_expression_that_ends_is_named_with_its_channels():
     model = push(slider(position=[0.01, 0, 0]), "-1 - sqrt(x.x)")
     model.set_dynamics(duration=1.0, step=1e-2, outputs=10)
-    outcome = dynamics(compiled(model), model, Memory())
+    outcome = dynamics(compile_system(model), model, Memory())
     assert outcome.status == "failed"
     assert 'forces.push.value[0]: "-1 - sqrt(x.x)" is nan with x.x = -' in outcome.message

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from truthkit import reference, steps
 
-from flexmb.engine import method
+from flexmb.engine.integrators.generalized_alpha import generalized_alpha
 from flexmb.flexbody import FlexBody, Interface
 from flexmb.model import Model
 
@@ -79,7 +79,7 @@ def start(state, layout):
 def motion(h):
     """phi2, x3, q1..q4 every 0.02 s."""
     count = round(0.02 / h)
-    result, _, _ = steps(model(), method.generalized_alpha(0.95), h, 5 * count, count, start=start)
+    result, _, _ = steps(model(), generalized_alpha(0.95), h, 5 * count, count, start=start)
     rod, slider = result.layout.bodies[1:]
     q = result.q
     angle = 2 * np.arctan2(q[:, rod.iq + 6], q[:, rod.iq + 3])

@@ -20,7 +20,7 @@ from flexmb.analysis.assembly.metric import slowest_period, stiff_system, weight
 from flexmb.analysis.assembly.velocities import AskedVelocities
 from flexmb.analysis.dynamics.stops import stop_notes
 from flexmb.engine.compile import Compiled
-from flexmb.engine.consistent import (
+from flexmb.engine.entries import (
     ACCELERATIONS,
     BEGIN,
     REMEMBER,
@@ -28,7 +28,7 @@ from flexmb.engine.consistent import (
     VELOCITIES,
     solve_level,
 )
-from flexmb.engine.kernels.projection import LOOP, UNSETTLED
+from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
@@ -165,18 +165,18 @@ def _equilibrate(
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
     code = solve_level(system, state, work, ACCELERATIONS)
-    if code == LOOP:
+    if code == NO_LOOP:
         what = (
             "forces that depend on accelerations or reactions find none that fit them: the loop "
             "amplifies; lower its gain, or let a state or a filter stand between"
         )
         raise AssemblyError(what)
-    if code == UNSETTLED:
+    if code == SELF_LOCKING:
         what = (
             "friction in the joints and the reactions that cause it do not settle: a joint locks "
         )
         raise AssemblyError(what + "itself; lower its coefficients, or make its bearing longer")
-    if code < 0:
+    if code != FINE:
         what = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(what)
     if not (np.all(np.isfinite(state.vd)) and np.all(np.isfinite(state.lam))):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.gaps import Moved, check_branches, gap_problems, moved_bodies
 from flexmb.engine.compile import Compiled, compile_system
-from flexmb.engine.consistent import POSITIONS, RESIDUAL, solve_level
+from flexmb.engine.entries import POSITIONS, RESIDUAL, solve_level
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work

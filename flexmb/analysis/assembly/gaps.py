@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from flexmb.analysis.dynamics.contacts import branch_problems
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.joints.groups import ANGULAR
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
+from flexmb.engine.layout import BodyColumns
 from flexmb.engine.state import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
@@ -22,6 +23,7 @@ __all__ = ["Gap", "Moved", "check_branches", "gap_problems", "gaps", "moved_bodi
 _SHOWN = 3
 _SAME = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
 _STAYED = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
+_LITTLE = 0.1 * _STAYED  # of each coordinate: seven of them together make less than that
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def moved_bodies(
 ) -> tuple[Moved, ...]:
     """The bodies that differ between two positions (nq), farthest first."""
     found = []
-    for body in compiled.layout.bodies:
+    for body in _changed(compiled, before, after):
         q, p = before[body.iq : body.iq + 7], after[body.iq : body.iq + 7]
         sine = np.linalg.norm(np.outer(q[3:], p[3:]) - np.outer(p[3:], q[3:])) / np.sqrt(2.0)
         angle = 2.0 * float(np.arctan2(sine, abs(q[3:] @ p[3:])))
@@ -84,6 +86,16 @@ def moved_bodies(
         if not (far == 0.0 and angle == 0.0):
             found.append((far / compiled.length + angle, Moved(body.name, far, angle)))
     return tuple(moved for _, moved in sorted(found, key=lambda item: -item[0]))
+
+
+def _changed(
+    compiled: Compiled, before: NDArray[np.float64], after: NDArray[np.float64]
+) -> Iterator[BodyColumns]:
+    """The bodies that may have moved: a coordinate of theirs differs by more than a little."""
+    least = _LITTLE * np.repeat([compiled.length, 1.0], [3, 4])
+    columns = compiled.system.parts.bodies["iq"][:, None] + np.arange(7)
+    little = (np.abs(after[columns] - before[columns]) <= least).all(axis=1)
+    return (compiled.layout.bodies[k] for k in np.flatnonzero(~little))
 
 
 def opened(found: Sequence[Gap], moved: Sequence[Moved], units: UnitSystem) -> list[str]:
@@ -126,22 +138,25 @@ def gap_problems(
     return [head, *worst, Problem("assembly", f"moved in vain: {told}")]
 
 
+def _turned_joints(compiled: Compiled, model: Model, work: Work) -> Iterator[str]:
+    """Scene paths of the joints whose two sides are turned against each other."""
+    system = compiled.system
+    first, R = system.rows[system.groups["row"]], work.now.marker["R"]
+    cosines = np.sum(R[first["I"]] * R[first["J"]], axis=1)  # (groups, 3) between equal axes
+    for path, cosine in zip(compiled.layout.reactions, cosines.tolist(), strict=True):
+        section, _, name = path.partition(".")
+        signs = signs_of_axes(model.joints[name].type) if section == "joints" else ()
+        if any(cosine[a] < _SAME for a in signs):
+            yield path
+
+
 def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish."""
-    problems = []
-    for name, joint in model.joints.items():
-        first = next(
-            row
-            for row, text in zip(compiled.system.rows, compiled.layout.rows, strict=True)
-            if text.startswith(f"joints.{name}:")
-        )
-        Ri, Rj = (work.now.marker[int(first[side])]["R"] for side in ("I", "J"))
-        if any(Ri[:, a] @ Rj[:, a] < _SAME for a in signs_of_axes(joint.type)):
-            what = (
-                "assembles with its sides turned against each other; turn a marker or body, or "
-                "guess the angle of a joint near it (assembly.guess)"
-            )
-            problems.append(Problem(f"joints.{name}", what))
+    what = (
+        "assembles with its sides turned against each other; turn a marker or body, or "
+        "guess the angle of a joint near it (assembly.guess)"
+    )
+    problems = [Problem(path, what) for path in _turned_joints(compiled, model, work)]
     problems += branch_problems(compiled, model, state, work)
     if problems:
         raise AssemblyError.from_problems(problems)

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compile.core import with_markers
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Pool
-from flexmb.engine.consistent import BEGIN, VELOCITIES, solve_level
+from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, System
 from flexmb.engine.work import new_work
@@ -67,13 +68,12 @@ class AskedVelocities:
     def __init__(self, compiled: Compiled, model: Model, metric: System) -> None:
         self._length, self._units = compiled.length, model.units
         self._bodies = compiled.layout.bodies
-        names = list(model.bodies)
-        markers = Markers(names, Pool([metric.parts.pool], metric.parts.pool.size))
+        markers = Markers(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
         before = len(metric.parts.markers)
         self._asked = [
             _Asked(
                 _place(name, marker, marker in spec.initial),
-                names.index(name),
+                markers.numbers[name],
                 before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
                 asked,
             )
@@ -82,8 +82,7 @@ class AskedVelocities:
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()
-        parts = metric.parts._replace(markers=table, pool=markers.pool.array())
-        self._system = self._anchored(metric._replace(parts=parts))
+        self._system = self._anchored(with_markers(metric, table, markers.pool.array()))
         self._work = new_work(self._system)
 
     def start(self, state: State) -> None:
@@ -166,14 +165,16 @@ class AskedVelocities:
 
     def _guess(self, state: State, aim: Array) -> Array:
         """v (nv) of rigid motions that suit the velocities `aim` (n, 2, 3)."""
-        v = np.zeros_like(state.v)
-        for index in dict.fromkeys(asked.body for asked in self._asked):
+        v: Array = np.zeros_like(state.v)
+        asked_of: dict[int, list[int]] = {}
+        for k, asked in enumerate(self._asked):
+            asked_of.setdefault(asked.body, []).append(k)
+        for index, mine in asked_of.items():
             body = self._bodies[index]
-            mine = [k for k, asked in enumerate(self._asked) if asked.body == index]
             x = self._work.now.marker["x"][[self._asked[k].marker for k in mine]]
             r = state.q[body.iq : body.iq + 3]
             velocity, spin = rigid_motion(x - r, aim[mine, 0], aim[mine, 1], self._length)
-            A = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
+            A: Array = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
             v[body.iv : body.iv + 3] = velocity
             v[body.iv + 3 : body.iv + 6] = A.T @ spin
         return v

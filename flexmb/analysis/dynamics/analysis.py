@@ -12,18 +12,20 @@ from typing import Protocol
 
 import numpy as np
 
-from flexmb.analysis.assembly.analysis import Begin, assemble
+from flexmb.analysis.assembly.analysis import Assembled, Begin, assemble
+from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import first_rows, gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import Steps, loop_settings, time_grid
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.warm import compile_kernels
+from flexmb.engine.entries import integration_units, prepare_integration
+from flexmb.engine.integrators import chosen_method
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
@@ -83,7 +85,9 @@ def prepare(
     begin: Begin | None = None,
     progress: Progress = silent,
 ) -> Prepared:
-    """Compile the kernels and find the first state of a run.
+    """Load the compiled units and find the first state of a run.
+
+    What is wrong with a small model is told before anything is compiled (`assembly.precheck`).
 
     Parameters
     ----------
@@ -94,7 +98,7 @@ def prepare(
     begin : Begin, optional
         Where to begin instead of the placed pose.
     progress : Progress
-        Told the phases `compile` and `assemble`.
+        Told the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------
@@ -107,31 +111,55 @@ def prepare(
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
     chosen = chosen_method(spec)
+
+    def find_first_state() -> _First:
+        return _first_state(compiled, model, spec.start, begin)
+
     clock = Clock()
-    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
-    clock.lap("compile")
+    precheck(compiled, integration_units(compiled.system, chosen), find_first_state, progress)
+    units = prepare_integration(compiled.system, chosen, progress)
+    clock.lap("compile" if units else "load")
     progress("assemble", 0.0)
-    try:
-        first = assemble(compiled, model, start=spec.start, begin=begin)
-    except AssemblyError as error:
-        reasons = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(reasons) from None
+    first = find_first_state()
     grid = time_grid(spec)
-    rank = constraint_rank(compiled, first.work)
-    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    settings = loop_settings(compiled, spec, grid, first.rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = [*first.notes, *_frictions(model)]
-    doubtful: tuple[str, ...] = ()
-    if rank is not None and rank < compiled.layout.nc:
-        doubtful, told = redundant_reactions(compiled, model, first.state.q)
-        notes += told
-    notes += loop_notes(model)
+    notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
-    run = Run(compiled, chosen, settings, first.state)
-    return Prepared(run, grid, model, clock, tuple(notes), doubtful=doubtful)
+    run = Run(compiled, chosen, settings, first.assembled.state)
+    return Prepared(run, grid, model, clock, tuple(notes), doubtful=first.doubtful)
+
+
+@dataclass(frozen=True)
+class _First:
+    """The first state, rank of its rows, elements with reactions in doubt, and notes on these."""
+
+    assembled: Assembled
+    rank: int | None
+    doubtful: tuple[str, ...]
+    notes: list[str]
+
+
+def _first_state(compiled: Compiled, model: Model, start: str, begin: Begin | None) -> _First:
+    """Assemble, and look at equations that repeat others.
+
+    Raises
+    ------
+    AssemblyError
+        No consistent first state, or drivers that contradict each other or the joints.
+    """
+    try:
+        assembled = assemble(compiled, model, start=start, begin=begin)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
+    rank = constraint_rank(compiled, assembled.work)
+    if rank is None or rank == compiled.layout.nc:
+        return _First(assembled, rank, (), [])
+    return _First(assembled, rank, *redundant_reactions(compiled, model, assembled.state.q))
 
 
 def _frictions(model: Model) -> Iterator[str]:
@@ -229,8 +257,7 @@ def _store(run: Run, sink: Sink, lifts: Lifts) -> str:
 
 def _ten_times(run: Run) -> float:
     """How much more time ten times the accuracy takes: that many more steps."""
-    order = 3.0 if run.method.alpha is None else 2.0
-    return float(10.0 ** (1.0 / order))
+    return float(10.0 ** (1.0 / run.method.order))
 
 
 def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:

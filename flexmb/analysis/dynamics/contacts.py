@@ -55,15 +55,14 @@ def branch_problems(
 ) -> Iterator[Problem]:
     """Followers that their cam passes through in the assembled pose: on a wrong branch."""
     system = compiled.system
-    sliders = system.parts.sliders
-    for slider in sliders if isinstance(sliders, np.ndarray) else ():
-        name = compiled.layout.coordinates[slider["coordinate"]].split(".")[1]
+    for curve in system.parts.curve_markers:
+        name = compiled.layout.coordinates[curve["coordinate"]].split(".")[1]
         joint = model.joints[name]
         if joint.type not in ("cam-flat", "cam-roller"):
             continue
-        points, size = _points(compiled, slider, state, work)
-        row = system.rows[system.groups[slider["group"]]["row"]]
-        follower = work.now.marker[int(row["I" if slider["side"] else "J"])]
+        points, size = _points(compiled, curve, state, work)
+        row = system.rows[system.groups[curve["group"]]["row"]]
+        follower = work.now.marker[int(row["I" if curve["side"] else "J"])]
         if joint.type == "cam-flat":
             height = (points - follower["x"]) @ follower["R"][:, 2]
             cut = min(height.max(), -height.min())
@@ -79,20 +78,19 @@ def branch_problems(
             yield Problem(f"joints.{name}", what)
 
 
-def _points(compiled: Compiled, slider: np.void, state: State, work: Work) -> tuple[Array, float]:
+def _points(compiled: Compiled, curve: np.void, state: State, work: Work) -> tuple[Array, float]:
     """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
     parts = compiled.system.parts
     coordinates = parts.coordinates
-    assert isinstance(coordinates, np.ndarray)  # curve markers have them
-    at, n = int(slider["at"]), int(slider["n"])
+    at, n = int(curve["at"]), int(curve["n"])
     ends = parts.pool[at : at + n + 1]
     pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
     t = np.linspace(0.0, 1.0, 5)[:, None] * np.diff(ends)
     powers = t[:, :, None] ** np.arange(6)
     local = np.einsum("tkp,kap->kta", powers, pieces).reshape(-1, 3)
-    now = work.now.marker[int(slider["marker"])]
-    s = state.q[coordinates[slider["coordinate"]]["iq"]]
-    if slider["closed"]:
+    now = work.now.marker[int(curve["marker"])]
+    s = state.q[coordinates[curve["coordinate"]]["iq"]]
+    if curve["closed"]:
         s %= ends[-1]
     k = min(max(int(np.searchsorted(ends, s, side="right")) - 1, 0), n - 1)
     here = pieces[k] @ (s - ends[k]) ** np.arange(6)

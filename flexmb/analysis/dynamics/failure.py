@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.consistent import RESIDUAL, solve_level
+from flexmb.engine.entries import RESIDUAL, solve_level
 from flexmb.engine.state import Work
 from flexmb.engine.status import sentence
 from flexmb.engine.work import new_state, new_work
@@ -69,7 +69,7 @@ def not_finite_function(model: Model, times: Iterable[float]) -> str:
 
 def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> str:
     """The sentence of an expression over channels without finite value where the step failed."""
-    if compiled.system.signals is None:
+    if "feedback" not in compiled.system.kinds:
         return ""
     names = dict(zip(compiled.numbers, work.trial.variables[:, 0], strict=True))
     for where, function in live_functions(model):
@@ -105,7 +105,8 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
     work = new_work(compiled.system)
     state.t[0], state.q[:], state.v[:] = rows.t[row], rows.q[row], rows.v[row]
     solve_level(compiled.system, state, work, RESIDUAL)
-    return work.con.C
+    gaps: NDArray[np.float64] = work.con.C
+    return gaps
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:

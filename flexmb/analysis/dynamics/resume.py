@@ -11,13 +11,13 @@ import numpy as np
 
 from flexmb.analysis.dynamics.analysis import Prepared
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import chosen_method, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine.compile import Compiled
-from flexmb.engine.consistent import ACCELERATIONS, solve_level
+from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
+from flexmb.engine.integrators import chosen_method
 from flexmb.engine.state import State
-from flexmb.engine.warm import compile_kernels
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
@@ -55,8 +55,8 @@ def prepare_rest(
     rows, arrays = newest
     state = _state(compiled, arrays, result)
     chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
-    compile_kernels(compiled.system, chosen, len(compiled.layout.channels), progress)
-    clock.lap("compile")
+    units = prepare_integration(compiled.system, chosen, progress)
+    clock.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, state, result, rows)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
     doubtful: tuple[str, ...] = ()

@@ -7,10 +7,11 @@ import time
 
 import numpy as np
 
-from flexmb.engine import march, method
+from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State, Work
-from flexmb.engine.work import new_work
+from flexmb.engine.units import hand_over
+from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.results import OutputBlock
 
 __all__ = ["Balance", "Clock", "Run"]
@@ -46,9 +47,12 @@ class Run:
     ) -> None:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
         channels = len(compiled.layout.channels)
-        self.work: Work = new_work(compiled.system, channels, method.n_stages(chosen))
+        self.work: Work = new_work(compiled.system, channels, chosen.stages)
         self.chunk = max(1, _CHUNK_WORK // compiled.layout.nv)  # steps
-        self.output = march.new_output(compiled.system, self._rows(), channels)
+        self.output = new_output(compiled.system, self._rows(), channels)
+        self._handed = hand_over(
+            new_run(compiled.system, state, self.work, chosen, settings, self.output)
+        )
         self.unread = False
         self.largest_drift = np.zeros(2)
         self.balance = Balance()
@@ -80,12 +84,7 @@ class Run:
         """Run some steps, or with 0 report the present state; returns the status."""
         self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
-        return int(
-            march.march(
-                self.compiled.system, self.method, self.settings, self.state, self.work,
-                self.output, steps,
-            )
-        )  # fmt: skip
+        return entries.integrate(self._handed, steps)
 
     def block(self) -> OutputBlock:
         """The rows of the last chunk."""

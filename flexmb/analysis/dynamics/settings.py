@@ -9,15 +9,14 @@ import numpy as np
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
+from flexmb.engine.integrators import chosen_method
+from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
-__all__ = ["Steps", "chosen_method", "local_tolerance", "loop_settings", "time_grid"]
+__all__ = ["Steps", "local_tolerance", "loop_settings", "time_grid"]
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
-# Local tolerance over accuracy (to the power that `local_tolerance` says), by the errors achieved.
-_LOCAL_SHARE = 0.2
-_EXPLICIT_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -43,42 +42,21 @@ def local_tolerance(spec: DynamicsSpec) -> float:
     With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
     order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
     """
-    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
-    if spec.method == "explicit-rk":
-        return _EXPLICIT_SHARE * accuracy
-    return float(_LOCAL_SHARE * accuracy**1.5)
-
-
-def chosen_method(spec: DynamicsSpec) -> method.Method:
-    """The integrator of `dynamics.method`."""
-    if spec.method == "explicit-rk":
-        return method.bogacki_shampine()
-    return method.generalized_alpha(spec.spectral_radius)
+    accuracy, chosen = ACCURACY if spec.accuracy is None else spec.accuracy, chosen_method(spec)
+    return float(chosen.tolerance_factor * accuracy**chosen.tolerance_power)
 
 
 def loop_settings(
     compiled: Compiled, spec: DynamicsSpec, grid: Steps, determined: bool
 ) -> method.Settings:
     """The numbers of the loop; `determined` if the constraints alone fix the motion."""
-    system = compiled.system
+    system, kinds = compiled.system, kinds_of(compiled.system)
     works = bool(
-        system.springs is not None
-        or system.elements is not None
-        or len(system.loads) > 0
-        or system.signals is not None
-        or system.parts.coordinates is not None
-        or system.contacts is not None
+        any(kind.works for kind in kinds)
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
-    stiff = bool(
-        system.springs is not None
-        or system.elements is not None
-        or system.parts.coordinates is not None
-        or system.signals is not None
-        or system.contacts is not None
-        or np.any(system.parts.bodies["m"] > 0)
-    )
+    stiff = any(kind.stiff for kind in kinds)
     return method.Settings(
         start=0.0,
         end=spec.duration,
@@ -86,7 +64,7 @@ def loop_settings(
         step=grid.step,
         tolerance=0.0 if grid.step else local_tolerance(spec),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
-        order=3 if spec.method == "explicit-rk" else 2,
+        order=chosen_method(spec).order,
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         works=int(works),

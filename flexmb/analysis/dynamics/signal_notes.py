@@ -52,8 +52,9 @@ class SingularPoses:
 
     def __init__(self, layout: Layout, model: Model) -> None:
         self._nearest: dict[str, tuple[float, float]] = {}
+        column = {channel: k for k, channel in enumerate(layout.channels)}
         self._columns = {
-            name: (layout.channels.index(f"{name}.beta"), spec.sequence)
+            name: (column[f"{name}.beta"], spec.sequence)
             for name, spec in model.sensors.items()
             if isinstance(spec, OrientationSensorSpec)
         }

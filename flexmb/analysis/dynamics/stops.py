@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.forces.elements import names_of
-from flexmb.engine.element_tables import COORDINATE_OF, DISTANCE_OF
-from flexmb.engine.sensor_tables import LAW_WRENCH
+from flexmb.engine.kernels.forces.characteristic import COORDINATE_OF, DISTANCE_OF
+from flexmb.engine.kernels.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.state import State, Work
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
@@ -29,11 +26,11 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
     state, work : State, Work
         The first state, and the scratch with its markers.
     """
-    elements: Any = compiled.system.elements
-    if elements is None or elements.laws is None:
-        return []
     notes = []
-    for name, row in zip(names_of(model, LAW_WRENCH), elements.laws, strict=True):
+    for name, element in compiled.elements.items():
+        if element.kind != FORCE_CHARACTERISTICS.name:
+            continue
+        row = compiled.system.kinds[element.kind].rows[element.row]
         if not row["stop"]:
             continue
         place = _measure(compiled, row, state, work)
@@ -41,16 +38,15 @@ def stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> li
         spec = model.forces[name.partition(".")[2]]
         angular = isinstance(spec, JointStopSpec) and spec.coordinate != "stroke"
         if depth > _LEAST * (1.0 if angular else compiled.length):
-            told = model.units.say(depth, "rad" if angular else "m", 4)
-            notes.append(f"{name} is {told} inside the stop at the start: it pushes from there on")
+            text = model.units.say(depth, "rad" if angular else "m", 4)
+            notes.append(f"{name} is {text} inside the stop at the start: it pushes from there on")
     return notes
 
 
 def _measure(compiled: Compiled, row: np.void, state: State, work: Work) -> float:
-    """Distance, displacement or joint coordinate of a law."""
+    """Distance, displacement or joint coordinate that a stop limits."""
     if row["measure"] == COORDINATE_OF:
-        coordinates: Any = compiled.system.parts.coordinates
-        return float(state.q[coordinates[row["coordinate"]]["iq"]])
+        return float(state.q[compiled.system.parts.coordinates[row["coordinate"]]["iq"]])
     markers = work.now.marker
     h = markers["x"][row["J"]] - markers["x"][row["I"]]
     if row["measure"] == DISTANCE_OF:

@@ -7,11 +7,12 @@ undeformed shape. A motion that is not fixed, or no longer, is refused in one se
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexmb.analysis.assembly.closing import Closer, body_weights, close_positions
+from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.analysis import Outcome, Sink
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.run import Balance, Clock
@@ -22,11 +23,17 @@ from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.march import new_output
+from flexmb.engine.entries import (
+    CORRECT,
+    EVALUATE,
+    POINTS,
+    analyse_kinematics,
+    kinematics_units,
+    prepare_kinematics,
+)
+from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
-from flexmb.engine.sweep import CORRECT, EVALUATE, POINTS, Path, Sweep, new_path, sweep
-from flexmb.engine.warm import compile_sweep
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.work import new_output, new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.model.model import Model
 from flexmb.model.tasks.kinematics import KinematicsSpec
@@ -47,7 +54,7 @@ class PreparedSweep:
     compiled: Compiled
     model: Model
     spec: KinematicsSpec
-    settings: Sweep
+    settings: KinematicsSettings
     state: State
     work: Work
     path: Path
@@ -59,7 +66,9 @@ class PreparedSweep:
 def prepare_sweep(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedSweep:
-    """Compile the kernels, close the first pose and make sure that the motion is fixed.
+    """Load the compiled units, close the first pose and make sure that the motion is fixed.
+
+    What is wrong with a small model is told before anything is compiled (`assembly.precheck`).
 
     Parameters
     ----------
@@ -68,7 +77,7 @@ def prepare_sweep(
     model : Model
         The model; `model.kinematics` must be given.
     progress : Progress
-        Told the phases `compile` and `assemble`.
+        Told the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------
@@ -82,28 +91,26 @@ def prepare_sweep(
     if spec is None:
         raise SceneError("the scene has no [kinematics]: give its duration")
     _refuse_states(model)
-    clock = Clock()
-    compiled = replace(compiled, system=compiled.system._replace(kinks=None))
-    channels = len(compiled.layout.channels)
-    compile_sweep(compiled.system, channels, progress)
-    clock.lap("compile")
+    clock, units = Clock(), kinematics_units(compiled.system)
+    precheck(compiled, units, lambda: _checked(_first_pose(compiled, model)), progress)
+    made = prepare_kinematics(compiled.system, progress)
+    clock.lap("compile" if made else "load")
     progress("assemble", 0.0)
-    state = new_state(compiled.system, channels)
-    work, path = new_work(compiled.system, channels), new_path(compiled.system)
-    _close(compiled, model, state, work)
-    redundant, doubtful, notes = _checked(Pose(compiled, model, state, work, path))
+    pose = _first_pose(compiled, model)
+    redundant, doubtful, notes = _checked(pose)
     progress("assemble", 1.0)
     clock.lap("assemble")
-    settings = Sweep(
+    q = pose.state.q
+    settings = KinematicsSettings(
         start=0.0,
         interval=spec.duration / spec.outputs,
         outputs=spec.outputs,
-        closed=_CLOSED * max(1.0, float(np.abs(state.q).max()) / compiled.length),
+        gap=_CLOSED * max(1.0, float(np.abs(q).max()) / compiled.length),
         redundant=redundant,
     )
     return PreparedSweep(
-        compiled, model, spec, settings, state, work, path, clock, (*notes, *loop_notes(model)),
-        doubtful,
+        compiled, model, spec, settings, pose.state, pose.work, pose.path, clock,
+        (*notes, *loop_notes(model)), doubtful,
     )  # fmt: skip
 
 
@@ -143,13 +150,20 @@ def kinematics(
     return run_sweep(prepare_sweep(compiled, model, progress=progress), sink, progress=progress)
 
 
-def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
-    """Close the first positions with least change in lengths and angles times body weights."""
-    weights = body_weights(model)
+def _first_pose(compiled: Compiled, model: Model) -> Pose:
+    """The first positions, closed with least change in lengths and angles times body weights.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed.
+    """
+    weights, channels = body_weights(model), len(compiled.layout.channels)
+    state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
     state.q[:] = compiled.placed
 
     def make(of: Compiled, at: State) -> Closer:
-        system = of.system._replace(kinks=None)
+        system = of.system
         path = new_path(system)
         used = work if at is state else new_work(system, len(at.angles))
         for body, weight in zip(system.parts.bodies, weights, strict=True):
@@ -165,6 +179,7 @@ def _close(compiled: Compiled, model: Model, state: State, work: Work) -> None:
     except AssemblyError as error:
         reasons = driver_problems(compiled, model, error.problems)
         raise AssemblyError.from_problems(reasons) from None
+    return Pose(compiled, model, state, work, new_path(compiled.system))
 
 
 def _refuse_states(model: Model) -> None:
@@ -244,15 +259,14 @@ def _points(
     prepared: PreparedSweep, rows: _Rows, sink: Sink, progress: Progress
 ) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
-    system, settings, state = prepared.compiled.system, prepared.settings, prepared.state
+    settings, state = prepared.settings, prepared.state
+    run = new_run(prepared.compiled.system, state, prepared.work, output=rows.output)
     points, status = settings.outputs + 1, float(method.FINE)
     try:
         while status == method.FINE and state.count[method.OUTPUTS] < points:
             rows.output.rows[0], rows.unread = 0, True
-            status = sweep(
-                system, settings, state, prepared.work, prepared.path, rows.output, POINTS,
-                len(rows.output.t),
-            )  # fmt: skip
+            n = len(rows.output.t)
+            status = analyse_kinematics(run, prepared.path, settings, POINTS, n)
             sink.append(rows.block())
             done = float(state.count[method.OUTPUTS] / points)
             progress("kinematics", done, f"t = {state.t[0]:.4g} s")

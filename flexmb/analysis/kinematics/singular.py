@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.rank import dense_jacobian
+from flexmb.analysis.mobility.rank import LARGEST
+from flexmb.analysis.mobility.rows import dense_jacobian
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Work
 from flexmb.model.joints.joint import JOINT_TYPES
@@ -20,9 +21,6 @@ from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference
 
 __all__ = ["LARGEST", "Decomposition", "JointRates", "decompose", "drivers_of", "owners", "rows_of"]
-
-LARGEST = 600
-"""Coordinates up to which Cq is decomposed."""
 
 _RANK = 1e-8  # relative to the largest singular value; round-off leaves 1e-13
 _TAKES_PART = 0.2  # of the largest entry of a null vector

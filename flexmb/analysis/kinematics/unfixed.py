@@ -24,11 +24,12 @@ from flexmb.analysis.kinematics.singular import (
 )
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.march import new_output
+from flexmb.engine.entries import EVALUATE, analyse_kinematics
+from flexmb.engine.kinematics_state import SINGULAR_POSES, KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
-from flexmb.engine.sweep import EVALUATE, Path, Sweep, sweep
 from flexmb.engine.tables import System
+from flexmb.engine.work import new_run
 from flexmb.model.model import Model
 
 if TYPE_CHECKING:
@@ -46,10 +47,9 @@ _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
 
 
 def enter(system: System, state: State, work: Work, path: Path, what: int) -> float:
-    """One call of the compiled sweep that writes no rows; see `engine.sweep`."""
-    output = new_output(system, 1, len(state.angles))
-    settings = Sweep(0.0, 1.0, 0, 0.0, 0)
-    return float(sweep(system, settings, state, work, path, output, what, 0))
+    """A call of the compiled analysis that writes no rows; see `entries.analyse_kinematics`."""
+    settings = KinematicsSettings(0.0, 1.0, 0, 0.0, 0)
+    return analyse_kinematics(new_run(system, state, work), path, settings, what)
 
 
 @dataclass(frozen=True)
@@ -248,16 +248,16 @@ def _branch(pose: Pose, time: float) -> str:
 def passed_poses(prepared: PreparedSweep) -> list[str]:
     """A note for each singular pose that the motion passed through smoothly."""
     path = prepared.path
-    count = int(path.count[2])
+    count = int(path.count[SINGULAR_POSES])
     if not count:
         return []
     pose = Pose(prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path)
     told = []
-    for k in range(min(count, len(path.passed))):
-        before, after = path.passed[k]
+    for k in range(min(count, len(path.singular_times))):
+        before, after = path.singular_times[k]
         where = ""
         if prepared.compiled.layout.nv <= LARGEST:
-            found = pose.decomposition(path.passed_q[k])
+            found = pose.decomposition(path.singular_positions[k])
             where = f" held by {', '.join(owners(rows_of(pose.compiled, found.U[:, found.n - 1])))}"
         told.append(
             f"between t = {pose.said(before)} and {pose.said(after)} the motion passed a singular "

@@ -16,7 +16,9 @@ from scipy.linalg import qr
 from flexmb.analysis.mobility.dependence import Dependence, circuits, dependence, null_space
 from flexmb.analysis.mobility.exchange import MACHINE_JOINTS, Weaker, exchanges
 from flexmb.analysis.mobility.poses import close, joint_rows, other_poses
+from flexmb.analysis.mobility.rank import LARGEST
 from flexmb.analysis.mobility.redundancy import Exchange, choices_of, in_words, joint_dependence
+from flexmb.analysis.mobility.rows import ConstraintRows
 from flexmb.analysis.mobility.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, Problem
@@ -103,9 +105,14 @@ def _surplus_problems(
 
 
 def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
-    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open."""
-    joints = close(compiled, compiled.placed, joint_rows(compiled))
-    if not model.drivers or not joints.kept:
+    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
+
+    These as well for a model too large for dense decompositions.
+    """
+    if not model.drivers or compiled.layout.nv > LARGEST:
+        return gaps
+    joints = close(ConstraintRows(compiled), compiled.placed, joint_rows(compiled))
+    if not joints.kept:
         return gaps
     found = weighted(compiled, joints)
     told, _ = _surplus_problems(model, found, _lasting_surplus(compiled, found), moment=0.0)
@@ -140,7 +147,9 @@ def driver_notes(compiled: Compiled, model: Model, found: Weighted) -> list[str]
 def _lasting_surplus(compiled: Compiled, found: Weighted) -> tuple[_Surplus, ...]:
     """Surplus drivers in a closed pose that are so nearby as well: it is no dead point."""
     surplus = _surplus_drivers(found)
-    nearby = other_poses(compiled, found.pose, joint_rows(compiled)) if surplus else []
+    if not surplus:
+        return ()
+    nearby = other_poses(ConstraintRows(compiled), found.pose, joint_rows(compiled))
     lasts = all(_surplus_drivers(weighted(compiled, other)) for other in nearby)
     return surplus if lasts else ()
 
@@ -160,9 +169,9 @@ def _disagreement(model: Model, found: Weighted) -> float | None:
     """A moment [s] at which no pose satisfies all drivers and joints; None if none was found."""
     spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
     duration = max(spans, default=1.0)
-    q = found.pose.q
+    q, constraints = found.pose.q, ConstraintRows(found.compiled)
     for share in _MOMENTS:
-        there = close(found.compiled, q, t=share * duration)
+        there = close(constraints, q, t=share * duration)
         if not there.kept:
             return share * duration
         q = there.q

@@ -51,7 +51,7 @@ def null_space(A: Array, size: float | None = None) -> Array:
     """
     if not A.size:
         return np.eye(A.shape[1])
-    _, values, Vt = np.linalg.svd(A)
+    _, values, Vt = np.linalg.svd(A, full_matrices=len(A) < A.shape[1])
     largest = values[0] if size is None else size
     return np.asarray(Vt[int(np.sum(values > RANK * largest)) :].T)
 

@@ -35,6 +35,7 @@ Ends = tuple[Array, Array, Array, Array]
 _PART = 1e-9  # of a gradient that may be outside of the rows it is a part of
 _RANK = 1e-6
 _MOST_TRIALS = 20_000
+_MOST_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
 _LEFT_OUT = 50  # cost of leaving a joint out: the last resort
 MACHINE_JOINTS = ("spherical", "cylindrical", "universal", "revolute", "prismatic")
 """Joints that are bought or made as such; the others are conditions."""
@@ -155,6 +156,8 @@ def exchanges(
 ) -> tuple[Weaker, ...] | None:
     """The fewest exchanges, of the most usual joints, that give up `drops` equations.
 
+    None as well where there are too many to go through.
+
     Parameters
     ----------
     choices : mapping of str to sequence of Weaker
@@ -170,6 +173,8 @@ def exchanges(
     """
     r = next(iter(N.values())).shape[1]
     for n in range(1, min(len(choices), drops, most) + 1):
+        if _count(choices, n) > _MOST_CANDIDATES:
+            break
         for trial, found in enumerate(_by_cost(choices, n, drops)):
             if trial >= _MOST_TRIALS:
                 break
@@ -209,11 +214,21 @@ def _rank(found: Sequence[Weaker], N: Mapping[str, Array]) -> int:
     return int(np.linalg.matrix_rank(freed, tol=_RANK))
 
 
+def _count(choices: Choices, n: int) -> int:
+    """In how many ways n joints can be exchanged: an elementary symmetric polynomial."""
+    counts = [1] + n * [0]
+    for known in choices.values():
+        for k in range(n, 0, -1):
+            counts[k] += counts[k - 1] * len(known)
+    return counts[n]
+
+
 def _by_cost(choices: Choices, n: int, drops: int) -> Iterator[tuple[Weaker, ...]]:
     """Exchanges of n joints that give up so many equations, the most usual ones first."""
+    exchangeable = [joint for joint, known in choices.items() if known]
     found = [
         picked
-        for joints in combinations(choices, n)
+        for joints in combinations(exchangeable, n)
         for picked in product(*(choices[joint] for joint in joints))
         if sum(weaker.drops for weaker in picked) == drops
     ]

@@ -120,8 +120,7 @@ def _alone(found: Weighted, bodies: Sequence[BodyColumns]) -> Array:
     inside |= found.scalar  # what follows them moves along
     motions = np.zeros((len(inside), 0))
     if np.any(inside):
-        whole = float(np.linalg.norm(found.A, 2)) if found.A.size else 1.0
-        mine = null_space(found.A[:, inside], whole)
+        mine = null_space(found.A[:, inside], found.norm)
         motions = np.zeros((len(inside), mine.shape[1]))
         motions[inside] = mine
     return motions

@@ -1,4 +1,4 @@
-"""Closed poses without compiled kernels: Gauss–Newton in numpy, and other poses of one assembly.
+"""Closed poses with nothing compiled: Gauss–Newton in numpy, and other poses of one assembly.
 
 In: a compiled system and a pose. Out: the pose nearest to it that keeps the rows, and poses a short
 way along the motions that the joints leave free.
@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.closing import Closer
 from flexmb.analysis.mobility.dependence import null_space
-from flexmb.analysis.mobility.rows import Rows, moved, rows_at
+from flexmb.analysis.mobility.rows import ConstraintRows, Rows
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
-from flexmb.engine.work import new_work
 
-__all__ = ["Closed", "close", "column_scales", "joint_rows", "numpy_closer", "other_poses"]
+__all__ = ["Closed", "close", "closer_of", "column_scales", "joint_rows", "other_poses"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,16 +54,19 @@ def joint_rows(compiled: Compiled) -> NDArray[np.bool_]:
     return joints
 
 
-def close(compiled: Compiled, q: Array, which: Mask | None = None, t: float = 0.0) -> Closed:
+def close(
+    constraints: ConstraintRows, q: Array, which: Mask | None = None, t: float = 0.0
+) -> Closed:
     """The pose near q (nq,) that keeps the rows `which` (nc,), all by default, at time t [s].
 
     Bodies are moved with least change over the model size and in radians; modes hardly.
     """
+    compiled = constraints.compiled
     asked = np.ones(compiled.layout.nc, bool) if which is None else which
     weights = compiled.system.row_weights
     scales = _closing_scales(compiled, np.ones(len(compiled.layout.bodies)))
     gap, best = np.inf, 0
-    rows = rows_at(compiled, q, t)
+    rows = constraints.at(q, t)
     for n in range(_ROUNDS):
         size = float(np.abs(rows.C * weights)[asked].max(initial=0.0))
         if not np.isfinite(size) or size <= _ROUND_OFF or (size <= _CLOSED and size > 0.5 * gap):
@@ -73,8 +75,11 @@ def close(compiled: Compiled, q: Array, which: Mask | None = None, t: float = 0.
             gap, best = size, n
         if n > best + _ROUNDS // 4:
             break
-        q = moved(compiled, q, scales * _correction(compiled, rows, asked, scales))
-        rows = rows_at(compiled, q, t)
+        step = _correction(rows, asked, scales)
+        if step is None:
+            break
+        q = constraints.moved(q, scales * step)
+        rows = constraints.at(q, t)
     left = np.abs(rows.C * weights)[asked].max(initial=0.0)
     return Closed(q, rows, bool(left <= _CLOSED))
 
@@ -88,43 +93,47 @@ def _closing_scales(compiled: Compiled, weights: Array) -> Array:
     return scales
 
 
-def _correction(compiled: Compiled, rows: Rows, which: Mask, scales: Array) -> Array:
-    """(nv,) Gauss–Newton correction over the scales, cut where it is long."""
-    weights = compiled.system.row_weights
+def _correction(rows: Rows, which: Mask, scales: Array) -> Array | None:
+    """(nv,) Gauss–Newton correction over the scales, cut where it is long.
+
+    None where a row has no gradient, such as a distance of zero.
+    """
+    weights = rows.compiled.system.row_weights
     A = (weights[:, None] * rows.Cq * scales)[which]
+    if not np.all(np.isfinite(A)):
+        return None
     step: Array = np.linalg.lstsq(A, -(rows.C * weights)[which], rcond=_SMALL)[0]
     longest = float(np.abs(step).max(initial=0.0))
     return step * min(1.0, _LONGEST / longest) if longest > 0 else step
 
 
-def numpy_closer(compiled: Compiled, state: State, weights: Array) -> Closer:
+def closer_of(compiled: Compiled, state: State, weights: Array) -> Closer:
     """Corrections of a state that are least over the model size, in radians, times body weights."""
-    work, scales = new_work(compiled.system), _closing_scales(compiled, weights)
+    constraints, scales = ConstraintRows(compiled), _closing_scales(compiled, weights)
     asked = np.ones(compiled.layout.nc, bool)
 
     def correct() -> float:
-        rows = rows_at(compiled, state.q, float(state.t[0]))
+        rows = constraints.at(state.q, float(state.t[0]))
         if np.abs(rows.C * compiled.system.row_weights).max(initial=0.0) <= _ROUND_OFF:
             return 0.0
-        step = _correction(compiled, rows, asked, scales)
-        state.q[:] = moved(compiled, state.q, scales * step)
+        step = _correction(rows, asked, scales)
+        if step is None:
+            return float("nan")
+        state.q[:] = constraints.moved(state.q, scales * step)
         return float(np.abs(step).max(initial=0.0))
 
-    def evaluate() -> None:
-        rows = rows_at(compiled, state.q, float(state.t[0]))
-        work.con.C[:] = rows.C
-        work.now.marker["x"], work.now.marker["R"] = rows.markers.x, rows.markers.R
-
-    return Closer(work, correct, evaluate)
+    return Closer(constraints.work, correct, lambda: constraints.at(state.q, float(state.t[0])))
 
 
-def other_poses(compiled: Compiled, start: Closed, which: Mask, seed: int = 0) -> list[Closed]:
+def other_poses(
+    constraints: ConstraintRows, start: Closed, which: Mask, seed: int = 0
+) -> list[Closed]:
     """Up to two poses of the same assembly, a short way along its free motions.
 
     Only the rows `which` are kept, such as those of the joints; at a pose from which the free
     motions do not lead to closed ones, none is found.
     """
-    rng = np.random.default_rng(seed)
+    rng, compiled = np.random.default_rng(seed), constraints.compiled
     scales = column_scales(compiled)
     used = np.flatnonzero(scales > 0)
     A = (compiled.system.row_weights[:, None] * start.rows.Cq * scales)[which]
@@ -137,7 +146,7 @@ def other_poses(compiled: Compiled, start: Closed, which: Mask, seed: int = 0) -
     for _ in range(_TRIALS if motions.shape[1] else 0):
         step = motions @ rng.standard_normal(motions.shape[1])
         step *= _AWAY / np.abs(step).max()
-        other = close(compiled, moved(compiled, start.q, scales * step), which)
+        other = close(constraints, constraints.moved(start.q, scales * step), which)
         if other.kept:
             found.append(other)
         if len(found) == 2:

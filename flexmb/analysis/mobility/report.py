@@ -2,8 +2,8 @@
 
 In: a compiled model. Out: :class:`Mobility`, from the rank of the constraint Jacobian in the
 assembled pose and in others a short way along the free motions, which tell an equation that is
-always redundant from a pose that is singular. Everything is computed in numpy: no kernel is
-compiled. Degrees of freedom δ = coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
+always redundant from a pose that is singular. Nothing is compiled for it. Degrees of freedom δ =
+coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from flexmb.analysis.mobility.conflicts import (
 )
 from flexmb.analysis.mobility.dependence import Dependence, dependence
 from flexmb.analysis.mobility.freedoms import FreeMotion, free_motions_of
-from flexmb.analysis.mobility.poses import Closed, joint_rows, numpy_closer, other_poses
+from flexmb.analysis.mobility.poses import Closed, closer_of, joint_rows, other_poses
+from flexmb.analysis.mobility.rank import LARGEST
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
     Undetermined,
@@ -31,7 +32,7 @@ from flexmb.analysis.mobility.redundancy import (
     redundancies,
     undetermined,
 )
-from flexmb.analysis.mobility.rows import rows_at
+from flexmb.analysis.mobility.rows import ConstraintRows
 from flexmb.analysis.mobility.weighted import Weighted, element, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
@@ -40,9 +41,6 @@ from flexmb.model.joints.drivers import DriverSpec
 from flexmb.model.model import Model
 
 __all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
-
-LARGEST = 600
-"""Coordinates up to which a dense decomposition is affordable."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +132,12 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
     here = joint_dependence(found)
     notes = driver_notes(compiled, model, found)
     joints = joint_rows(compiled)
-    nearby = [weighted(compiled, other) for other in other_poses(compiled, pose, joints)]
+    others = other_poses(ConstraintRows(compiled), pose, joints)
+    nearby = [weighted(compiled, other) for other in others]
     poses = [(found, here), *((other, joint_dependence(other)) for other in nearby)]
     generic = max(told.rank for _, told in poses)
-    (chosen, told), *others = [pair for pair in poses if pair[1].rank == generic]
-    elsewhere = [other for other, _ in others]
+    (chosen, told), *rest = [pair for pair in poses if pair[1].rank == generic]
+    elsewhere = [other for other, _ in rest]
     own = int(np.sum(found.scalar))
     mobility = Mobility(
         bodies=len(model.bodies),
@@ -173,7 +172,7 @@ def redundant_reactions(
     AssemblyError
         Drivers contradict each other or the joints.
     """
-    rows = rows_at(compiled, q)
+    rows = ConstraintRows(compiled).at(q)
     found = weighted(compiled, Closed(q, rows, True))
     notes = driver_notes(compiled, model, found)
     doubtful = tuple(told.path for told in _reactions_in_doubt(found))
@@ -194,18 +193,16 @@ def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
     state = new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.placed
     weights = body_weights(model)
-    placed = numpy_closer(compiled, state, weights)
+    placed = closer_of(compiled, state, weights)
     placed.evaluate()
     open_as_placed = tuple(gaps(compiled, placed.work))
     try:
-        moved = close_positions(
-            compiled, model, state, lambda of, at: numpy_closer(of, at, weights)
-        )
+        moved = close_positions(compiled, model, state, lambda of, at: closer_of(of, at, weights))
     except AssemblyError as error:
         problems = driver_problems(compiled, model, error.problems)
         raise AssemblyError.from_problems(problems) from None
     told = opened(open_as_placed, moved, model.units)
-    return Closed(state.q.copy(), rows_at(compiled, state.q), True), told
+    return Closed(state.q.copy(), ConstraintRows(compiled).at(state.q), True), told
 
 
 def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:

@@ -59,6 +59,11 @@ class Weighted:
         )
         return found
 
+    @cached_property
+    def norm(self) -> float:
+        """Largest singular value of A."""
+        return float(np.linalg.norm(self.A, 2)) if self.A.size else 1.0
+
     def of(self, owner: str) -> NDArray[np.bool_]:
         """Which rows belong to a scene path."""
         return np.array([name == owner for name in self.owners], dtype=bool)
@@ -67,9 +72,9 @@ class Weighted:
         """Places over the model size and axes of the two markers of a joint, I and J."""
         group = self.compiled.system.groups[self.compiled.layout.reactions.index(owner)]
         row = self.compiled.system.rows[group["row"]]
-        markers, size = self.pose.rows.markers, self.compiled.length
+        rows, size = self.pose.rows, self.compiled.length
         i, j = (int(row[side]) for side in ("JI" if group["reversed"] else "IJ"))
-        return markers.x[i] / size, markers.R[i], markers.x[j] / size, markers.R[j]
+        return rows.x[i] / size, rows.R[i], rows.x[j] / size, rows.R[j]
 
     def on_J(self, owner: str) -> Array:
         """Gradients (n, 6) of the rows of a joint for motions of its marker J."""

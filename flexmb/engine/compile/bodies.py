@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,30 +19,39 @@ Array = NDArray[np.float64]
 def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> NDArray[np.void]:
     """BODY rows in the order of the model; panels are filled in later."""
     table = np.zeros(len(model.bodies), BODY)
-    iq = iv = z = 0
-    for row, (name, spec) in zip(table, model.bodies.items(), strict=True):
-        flexbody = flexbodies.get(name)
-        m = 0 if flexbody is None else flexbody.m
-        row["iq"], row["iv"], row["m"], row["z"] = iq, iv, m, z
-        if flexbody is None:
-            row["mass"], row["S1"], row["S0"] = second_moments(spec)
-        else:
-            row["mass"], row["S1"], row["S0"] = flexbody.mass, flexbody.S1, flexbody.S0
-            row["flex"] = pool.add(modal_block(flexbody))
-            row["damped"] = int(flexbody.D is not None and np.any(flexbody.D))
-        iq, iv, z = iq + 7 + m, iv + 6 + m, z + 12 * m
+    flexible = {k: flexbodies[name] for k, name in enumerate(model.bodies) if name in flexbodies}
+    rigid = [k for k in range(len(table)) if k not in flexible]
+    specs = [spec for name, spec in model.bodies.items() if name not in flexbodies]
+    table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(specs)
+    for k, body in flexible.items():
+        row = table[k]
+        row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
+        row["flex"] = pool.add(modal_block(body))
+        row["damped"] = int(body.D is not None and np.any(body.D))
+    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
+        table[name] = np.cumsum(n) - n
     return table
 
 
-def second_moments(spec: BodySpec) -> tuple[float, Array, Array]:
-    """Mass, first moment and second moment ∫ρ s sᵀ about the body origin of a rigid body.
+def second_moments(specs: Sequence[BodySpec]) -> tuple[Array, Array, Array]:
+    """Mass (n,), first (n, 3) and second moment ∫ρ s sᵀ (n, 3, 3) of rigid bodies about their
+    origins.
 
     A mass distribution with inertia J about its centre has the second moment ½ tr(J) I − J.
     """
-    assert isinstance(spec, RigidBodySpec)  # flexible bodies are known by their FlexBody
-    of = spec.mass_properties
-    second = 0.5 * np.trace(of.inertia) * np.eye(3) - of.inertia
-    return of.mass, of.mass * of.center, second + of.mass * np.outer(of.center, of.center)
+    mass, c, J = mass_properties(specs)
+    second = 0.5 * np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J
+    first = mass[:, None] * c
+    return mass, first, second + mass[:, None, None] * (c[:, :, None] * c[:, None, :])
+
+
+def mass_properties(specs: Sequence[BodySpec]) -> tuple[Array, Array, Array]:
+    """Mass (n,), centre (n, 3) and inertia about it (n, 3, 3) of rigid bodies."""
+    of = [spec.mass_properties for spec in specs if isinstance(spec, RigidBodySpec)]
+    assert len(of) == len(specs)  # flexible bodies are known by their FlexBody
+    center = np.array([each.center for each in of]).reshape(-1, 3)
+    inertia = np.array([each.inertia for each in of]).reshape(-1, 3, 3)
+    return np.array([each.mass for each in of]), center, inertia
 
 
 def modal_block(body: FlexBody) -> Array:
@@ -58,9 +67,8 @@ def modal_block(body: FlexBody) -> Array:
 def placed_positions(model: Model, bodies: NDArray[np.void]) -> Array:
     """q of the placed, undeformed pose."""
     q = np.zeros(int((7 + bodies["m"]).sum()))
-    for row, spec in zip(bodies, model.bodies.values(), strict=True):
-        q[row["iq"] : row["iq"] + 3] = spec.position
-        q[row["iq"] + 3 : row["iq"] + 7] = spec.orientation
+    pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
+    q[bodies["iq"][:, None] + np.arange(7)] = pose
     return q
 
 

@@ -4,44 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile.forces import basic, contacts, elements
 from flexmb.engine.compile.joints import coordinates
 from flexmb.engine.compile.joints.groups import Groups, check_ends
 from flexmb.engine.compile.joints.joint import joint_groups
+from flexmb.engine.compile.lowering import Lowering
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
-from flexmb.engine.compile.sensors import sensor, signals
-from flexmb.engine.element_tables import Elements
-from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.compile.sensors import feedback, sensor
+from flexmb.engine.kinds import KINDS
+from flexmb.engine.sensor_tables import WRENCH, Feedback, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
 from flexmb.model.sensors.signals import resolved, states_of
 
-__all__ = ["Forces", "Gathered", "Measured", "gather"]
+__all__ = ["Gathered", "Measured", "gather"]
 
 Table = NDArray[np.void]
-
-
-@dataclass(frozen=True)
-class Forces:
-    """Tables of forces; None where the model has none."""
-
-    springs: Table | None
-    loads: Table
-    elements: Elements | None
-    contacts: Table | None
-    frictions: Table | None
-
-    @property
-    def between_markers(self) -> tuple[Table, ...]:
-        """Those whose rows join two markers, I and J."""
-        return tuple(table for table in (self.springs, self.contacts) if table is not None)
 
 
 @dataclass(frozen=True)
@@ -50,28 +35,41 @@ class Measured:
 
     sensors: Sensors
     numbers: Mapping[str, int]
-    starts: tuple[signals.Start, ...]
-    acting: signals.SignalTables | None
+    starts: tuple[feedback.Start, ...]
+    feedback: feedback.FeedbackTables | None
 
 
 @dataclass(frozen=True)
 class Gathered:
     """All tables of a model; places in the factor are still open.
 
-    The scalar coordinates of curve markers are the last ones, from number `before` on.
+    The scalar coordinates of curve markers are the last ones, from number `before` on. `kinds` are
+    the tables of the kinds that the model holds, by name.
     """
 
     model: Model
     flexbodies: Mapping[str, FlexBody]
     bodies: Table
-    markers: Markers
-    functions: Functions
-    groups: Groups
-    scalars: list[coordinates.Scalar]
+    lowering: Lowering
     before: int
-    coordinates: Table | None
-    forces: Forces
+    coordinates: Table
+    kinds: dict[str, Any]
     measured: Measured
+
+    @property
+    def markers(self) -> Markers:
+        """The markers."""
+        return self.lowering.markers
+
+    @property
+    def functions(self) -> Functions:
+        """The functions."""
+        return self.lowering.functions
+
+    @property
+    def groups(self) -> Groups:
+        """The groups of constraint rows."""
+        return self.lowering.groups
 
     @property
     def nq(self) -> int:
@@ -103,38 +101,27 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     scalars = scalars + groups.sliders.scalars()
     nq, nv = int((7 + bodies["m"]).sum()), int((6 + bodies["m"]).sum())
     table = coordinates.coordinate_table(scalars, nq, nv)
-    forces = _forces(model, flexbodies, markers, functions, groups, scalars)
+    lowering = Lowering(model, flexbodies, markers, functions, groups, scalars)
+    kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
+    kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
-    starts = tuple(signals.starts(states, ivs, functions))
-    sensors, numbers = sensor.sensor_tables(
-        model, flexbodies, markers, groups, ivs, (nq + before, nv + before)
-    )
-    acting = signals.signal_tables(
-        functions, numbers, sensors, forces.loads, table, markers, forces.elements
-    )
-    measured = Measured(sensors, numbers, starts, acting)
-    return Gathered(
-        model, flexbodies, bodies, markers, functions, groups, scalars, before, table, forces,
-        measured,
-    )  # fmt: skip
+    starts = tuple(feedback.starts(states, ivs, functions))
+    reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
+    sensors, numbers = sensor.sensor_tables(lowering, reading, ivs, (nq + before, nv + before))
+    acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
+    signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
+    if signals is not None:
+        _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
+    measured = Measured(sensors, numbers, starts, signals)
+    return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, measured)
 
 
-def _forces(
-    model: Model,
-    flexbodies: Mapping[str, FlexBody],
-    markers: Markers,
-    functions: Functions,
-    groups: Groups,
-    scalars: list[coordinates.Scalar],
-) -> Forces:
-    springs = basic.spring_table(model, flexbodies, markers)
-    touching = contacts.contact_table(model, flexbodies, markers)
-    kept = 1 + sum(contacts.memory_of(row) for row in (() if touching is None else touching))
-    frictions = contacts.joint_friction_table(model, groups, kept)
-    loads = basic.load_table(model, flexbodies, markers, functions)
-    names = [scalar.name for scalar in scalars]
-    held = elements.element_tables(model, flexbodies, markers, functions, names)
-    return Forces(springs, loads, held, touching, frictions)
+def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:
+    """The axes of joints matter whose reactions act, in their axes, while the model moves."""
+    for channel in sensors.channels[acting.channels]:
+        if channel["what"] == WRENCH and channel["kind"] == joints:
+            for row in lowering.groups.in_group(int(channel["first"])):
+                lowering.markers.framed |= {row.I, row.J}
 
 
 def _refuse_loops(groups: Groups) -> None:

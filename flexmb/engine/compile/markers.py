@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,25 +22,47 @@ class Markers:
     bodies: list[str]
     pool: Pool
     rows: list[tuple[Any, ...]] = field(default_factory=list)
-    known: dict[bytes, int] = field(default_factory=dict)
+    known: dict[tuple[Any, ...], int] = field(default_factory=dict)
     modes: dict[bytes, int] = field(default_factory=dict)
+    framed: set[int] = field(default_factory=set)  # markers whose axes matter
+    numbers: dict[str, int] = field(init=False)  # of the bodies by name, -1 for ground
 
-    def add(self, marker: PlacedMarker) -> int:
-        """Index of the marker."""
+    def __post_init__(self) -> None:
+        self.numbers = {GROUND: -1} | {name: k for k, name in enumerate(self.bodies)}
+
+    def add(self, marker: PlacedMarker, point: bool = False) -> int:
+        """Index of the marker; `point` if only its place matters to who asks."""
         row = self._row(marker)
-        key = b"".join(np.asarray(part).tobytes() for part in row)
+        body, modes, rho, arm, R = row
+        key = body, modes, rho.tobytes(), arm.tobytes(), R.tobytes()
         if key not in self.known:
             self.known[key] = len(self.rows)
             self.rows.append(row)
+        if not point:
+            self.framed.add(self.known[key])
         return self.known[key]
+
+    def frame_together(self, pairs: Sequence[tuple[int, int]]) -> None:
+        """Let the axes of both markers of a pair matter where those of one do."""
+        partners: dict[int, set[int]] = {}
+        for i, j in pairs:
+            partners.setdefault(i, set()).add(j)
+            partners.setdefault(j, set()).add(i)
+        self.framed |= {k for k, row in enumerate(self.rows) if row[1] >= 0}  # moved by modes
+        waiting = list(self.framed)
+        while waiting:
+            new = partners.get(waiting.pop(), set()) - self.framed
+            self.framed |= new
+            waiting.extend(new)
 
     def own(self, marker: PlacedMarker) -> int:
         """Index of a row for this marker that no other shares: one that slides along a curve."""
         self.rows.append(self._row(marker))
+        self.framed.add(len(self.rows) - 1)
         return len(self.rows) - 1
 
     def _row(self, marker: PlacedMarker) -> tuple[Any, ...]:
-        body = -1 if marker.body == GROUND else self.bodies.index(marker.body)
+        body = self.numbers[marker.body]
         modes = self._modes(marker)
         rho, arm = marker.rho, marker.arm
         if modes < 0:  # what no mode moves is one rigid place
@@ -48,7 +71,7 @@ class Markers:
 
     def body(self, marker: int) -> int:
         """Body of a marker, -1 for ground."""
-        return int(self.rows[marker][0])
+        return self.rows[marker][0]
 
     def _modes(self, marker: PlacedMarker) -> int:
         if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
@@ -62,6 +85,10 @@ class Markers:
     def table(self) -> NDArray[np.void]:
         """MARKER rows."""
         table = np.zeros(len(self.rows), MARKER)
-        for k, row in enumerate(self.rows):
-            table[k] = row
+        if self.rows:
+            table["point"] = [
+                k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)
+            ]
+            for k, name in enumerate(("body", "modes", "rho", "arm", "R")):
+                table[name] = [row[k] for row in self.rows]
         return table

@@ -20,7 +20,7 @@ from flexmb.model.plane import across, normal_in_body, plane_axes
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix
 
-__all__ = ["STROKE", "planar_columns", "planar_joint"]
+__all__ = ["STROKE", "normal_axis", "planar_columns", "planar_joint"]
 
 X, Y = 0, 1
 _ORIENTATION = (ANGLE, X, X, False)
@@ -40,10 +40,15 @@ STROKE = (DOT2, X, X)
 Rows = tuple[tuple[int, int, int, bool], ...]
 
 
+def normal_axis(spec: BodySpec, plane: str) -> int:
+    """The axis of a body that points along the normal of the plane, or against it."""
+    return int(np.argmax(np.abs(normal_in_body(spec, plane))))
+
+
 def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
     """Column of each velocity coordinate of a body with m modes, −1 out of the plane."""
     first, second, _ = plane_axes(plane)
-    about = int(np.argmax(np.abs(normal_in_body(spec, plane))))
+    about = normal_axis(spec, plane)
     columns = [-1] * 6
     for k, coordinate in enumerate((first, second, 3 + about)):
         columns[coordinate] = m + k

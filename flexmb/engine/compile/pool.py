@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.functions.expression import Expression
+from flexmb.model.functions.expression import Expression, Ops
 
 
 @dataclass
@@ -40,6 +40,7 @@ class Functions:
 
     resolve: Callable[[Expression], Expression]
     programs: list[Expression] = field(default_factory=list)
+    _known: dict[Ops, int] = field(default_factory=dict)
 
     def add(self, expression: Expression) -> int:
         """Index of a function as the scene gives it."""
@@ -47,8 +48,7 @@ class Functions:
 
     def put(self, expression: Expression) -> int:
         """Index of a function over measured channels and states in SI."""
-        for k, known in enumerate(self.programs):
-            if known.ops == expression.ops:
-                return k
-        self.programs.append(expression)
-        return len(self.programs) - 1
+        k = self._known.setdefault(expression.ops, len(self.programs))
+        if k == len(self.programs):
+            self.programs.append(expression)
+        return k

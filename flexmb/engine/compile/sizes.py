@@ -11,25 +11,31 @@ from flexmb.engine.compile import bodies as body_tables
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.model import Model
+from flexmb.model.values.names import GROUND
 
 __all__ = ["body_weights", "model_length"]
 
 
 def model_length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:
     """Size of the model [m]: spread of all markers and flexible bodies in the placed pose."""
-    points = []
-    for body in (*model.bodies, "ground"):
-        for name in lookup.marker_names(model, body, flexbodies):
-            marker = lookup.placed(model, f"{body}.{name}", flexbodies)
-            points.append(lookup.global_position(model, marker))
-    spread = float(np.linalg.norm(np.ptp(np.array(points), axis=0)))
-    gyration = [
-        float(np.sqrt(np.trace(spec.mass_properties.inertia) / spec.mass_properties.mass))
-        for spec in model.bodies.values()
-        if not spec.flexible
-    ]
+    spread = float(np.linalg.norm(np.ptp(_points(model, flexbodies), axis=0)))
+    rigid = [spec for spec in model.bodies.values() if not spec.flexible]
+    mass, _, inertia = body_tables.mass_properties(rigid)
+    gyration = np.sqrt(np.trace(inertia, axis1=1, axis2=2) / mass)
     reach = [body.characteristic_length for body in flexbodies.values()]
-    return max([spread, *gyration, *reach]) or 1.0
+    return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
+
+
+def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
+    """Global positions (n, 3) of all markers in the placed pose."""
+    points, counts = [], []
+    for body in (*model.bodies, GROUND):
+        places = lookup.places(model, body, flexbodies)
+        points += places
+        counts.append(len(places))
+    r, A = lookup.poses(model)
+    r, A = (np.repeat(part, counts, axis=0) for part in (r, A))
+    return r + (A @ np.array(points)[:, :, None])[:, :, 0]
 
 
 def body_weights(
@@ -37,9 +43,10 @@ def body_weights(
 ) -> NDArray[np.float64]:
     """Size of one unit of every velocity coordinate: metres over the model size, radians, modal
     coordinates by the largest displacement their mode makes, over the model size."""
+    rigid = np.append(np.full(3, 1.0 / length), np.ones(3))
     parts = []
     for name in model.bodies:
-        parts += [np.full(3, 1.0 / length), np.ones(3)]
+        parts.append(rigid)
         if name in flexbodies:
             parts.append(body_tables.modal_reach(flexbodies[name]) / length)
     return np.concatenate(parts)

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile.forces.elements import stop_rows
+from flexmb.engine.compile.core import core_tables
 from flexmb.engine.compile.gather import Gathered, gather
 from flexmb.engine.compile.joints.coordinates import unit_weight
 from flexmb.engine.compile.joints.curves import Contact
 from flexmb.engine.compile.joints.groups import row_table, row_weights
-from flexmb.engine.compile.kinks import kink_table
+from flexmb.engine.compile.lowering import Element
 from flexmb.engine.compile.ordering import Ordered, put_in_order
-from flexmb.engine.compile.sensors import sensor, signals
+from flexmb.engine.compile.planar import normal_axis
+from flexmb.engine.compile.sensors import feedback
 from flexmb.engine.compile.sizes import body_weights, model_length
+from flexmb.engine.compile.time_events import time_event_table
 from flexmb.engine.functions import lower
 from flexmb.engine.kernels.functions.function import PIECEWISE
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
-from flexmb.engine.tables import LINES, Parts, System
+from flexmb.engine.tables import Parts, System
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
-from flexmb.model.plane import normal_in_body
+from flexmb.model.plane import normal_in_body, plane_axes
 
 __all__ = ["Compiled", "compile_system", "fingerprint"]
 
@@ -49,8 +51,9 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
-    starts: tuple[signals.Start, ...] = ()  # of the states
+    starts: tuple[feedback.Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
+    elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -87,6 +90,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         contacts=tuple(sliders.contacts),
         starts=found.measured.starts,
         numbers=tuple(found.measured.numbers),
+        elements=found.lowering.elements,
     )
 
 
@@ -105,33 +109,44 @@ def _known_bodies(model: Model, known: dict[str, FlexBody]) -> dict[str, FlexBod
 
 
 def _system(of: Gathered, order: Ordered, length: float) -> System:
-    model, forces, measured = of.model, of.forces, of.measured
-    n_functions, acting = len(of.functions.programs), measured.acting
-    curved = any(row.entry.kind in LINES for row in of.groups.rows)
-    scalar_weights = [unit_weight(scalar, length) for scalar in of.scalars]
+    model, lowering, measured = of.model, of.lowering, of.measured
+    n_functions, signals = len(of.functions.programs), measured.feedback
+    scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
     gravity = np.array(model.gravity or (0.0,) * 3)
+    of.markers.frame_together([(row.I, row.J) for row in of.groups.rows])
     markers, pool = of.markers.table(), of.markers.pool.array()
+    parts = Parts(of.bodies, pool, markers, gravity, of.coordinates, order.curve_markers)
+    rows = row_table(of.groups, 6 + of.bodies["m"], n_functions)
+    functions = lower(of.functions.programs, measured.numbers)
+    core = core_tables(parts, rows, order.groups, functions, measured.sensors, _plane(model))
+    kinds = core | of.kinds
+    if signals is not None:
+        kinds["feedback"] = signals.feedback
     return System(
-        parts=Parts(of.bodies, pool, markers, gravity, of.coordinates, order.sliders),
-        rows=row_table(of.groups, 6 + of.bodies["m"], n_functions),
+        parts=parts,
+        rows=rows,
         follows=order.follows,
         groups=order.groups,
         kkt=order.kkt,
         weights=np.append(body_weights(model, of.flexbodies, length), scalar_weights),
         row_weights=row_weights(of.groups, length),
-        lines=np.zeros(1) if curved else None,
-        functions=lower(of.functions.programs, measured.numbers),
-        springs=forces.springs,
-        loads=forces.loads,
-        kinks=kink_table(of.functions.programs, model.dynamics),
+        functions=functions,
+        time_events=time_event_table(of.functions.programs, model.dynamics),
         sensors=measured.sensors,
-        further=None if acting is None and sensor.is_basic(measured.sensors) else np.zeros(1),
-        signals=None if acting is None else acting.signals,
-        contacts=forces.contacts,
-        frictions=forces.frictions,
-        elements=forces.elements,
-        stops=stop_rows(forces.elements),
+        implicit_feedback=0 if signals is None else signals.feedback.implicit,
+        history=lowering.history if lowering.history > 1 else 0,
+        events=lowering.events,
+        program_depth=lowering.program_depth,
+        kinds=kinds,
     )
+
+
+def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
+    """Axes of the plane and its normal (3,), and of each body the axis along it; None in space."""
+    if model.plane is None:
+        return None
+    about = [normal_axis(spec, model.plane) for spec in model.bodies.values()]
+    return np.array(plane_axes(model.plane), np.int64), np.array(about, np.int64)
 
 
 def _layout(of: Gathered, system: System) -> Layout:
@@ -141,9 +156,9 @@ def _layout(of: Gathered, system: System) -> Layout:
             BodyColumns(name, int(row["iq"]), int(row["iv"]), int(row["m"]))
             for name, row in columns
         ),
-        coordinates=tuple(scalar.name for scalar in of.scalars),
-        nq=of.nq + len(of.scalars),
-        nv=of.nv + len(of.scalars),
+        coordinates=tuple(scalar.name for scalar in of.lowering.scalars),
+        nq=of.nq + len(of.lowering.scalars),
+        nv=of.nv + len(of.lowering.scalars),
         nc=len(of.groups.rows),
         rows=tuple(of.groups.names),
         reactions=tuple(of.groups.owners),
@@ -158,10 +173,15 @@ def fingerprint(system: System) -> str:
     functions = system.functions
     # Some piecewise polynomials are made over the length of the run; all are said by the scene.
     places = np.where(functions.ops == PIECEWISE, 0.0, functions.args)
-    lasting = system._replace(kinks=None, functions=functions._replace(args=places, data=None))
+    lasting = system._replace(
+        time_events=None,
+        functions=functions._replace(args=places, data=None),
+        kinds=tuple(part for name in sorted(system.kinds) for part in (name, system.kinds[name])),
+    )
     digest = hashlib.sha256()
     for part in _flatten(lasting):
-        digest.update(b"none" if part is None else np.ascontiguousarray(part).tobytes())
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(b"none" if data is None else np.ascontiguousarray(data).tobytes())
     return digest.hexdigest()
 
 

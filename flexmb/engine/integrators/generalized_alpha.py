@@ -11,14 +11,14 @@ symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step tha
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, NamedTuple
 
-from flexmb.engine.jit import inlined, kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.bodies import inertia_tangent
 from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.residual import residual
+from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
     AGE,
     CONTRACTION,
@@ -30,14 +30,17 @@ from flexmb.engine.method import (
     LAST_STEP,
     MOTION,
     NO_CONVERGENCE,
-    NO_METHOD,
     NOT_FINITE,
     RESIDUALS,
     SINCE,
     SPEED,
     SYMMETRIC,
-    ZERO_LENGTH,
+    Method,
 )
+from flexmb.engine.state import Run
+
+if TYPE_CHECKING:
+    from flexmb.model.tasks.dynamics import DynamicsSpec
 
 _UNSYMMETRIC_ABOVE = 0.2
 # Before a step, an expected contraction above this costs more iterations than a new factor
@@ -62,14 +65,41 @@ _SETTLED = 3
 _REFINEMENTS = 3
 
 
-@inlined
-def step(sys, alpha, settings, st, wk, h):
-    """One step from `st`; see the contract in `engine.method`."""
-    if alpha is None:
-        return NO_METHOD
+class Alpha(NamedTuple):
+    """Coefficients of generalized-α."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+
+
+def make_method(spec: DynamicsSpec) -> Method:
+    """The method for a scene, by its `spectral_radius`."""
+    return generalized_alpha(spec.spectral_radius)
+
+
+def generalized_alpha(spectral_radius: float) -> Method:
+    """Chung & Hulbert's coefficients for a spectral radius at infinity in [0, 1]."""
+    rho = spectral_radius
+    alpha_m = (2.0 * rho - 1.0) / (rho + 1.0)
+    alpha_f = rho / (rho + 1.0)
+    gamma = 0.5 + alpha_f - alpha_m
+    beta = 0.25 * (gamma + 0.5) ** 2
+    return Method(
+        step=(step,), coefficients=(Alpha(alpha_m, alpha_f, beta, gamma),), order=2, stages=0,
+        filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
+        tolerance_factor=0.2, tolerance_power=1.5,
+    )  # fmt: skip
+
+
+@unit
+def step(run: Run, alpha: Alpha, h: float) -> int:
+    """One step from the state; see the contract in `engine.method`."""
     b = alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
     cv = alpha.gamma / (alpha.beta * h)
-    tr, memory, count = wk.trial, st.memory, st.count
+    sys, st, tr, settings = run.system, run.state, run.work.trial, run.settings
+    memory, count, factor = st.memory, st.count, run.work.factor
     _predict(alpha, st, tr, h)
     if memory[FACTOR_STEP] != h and settings.stiff == 1:
         memory[AGE] = -1.0  # without stiffness the matrix hardly knows the step
@@ -88,17 +118,18 @@ def step(sys, alpha, settings, st, wk, h):
     for _ in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count[RESIDUALS] += 1
-        if residual(sys, wk, tr.t[0], tr.q, tr.v, tr.vd, tr.lam) >= 0:
-            return ZERO_LENGTH
+        status = residual(run, run.trial_point)
+        if status != FINE:
+            return status
         if memory[AGE] < 0.0:
-            wk.factor.symmetric[0] = int(memory[SYMMETRIC])
-            count[FIXED_PIVOTS] += factorise(sys, wk, tr.v, tr.vd, tr.lam, b * cv, b)
+            factor.symmetric[0] = int(memory[SYMMETRIC])
+            count[FIXED_PIVOTS] += factorise(run, run.trial_point, b * cv, b)
             count[FACTORISATIONS] += 1
             memory[AGE] = 0.0
             memory[CONTRACTION] = 1.0
             memory[FACTOR_STEP] = h
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = _correct(sys, wk, b, cv)
+        size, moved = _correct(run, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
         if last > 0.0:
@@ -114,7 +145,7 @@ def step(sys, alpha, settings, st, wk, h):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
-                _estimate_error(sys, alpha, st, wk, h)
+                estimate_error(run, alpha, h)
             return FINE
     return NO_CONVERGENCE
 
@@ -139,67 +170,74 @@ def _predict(alpha, st, tr, h):
     """
     last = st.memory[LAST_STEP]
     ratio = h / last if last > 0.0 else 1.0
-    shift = (alpha.alpha_m - alpha.alpha_f) * (ratio - 1.0)
+    alpha_m, alpha_f, beta, gamma = alpha.alpha_m, alpha.alpha_f, alpha.beta, alpha.gamma
+    shift = (alpha_m - alpha_f) * (ratio - 1.0)
     tr.t[0] = st.t[0] + h
-    for i in range(st.v.shape[0]):
-        change = st.vd[i] - st.vd_before[i]
-        aa = st.aa[i] + shift * change
-        tr.aa_start[i] = aa
-        tr.vd[i] = st.vd[i] + ratio * change
-        new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
-        aa1 = (new - alpha.alpha_m * aa) / (1.0 - alpha.alpha_m)
-        tr.dq[i] = h * st.v[i] + h * h * ((0.5 - alpha.beta) * aa + alpha.beta * aa1)
-        tr.v[i] = st.v[i] + h * ((1.0 - alpha.gamma) * aa + alpha.gamma * aa1)
-    for i in range(st.lam.shape[0]):
-        tr.lam[i] = st.lam[i] + ratio * (st.lam[i] - st.lam_before[i])
+    v, vd, vd_before, aa0, aa_start = st.v, st.vd, st.vd_before, st.aa, tr.aa_start
+    tr_vd, tr_v, dq = tr.vd, tr.v, tr.dq
+    for i in range(v.shape[0]):
+        change = vd[i] - vd_before[i]
+        aa = aa0[i] + shift * change
+        aa_start[i] = aa
+        tr_vd[i] = vd[i] + ratio * change
+        new = (1.0 - alpha_f) * tr_vd[i] + alpha_f * vd[i]
+        aa1 = (new - alpha_m * aa) / (1.0 - alpha_m)
+        dq[i] = h * v[i] + h * h * ((0.5 - beta) * aa + beta * aa1)
+        tr_v[i] = v[i] + h * ((1.0 - gamma) * aa + gamma * aa1)
+    lam, lam_before, tr_lam = st.lam, st.lam_before, tr.lam
+    for i in range(lam.shape[0]):
+        tr_lam[i] = lam[i] + ratio * (lam[i] - lam_before[i])
 
 
-@inlined
-def _correct(sys, wk, b, cv):
+@kernel
+def _correct(run, b, cv):
     """Newton correction of the trial state; returns what was still wrong, and the size of δq.
 
     Forces out of balance count by what they would move their own coordinate: with an old factor
     they move positions in the next iteration. The multipliers are solved for from zero (−ε b λ on
     the left), so that redundant rows share the least; the bias of C is 1e-9 of h² v̇.
     """
-    tr, fac, sol, C, kkt = wk.trial, wk.factor, wk.factor.sol, wk.con.C, sys.kkt
-    nv = tr.res.shape[0]
+    tr, fac, kkt, weights = run.work.trial, run.work.factor, run.system.kkt, run.system.weights
+    sol, C, place, eps, diagonal = fac.sol, run.work.con.C, kkt.place, fac.eps, fac.diagonal
+    res, lam, dq, v, vd = tr.res, tr.lam, tr.dq, tr.v, tr.vd
+    nv = res.shape[0]
     for i in range(nv):
-        sol[kkt.place[i]] = -b * tr.res[i]
+        sol[place[i]] = -b * res[i]
     for i in range(C.shape[0]):
-        k = kkt.place[nv + i]
-        sol[k] = fac.eps[k] * b * tr.lam[i] - C[i]
+        k = place[nv + i]
+        sol[k] = eps[k] * b * lam[i] - C[i]
     if fac.replaced[0] == 0:
         solve(kkt, fac, sol)
     else:
-        _solve_repaired(sys, wk, b)
+        _solve_repaired(run)
     moved, size = 0.0, 0.0
     for i in range(nv):
-        k = kkt.place[i]
+        k = place[i]
         d = sol[k]
-        tr.dq[i] += d
-        tr.v[i] += cv * d
-        tr.vd[i] += d / b
-        s = abs(d) * sys.weights[i]
+        dq[i] += d
+        v[i] += cv * d
+        vd[i] += d / b
+        s = abs(d) * weights[i]
         if not s <= moved:
             moved = s
-        s = abs(b * tr.res[i]) / fac.diagonal[k] * sys.weights[i]
+        s = abs(b * res[i]) / diagonal[k] * weights[i]
         if not s <= size:
             size = s
     for i in range(C.shape[0]):
-        tr.lam[i] += sol[kkt.place[nv + i]] / b
+        lam[i] += sol[place[nv + i]] / b
     return max(size, moved), moved
 
 
 @kernel
-def _solve_repaired(sys, wk, b):
+def _solve_repaired(run):
     """The same solve where pivots had to be replaced: refined against the matrix itself."""
-    fac, nv = wk.factor, wk.trial.res.shape[0]
+    fac, place, C = run.work.factor, run.system.kkt.place, run.work.con.C
+    nv = run.work.trial.res.shape[0]
     for i in range(fac.sol.shape[0]):
         fac.rhs[i] = fac.sol[i]
-    for i in range(wk.con.C.shape[0]):
-        fac.rhs[sys.kkt.place[nv + i]] = -wk.con.C[i]
-    solve_refined(sys.kkt, fac, _REFINEMENTS)
+    for i in range(C.shape[0]):
+        fac.rhs[place[nv + i]] = -C[i]
+    solve_refined(run.system.kkt, fac, _REFINEMENTS)
 
 
 @kernel
@@ -230,8 +268,8 @@ def _finish(weights, alpha, st, tr):
     st.memory[CONTRACTION] = min(0.99, measured + weighted_size(tr.dq, weights))
 
 
-@kernel
-def _estimate_error(sys, alpha, st, wk, h):
+@unit
+def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     """Local error of the step in trial.error: |κ_q| h³ q⃛ of positions, |κ_v| h³ q⁗ of velocities.
 
     κ_q = β + c/2 − 1/6 and κ_v = c²/2 − 1/12, c = α_m − α_f; the Taylor series of the formulas with
@@ -240,14 +278,16 @@ def _estimate_error(sys, alpha, st, wk, h):
     step; means and differences over two steps hardly see it, and right after the change the q⁗ of
     before is taken.
     """
-    tr, sol, kkt = wk.trial, wk.factor.sol, sys.kkt
+    sys, st, tr, sol, kkt = (
+        run.system, run.state, run.work.trial, run.work.factor.sol, run.system.kkt
+    )  # fmt: skip
     nv = tr.aa.shape[0]
     for i in range(nv):
         tr.res[i] = (tr.aa[i] - tr.aa_start[i]) / h
-    inertia_tangent.multiply_mass(sys.parts, wk.now, tr.res, wk.dense.B, sol, kkt.place)
-    for i in range(wk.con.C.shape[0]):
+    walk(run.stages.mass, run, run.trial_point)
+    for i in range(run.work.con.C.shape[0]):
         sol[kkt.place[nv + i]] = 0.0
-    solve(kkt, wk.factor, sol)
+    solve(kkt, run.work.factor, sol)
     positions, velocities = 0.0, 0.0
     same = h == st.memory[LAST_STEP] and st.memory[SINCE] >= 1.0
     for i in range(nv):
@@ -265,3 +305,4 @@ def _estimate_error(sys, alpha, st, wk, h):
         tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
     else:
         tr.error[1] = st.memory[JERK_ERROR] * h**3
+    return FINE

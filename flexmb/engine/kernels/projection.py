@@ -12,155 +12,164 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
-from flexmb.engine.kernels.bodies import kinematics
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.forces import joint_friction
-from flexmb.engine.kernels.joints import constraint
+from flexmb.engine.kernels.joints.constraint import (
+    constraint_rates,
+    constraint_right_side,
+    evaluate_constraints,
+)
 from flexmb.engine.kernels.kkt import factorise, permute
-from flexmb.engine.kernels.residual import forces, position_stage, velocity_stage
-from flexmb.engine.kernels.sensors import signal
+from flexmb.engine.kernels.stages import (
+    bias_stage,
+    feedback_stage,
+    forces,
+    position_stage,
+    reaction_stage,
+    velocity_stage,
+)
+from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
+from flexmb.engine.state import Point, Run
 
 _ROUNDS = 3
 _REFINEMENTS = 2
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
-LOOP = -1 << 40
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
-# Rounds in which friction in joints and the reactions that cause it agree, to this share of the
+# Loads that follow from reactions, such as friction in joints, agree with them to this share of the
 # largest force.
-_FRICTION_ROUNDS = 100
 _SETTLED = 1e-10
-UNSETTLED = -1_000_000_000
-"""What `accelerations` returns where they do not: a joint locks itself."""
+# What `accelerations` puts on the constraints first.
+NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
 
-@kernel
-def project_velocity(sys, wk, v):
-    """Put v (nv) on Cq v + C_t = 0 after a position stage, with a factor of this position.
+@unit
+def project_velocity(run: Run, at: Point) -> int:
+    """Put v on Cq v + C_t = 0 after a position stage, with a factor of this position.
 
-    wk.con.drift keeps how far v was off.
+    Constraints.drift keeps how far v was off.
     """
-    rate, sol, place = wk.con.rate, wk.factor.sol, sys.kkt.place
+    con, sol, kkt = run.work.con, run.work.factor.sol, run.system.kkt
+    rate, place, v = con.rate, kkt.place, at.v
     nv = v.shape[0]
-    wk.con.drift[0] = 0.0
+    con.drift[0] = 0.0
     if rate.shape[0] == 0:
-        return
+        return FINE
     for n in range(_ROUNDS):
-        velocity_stage(sys, wk, v)
-        constraint.rates(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
+        velocity_stage(run, at)
+        constraint_rates(run)
         if n == 0:
-            wk.con.drift[0] = largest(rate)
+            con.drift[0] = largest(rate)
         for i in range(nv):
             sol[place[i]] = 0.0
         for i in range(rate.shape[0]):
             sol[place[nv + i]] = -rate[i]
-        solve(sys.kkt, wk.factor, sol)
+        solve(kkt, run.work.factor, sol)
         for i in range(nv):
             v[i] += sol[place[i]]
+    return FINE
 
 
-@kernel
-def project_positions(sys, wk, t, q, rounds):
+@unit
+def project_positions(run: Run, at: Point, rounds: int) -> int:
     """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
 
-    Returns whether the last correction was round-off; leaves a position stage at q.
+    Returns 1 if the last correction was round-off; leaves a position stage at q.
     """
-    tr, C, sol, place = wk.trial, wk.con.C, wk.factor.sol, sys.kkt.place
-    nv = tr.dq.shape[0]
+    kkt, parts, weights = run.system.kkt, run.system.parts, run.system.weights
+    C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
+    nv = dq.shape[0]
     for _ in range(rounds):
-        constraint.evaluate(sys.lines, sys.rows, wk.now.marker, wk.con)
+        evaluate_constraints(run)
         for i in range(nv):
             sol[place[i]] = 0.0
         for i in range(C.shape[0]):
             sol[place[nv + i]] = -C[i]
-        solve(sys.kkt, wk.factor, sol)
+        solve(kkt, run.work.factor, sol)
         for i in range(nv):
-            tr.dq[i] = sol[place[i]]
-        if weighted_size(tr.dq, sys.weights) <= _ROUND_OFF:
-            return True
-        move(sys.parts, q, tr.dq, q)
-        position_stage(sys, wk, t, q)
-    return False
+            dq[i] = sol[place[i]]
+        if weighted_size(dq, weights) <= _ROUND_OFF:
+            return 1
+        move(parts, at.q, dq, at.q)
+        position_stage(run, at)
+    return 0
 
 
-@kernel
-def accelerations(sys, wk, t, q, v, vd, lam, cp, project):
+@unit
+def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
-    The mass matrix is M + cp ∂F/∂q. With `project` = 1, v is put on its constraints first, with 2
-    q and v are.
-
-    Returns the number of replaced pivots, −1 − k for spring k of no length, LOOP where forces that
-    depend on accelerations or reactions find none that fit, or UNSETTLED where friction does not.
+    The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
+    with POSITIONS q and v are. Returns the status; NO_LOOP where forces that depend on
+    accelerations or reactions do not settle, SELF_LOCKING where friction does not.
     """
-    fac = wk.factor
-    position_stage(sys, wk, t, q)
-    velocity_stage(sys, wk, v)
-    signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
-    joint_friction.put_grips(sys, sys.frictions, wk, lam)
-    fac.symmetric[0] = 1
-    fixes = factorise(sys, wk, v, vd, lam, 0.0, cp)
-    if project == 2 and lam.shape[0] > 0:
-        project_positions(sys, wk, t, q, _ROUNDS)
-    if project > 0:
-        project_velocity(sys, wk, v)
-        velocity_stage(sys, wk, v)
-        signal.stage(sys.signals, sys, wk, t, q, v, vd, lam)
-    kinematics.bias(sys.parts, wk.now, v)
-    constraint.right_side(sys.lines, sys.rows, wk.now.marker, wk.con, wk.dense.g[0])
-    bad = _solve(sys, wk, q, v, vd, lam)
-    if bad >= 0:
-        return -1 - bad
-    if not _settled(sys.signals, sys.frictions, sys, wk, t, q, v, vd, lam):
-        return UNSETTLED if joint_friction.rubs(sys.frictions) else LOOP
-    return fixes
+    position_stage(run, at)
+    velocity_stage(run, at)
+    feedback_stage(run, at)
+    reaction_stage(run, at)
+    run.work.factor.symmetric[0] = 1
+    factorise(run, at, 0.0, cp)
+    if project == POSITIONS and at.lam.shape[0] > 0:
+        project_positions(run, at, _ROUNDS)
+    if project != NOTHING:
+        project_velocity(run, at)
+        velocity_stage(run, at)
+        feedback_stage(run, at)
+    bias_stage(run, at)
+    constraint_right_side(run)
+    status = _solve(run, at)
+    if status != FINE:
+        return status
+    if depends_on_solution(run) and not _repeat(run, at):
+        return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
+    return FINE
 
 
 @kernel
-def _solve(sys, wk, q, v, vd, lam):
-    """(v̇; λ) from (Q; γ) with the present factor; returns a spring of no length, or −1."""
-    tr, fac, place = wk.trial, wk.factor, sys.kkt.place
+def depends_on_solution(run):
+    """Whether forces depend on accelerations or reactions."""
+    return len(run.stages.reaction.units) > 0 or run.system.implicit_feedback == 1
+
+
+@unit
+def _solve(run: Run, at: Point) -> int:
+    """(v̇; λ) from (Q; γ) with the present factor; returns the status of the forces."""
+    res, fac, kkt = run.work.trial.res, run.work.factor, run.system.kkt
+    place, vd, lam = kkt.place, at.vd, at.lam
+    nv = vd.shape[0]
+    for i in range(nv):
+        vd[i] = 0.0
     for i in range(lam.shape[0]):
         lam[i] = 0.0
-    bad = forces(sys, wk, q, v, tr.zero, lam)
-    for i in range(v.shape[0]):
-        tr.res[i] = -tr.res[i]
-    permute(sys.kkt, tr.res, wk.con.gamma, fac.rhs)
-    solve_refined(sys.kkt, fac, _REFINEMENTS)
-    for i in range(v.shape[0]):
+    status = forces(run, at)
+    for i in range(nv):
+        res[i] = -res[i]
+    permute(kkt, res, run.work.con.gamma, fac.rhs)
+    solve_refined(kkt, fac, _REFINEMENTS)
+    for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
-        lam[i] = fac.sol[place[v.shape[0] + i]]
-    return bad
+        lam[i] = fac.sol[place[nv + i]]
+    return status
 
 
 @kernel
-def _settled(signals, frictions, sys, wk, t, q, v, vd, lam):
-    """Solve again while forces depend on what was found; whether that came to an end."""
-    if joint_friction.rubs(frictions):
-        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
-    if signals is not None and signals.implicit[0] == 1:
-        return _repeat(signals, frictions, sys, wk, t, q, v, vd, lam)
-    return True
-
-
-@kernel
-def _repeat(signals, frictions, sys, wk, t, q, v, vd, lam):
-    before = wk.trial.jerk
+def _repeat(run, at):
+    """Solve again while forces depend on what was solved for; whether that came to an end."""
+    before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
     for _ in range(_LOOP_ROUNDS):
         copy(vd, before)
-        grip = joint_friction.put_grips(sys, frictions, wk, lam)
-        signal.stage(signals, sys, wk, t, q, v, vd, lam)
-        at_rest = grip <= _SETTLED * max(largest(wk.trial.res), largest(lam))
-        _solve(sys, wk, q, v, vd, lam)
-        size = weighted_size(vd, sys.weights)
-        for i in range(v.shape[0]):
+        change = reaction_stage(run, at)
+        feedback_stage(run, at)
+        at_rest = change <= _SETTLED * max(largest(run.work.trial.res), largest(at.lam))
+        _solve(run, at)
+        size = weighted_size(vd, weights)
+        for i in range(vd.shape[0]):
             before[i] -= vd[i]
-        change = weighted_size(before, sys.weights)
+        change = weighted_size(before, weights)
         if not math.isfinite(change):
             return False
         if at_rest and change <= _LOOP_CLOSED * size:

@@ -73,7 +73,7 @@ def _neighbours(path: Path) -> tuple[str, ...]:
 def _markers(
     scope: Scope, where: str, body: str, markers: Mapping[str, MarkerSpec]
 ) -> Iterator[Problem]:
-    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies)
+    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies) if markers else ()
     spec = scope.model.bodies.get(body)
     for name, marker in markers.items():
         at = f"{where}.markers.{name}"

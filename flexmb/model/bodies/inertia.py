@@ -18,6 +18,7 @@ from pydantic import SerializationInfo, ValidationInfo
 from flexmb.errors import Problem, SceneError
 from flexmb.model.values.quantities import read_number
 from flexmb.model.values.reading import Names, Reader, fail, given, names_of, units_of, unknown_key
+from flexmb.units import UnitSystem
 
 __all__ = ["Inertia", "MassProperties", "read_inertia"]
 
@@ -47,8 +48,9 @@ def read_inertia(value: Any, names: Names) -> Rows:
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     matrix = _matrix(value, names)
-    _check(matrix, units_of(names).label(_UNIT))
-    matrix = matrix * units_of(names).scale(_UNIT)
+    units = units_of(names)
+    _check(matrix, units)
+    matrix = matrix * units.scale(_UNIT)
     if not np.isfinite(matrix).all():
         raise SceneError(f"finite numbers are expected, given {given(value)}")
     return tuple((float(a), float(b), float(c)) for a, b, c in matrix)
@@ -84,27 +86,39 @@ def _from_table(table: Mapping[str, Any], names: Names) -> NDArray[np.float64]:
     return matrix
 
 
-def _check(matrix: NDArray[np.float64], unit: str) -> None:
+def _check(matrix: NDArray[np.float64], units: UnitSystem) -> None:
     scale = float(np.abs(matrix).max())
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if abs(matrix[i, j] - matrix[j, i]) > _ROUNDING * scale:
+            unit = units.label(_UNIT)
             a, b = f"I{'xyz'[i]}{'xyz'[j]}", f"I{'xyz'[j]}{'xyz'[i]}"
             raise SceneError(
                 f"the inertia is not symmetric: {a} = {matrix[i, j]:g} {unit} "
                 f"but {b} = {matrix[j, i]:g} {unit}"
             )
-    moments = np.linalg.eigvalsh((matrix + matrix.T) / 2)
-    shown = ", ".join(f"{moment:g}" for moment in moments)
+    moments = _principal(matrix)
+    exceeds = moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING)
+    if not (moments[0] <= 0 or exceeds):
+        return
+    shown, unit = ", ".join(f"{moment:g}" for moment in moments), units.label(_UNIT)
     if moments[0] <= 0:
         raise SceneError(
             f"the inertia is impossible: its principal moments {shown} {unit} must all be positive"
         )
-    if moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING):
-        raise SceneError(
-            f"the inertia is impossible: of its principal moments {shown} {unit} the largest, "
-            f"{moments[2]:g}, exceeds the sum of the other two, {moments[0] + moments[1]:g}; "
-            "no distribution of mass has it"
-        )
+    raise SceneError(
+        f"the inertia is impossible: of its principal moments {shown} {unit} the largest, "
+        f"{moments[2]:g}, exceeds the sum of the other two, {moments[0] + moments[1]:g}; "
+        "no distribution of mass has it"
+    )
+
+
+def _principal(matrix: NDArray[np.float64]) -> list[float]:
+    """Principal moments of inertia, ascending."""
+    diagonal: list[float] = matrix.diagonal().tolist()
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return sorted(diagonal)
+    moments: list[float] = np.linalg.eigvalsh((matrix + matrix.T) / 2).tolist()
+    return moments
 
 
 def _inertia(value: Any, info: ValidationInfo) -> Rows:

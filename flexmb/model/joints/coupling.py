@@ -8,7 +8,9 @@ others combine to is a circle whose ratios agree; a coordinate that the rows det
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
 __all__ = ["coupler_problems", "repeated_couplers"]
 
 Array = NDArray[np.float64]
+Key = tuple[str, str]
+"""A joint and its coordinate."""
+
 _WHEELS = ("revolute", "cylindrical", "screw", "planar", "parallel")
 _RACKS = ("prismatic", "cylindrical", "screw")
 _NONE = 1e-9  # share of a row that round-off of ratios leaves
@@ -117,6 +122,43 @@ def _geometry(scope: Scope, name: str) -> Iterator[Problem]:
         yield from error.problems
 
 
+@dataclass
+class _Independent:
+    """The couplers so far that repeat no others, and the coordinates that they relate."""
+
+    equations: list[tuple[str, Equation]] = field(default_factory=list)
+    relating: dict[Key, list[int]] = field(default_factory=dict)  # their numbers by coordinate
+    locked: set[Key] = field(default_factory=set)
+
+    def add(self, name: str, one: Equation) -> None:
+        """Append a coupler."""
+        for key in _factors(one):
+            self.relating.setdefault(key, []).append(len(self.equations))
+        self.equations.append((name, one))
+
+    def leads_on(self, one: Equation) -> bool:
+        """Whether a coupler reaches coordinates that no other relates, and locks none.
+
+        It locks none if there are two such, or one that follows one which can move.
+        """
+        factors = _factors(one)
+        least = _NONE * math.hypot(*factors.values())
+        keys = [key for key, factor in factors.items() if abs(factor) > least]
+        old = [key for key in keys if key in self.relating]
+        new = len(keys) - len(old)
+        return new > 1 or (new == 1 and len(old) == 1 and old[0] not in self.locked)
+
+    def connected(self, one: Equation) -> dict[str, Equation]:
+        """All couplers that shared coordinates join to one, in order."""
+        numbers: set[int] = set()
+        left = list(_factors(one))
+        while left:
+            more = set(self.relating.get(left.pop(), ())) - numbers
+            numbers |= more
+            left += [key for k in more for key in _factors(self.equations[k][1])]
+        return dict(self.equations[k] for k in sorted(numbers))
+
+
 class _Circle(NamedTuple):
     """A coupler that closes a circle: with which others; what is wrong, None if all agrees."""
 
@@ -127,29 +169,51 @@ class _Circle(NamedTuple):
 
 def _circles(model: Model, flexbodies: lookup.Bodies) -> Iterator[_Circle]:
     """Couplers that close a circle with earlier ones, in order."""
-    found = dict(known_equations(model, flexbodies))
-    keys = list(dict.fromkeys((t.joint, t.coordinate) for e in found.values() for t in e.terms))
-    kept: dict[str, Equation] = {}
-    rows = np.zeros((0, len(keys)))
-    for name, one in found.items():
-        row = np.zeros(len(keys))
-        for term in one.terms:
-            row[keys.index((term.joint, term.coordinate))] += term.factor
-        row /= np.linalg.norm(row)
-        share, left = _combined(rows, row)
-        others = tuple(n for n, s in zip(kept, share, strict=True) if abs(s) > _NONE)
-        if left <= _NONE:
-            yield _Circle(name, others, _contradiction(one, others, kept, share))
-            continue
-        before, rows = rows, np.vstack([rows, row])
-        kept[name] = one
-        locked = np.flatnonzero(_locked(rows) & ~_locked(before))
-        if len(locked):
-            involved = np.abs(np.array([_combined(rows, np.eye(len(keys))[k])[0] for k in locked]))
-            others = tuple(n for n, s in zip(kept, involved.max(axis=0), strict=True) if s > _NONE)
-            others = tuple(n for n in others if n != name)
-            held = [f"{keys[k][0]}.{keys[k][1]}" for k in locked]
-            yield _Circle(name, others, _told(others, held, _product(before, row)))
+    couplers = _Independent()
+    for name, one in known_equations(model, flexbodies):
+        if couplers.leads_on(one):
+            couplers.add(name, one)
+        else:
+            yield from _closed(couplers, name, one)
+
+
+def _closed(couplers: _Independent, name: str, one: Equation) -> Iterator[_Circle]:
+    """The circle that a coupler closes with others, if it does; an independent one is added."""
+    kept = couplers.connected(one)
+    keys = list(dict.fromkeys(key for e in (*kept.values(), one) for key in _factors(e)))
+    before = np.array([_row(e, keys) for e in kept.values()]).reshape(-1, len(keys))
+    row = _row(one, keys)
+    share, left = _combined(before, row)
+    others = tuple(n for n, s in zip(kept, share, strict=True) if abs(s) > _NONE)
+    if left <= _NONE:
+        yield _Circle(name, others, _contradiction(one, others, kept, share))
+        return
+    rows = np.vstack([before, row])
+    couplers.add(name, one)
+    locked = np.flatnonzero(_locked(rows) & ~_locked(before))
+    couplers.locked.update(keys[k] for k in locked)
+    if len(locked):
+        involved = np.abs(np.array([_combined(rows, np.eye(len(keys))[k])[0] for k in locked]))
+        parts = zip((*kept, name), involved.max(axis=0), strict=True)
+        others = tuple(n for n, s in parts if s > _NONE and n != name)
+        held = [f"{keys[k][0]}.{keys[k][1]}" for k in locked]
+        yield _Circle(name, others, _told(others, held, _product(before, row)))
+
+
+def _factors(one: Equation) -> dict[Key, float]:
+    """The factors of an equation by coordinate."""
+    factors: dict[Key, float] = {}
+    for term in one.terms:
+        key = term.joint, term.coordinate
+        factors[key] = factors.get(key, 0.0) + term.factor
+    return factors
+
+
+def _row(one: Equation, keys: list[Key]) -> Array:
+    """The factors of an equation, in this order of coordinates and of unit size."""
+    factors = _factors(one)
+    row = np.array([factors.get(key, 0.0) for key in keys])
+    return np.asarray(row / np.linalg.norm(row))
 
 
 def _combined(rows: Array, wanted: Array) -> tuple[Array, float]:

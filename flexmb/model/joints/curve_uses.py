@@ -45,8 +45,8 @@ def of_joint(scope: Scope, name: str, joint: JointSpec) -> Iterator[Problem]:
     words = ("curve", "second_curve"), ("start", "second_start")
     for word, begin, curve, start in zip(*words, joint.curves, starts, strict=False):
         where = f"joints.{name}.{word}"
-        known = scope.names("curves")
-        if curve not in known:
+        if not scope.has("curves", curve):
+            known = scope.names("curves")
             yield Problem(where, f'unknown curve "{curve}"', known, nearest(curve, known))
             continue
         shape = _known(scope.model, curve)
@@ -64,8 +64,8 @@ def of_joint(scope: Scope, name: str, joint: JointSpec) -> Iterator[Problem]:
 
 def of_sensor(scope: Scope, where: str, spec: PlaceSensorSpec) -> Iterator[Problem]:
     """The joint of a sensor of places: that it is on a curve, on that side."""
-    names = scope.names("joints")
-    if spec.joint not in names:
+    if not scope.has("joints", spec.joint):
+        names = scope.names("joints")
         what = f'unknown joint "{spec.joint}"'
         yield Problem(f"{where}.joint", what, names, nearest(spec.joint, names))
     elif spec.joint in scope.model.joints:

@@ -42,9 +42,11 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     """
     path = Path(path)
     text = _text(path)
-    scene, problems = override(_parse(path, text), overrides or {})
-    if problems:
-        raise SceneError.from_problems(problems)
+    scene = _parse(path, text)
+    if overrides:
+        scene, problems = override(scene, overrides)
+        if problems:
+            raise SceneError.from_problems(problems)
     model = build(Model, scene, path.parent)
     model.source = Source(path.resolve(), text, dict(overrides or {}))
     return model

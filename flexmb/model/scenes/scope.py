@@ -36,6 +36,10 @@ class Scope:
         """Names in a section, those that could not be read included."""
         return (*getattr(self.model, section), *self.broken.get(section, {}))
 
+    def has(self, section: str, name: str) -> bool:
+        """Whether a section has an entry of that name, if only one that could not be read."""
+        return name in getattr(self.model, section) or name in self.broken.get(section, {})
+
     def markers(self, section: str) -> Iterator[Problem]:
         """References to markers, of the entries that were read and of those that were not."""
         read = {name: vars(spec) for name, spec in getattr(self.model, section).items()}
@@ -51,8 +55,8 @@ class Scope:
     def marker(self, where: str, reference: str) -> Iterator[Problem]:
         """A marker that exists."""
         body = split_reference(reference)[0]
-        bodies = (*self.names("bodies"), GROUND)
-        if body not in bodies:
+        if body != GROUND and not self.has("bodies", body):
+            bodies = (*self.names("bodies"), GROUND)
             yield Problem(where, f'unknown body "{body}"', bodies, nearest(body, bodies))
         elif body not in self.broken.get("bodies", {}):
             problem = lookup.missing(self.model, reference, self.flexbodies)
@@ -84,8 +88,8 @@ class Scope:
 
     def coordinate(self, where: str, joint: str, coordinate: str) -> Iterator[Problem]:
         """A joint that exists and has this coordinate."""
-        names = self.names("joints")
-        if joint not in names:
+        if not self.has("joints", joint):
+            names = self.names("joints")
             what = f'unknown joint "{joint}"'
             yield Problem(f"{where}.joint", what, names, nearest(joint, names))
         elif joint in self.model.joints:

@@ -7,7 +7,7 @@ with two meanings, channels that no force can follow, expressions in a circle.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import TYPE_CHECKING
 
 from flexmb.errors import Problem, nearest
@@ -53,12 +53,16 @@ def sensor_problems(scope: Scope) -> Iterator[Problem]:
         elif isinstance(spec, ReactionSensorSpec):
             yield from _reaction(scope, where, spec)
         elif isinstance(spec, EnergySensorSpec) and spec.body is not None:
-            yield from _known(f"{where}.body", "body", spec.body, scope.names("bodies"))
+            yield from _known(scope, where, "body", spec.body, "bodies")
 
 
-def _known(where: str, noun: str, name: str, names: tuple[str, ...]) -> Iterator[Problem]:
-    if name not in names:
-        yield Problem(where, f'unknown {noun} "{name}"', names, nearest(name, names))
+def _known(scope: Scope, where: str, noun: str, name: str, section: str) -> Iterator[Problem]:
+    if not scope.has(section, name):
+        yield _unknown(f"{where}.{noun}", noun, name, scope.names(section))
+
+
+def _unknown(where: str, noun: str, name: str, names: tuple[str, ...]) -> Problem:
+    return Problem(where, f'unknown {noun} "{name}"', names, nearest(name, names))
 
 
 def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Problem]:
@@ -67,13 +71,9 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
     for noun in ("joint", "driver", "force"):
         name = getattr(spec, noun)
         if name is not None:
-            yield from _known(f"{where}.{noun}", noun, name, scope.names(f"{noun}s"))
-    if spec.coupler is not None and spec.coupler.split(".")[0] not in scope.broken.get(
-        "couplers", {}
-    ):
-        couplers = scope.model.couplers.items()
-        names = tuple(one for name, coupler in couplers for one in acting_names(name, coupler))
-        yield from _known(f"{where}.coupler", "coupler and joint", spec.coupler, names)
+            yield from _known(scope, where, noun, name, f"{noun}s")
+    if spec.coupler is not None:
+        yield from _coupler(scope, f"{where}.coupler", spec.coupler)
     force = scope.model.forces.get(spec.force or "")
     if isinstance(force, LoadSpec) and force.reaction is None and spec.on == "I":
         what = f'"{spec.force}" acts on one marker: its reaction is on ground; leave it out'
@@ -85,15 +85,25 @@ def _reaction(scope: Scope, where: str, spec: ReactionSensorSpec) -> Iterator[Pr
             yield Problem(f"{where}.quantity", what)
 
 
+def _coupler(scope: Scope, where: str, acting: str) -> Iterator[Problem]:
+    """What a coupler does to one of its joints."""
+    couplers, name = scope.model.couplers, acting.split(".")[0]
+    if name in scope.broken.get("couplers", {}):
+        return
+    if name not in couplers or acting not in acting_names(name, couplers[name]):
+        names = tuple(one for name, spec in couplers.items() for one in acting_names(name, spec))
+        yield _unknown(where, "coupler and joint", acting, names)
+
+
 def signal_problems(scope: Scope) -> Iterator[Problem]:
     """Names in expressions, and how they depend on each other."""
     yield from _names(scope)
-    known = scope.model.channels()
+    known = dict.fromkeys(scope.model.channels())
     broken = {name for section in _OWNERS for name in scope.broken.get(section, {})}
     unknown = False
     for where, function in signals.live_functions(scope.model):
         text = function.expression.text
-        yield from _two_meanings(scope, where, text)
+        yield from _two_meanings(scope, known, where, text)
         for name in function.expression.channels:
             if name not in known and name.partition(".")[0] not in broken:
                 names = (*known, *scope.model.parameters)
@@ -117,11 +127,13 @@ def _names(scope: Scope) -> Iterator[Problem]:
             owner.setdefault(name, f"{section}.{name}")
 
 
-def _two_meanings(scope: Scope, where: str, text: str) -> Iterator[Problem]:
+def _two_meanings(
+    scope: Scope, channels: Container[str], where: str, text: str
+) -> Iterator[Problem]:
     known = {**dict.fromkeys(CONSTANTS, "a constant"), "t": "the time"}
     known |= dict.fromkeys(scope.model.parameters, "a parameter")
     for name, meaning in known.items():
-        if name in scope.model.channels() and re.search(rf"(?<![\w.]){re.escape(name)}\b", text):
+        if name in channels and re.search(rf"(?<![\w.]){re.escape(name)}\b", text):
             yield Problem(where, f'"{name}" is {meaning} and a channel; rename the channel')
 
 

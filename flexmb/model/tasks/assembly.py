@@ -62,9 +62,9 @@ def assembly_problems(scope: Scope) -> Iterator[Problem]:
     spec = scope.model.assembly
     if spec is None:
         return
-    bodies = scope.names("bodies")
     for name in spec.weights:
-        if name not in bodies:
+        if not scope.has("bodies", name):
+            bodies = scope.names("bodies")
             what = f'unknown body "{name}"'
             yield Problem(f"assembly.weights.{name}", what, bodies, nearest(name, bodies))
     driven = {
@@ -73,9 +73,9 @@ def assembly_problems(scope: Scope) -> Iterator[Problem]:
         for motion in driver.motions(scope.model.plane)
         if driver.joint is not None
     }
-    joints = scope.names("joints")
     for joint, guess in spec.guess.items():
-        if joint not in joints:
+        if not scope.has("joints", joint):
+            joints = scope.names("joints")
             what = f'unknown joint "{joint}"'
             yield Problem(f"assembly.guess.{joint}", what, joints, nearest(joint, joints))
             continue

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.tasks.methods import MethodName
 from flexmb.model.values.quantities import Integer, Quantity, Time
 from flexmb.model.values.reading import Reader, Spec, fail
 
@@ -61,7 +62,7 @@ class DynamicsSpec(Spec):
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
     step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
-    method: Literal["generalized-alpha", "explicit-rk"] = "generalized-alpha"
+    method: MethodName = "generalized-alpha"
     spectral_radius: Annotated[float, Reader(_radius)] = 0.8
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
     start: Literal["undeformed", "quasi-static"] = "undeformed"

@@ -30,6 +30,7 @@ __all__ = [
     "quaternion_from_euler",
     "quaternion_from_matrix",
     "read_orientation",
+    "rotation_matrices",
     "rotation_matrix",
     "triad",
 ]
@@ -49,14 +50,21 @@ EULER_SEQUENCES = tuple(f"{a}{b}{c}" for a, b, c in product("xyz", repeat=3) if 
 
 def rotation_matrix(p: Any) -> Array:
     """Direction-cosine matrix A (3, 3), body to global, of a unit quaternion p = [w, x, y, z]."""
-    w, x, y, z = (float(c) for c in p)
-    return np.array(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-    )
+    return np.array(_cosines(*map(float, p))).reshape(3, 3)
+
+
+def rotation_matrices(p: Array) -> Array:
+    """The same of many (n, 4): (n, 3, 3)."""
+    return np.stack(_cosines(*p.T), axis=1).reshape(-1, 3, 3)
+
+
+def _cosines(w: Any, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The nine direction cosines of a quaternion, row by row."""
+    return (
+        w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z,
+    )  # fmt: skip
 
 
 def quaternion_from_axis(axis: Any, angle: float) -> Quaternion:

@@ -66,6 +66,8 @@ def read_number(value: Any, names: Names, unit: str | None = "") -> float:
     SceneError
         No number, a mistake in the expression, a unit of something else, or no finite value.
     """
+    if isinstance(value, float):
+        return _finite(float(value), value)
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit)
         constant = parse(text, names, time=False).constant
@@ -110,8 +112,10 @@ class Quantity:
             number = read_number(value, names, unit)
         except SceneError as error:
             raise fail(*error.problems) from None
-        self._check(number, value, units_of(names).label(unit or ""))
-        scaled = number * units_of(names).scale(unit or "")
+        units = units_of(names)
+        if self._wrong_sign(number):
+            raise fail(self._sign_problem(number, value, units.label(unit or "")))
+        scaled = number * units.scale(unit or "")
         if not math.isfinite(scaled):
             raise fail(Problem("", f"a finite number is expected, given {given(value)}"))
         return scaled
@@ -122,15 +126,15 @@ class Quantity:
         unit = self.unit_in(names) or ""
         return units_of(names).written(value, unit) if isinstance(value, float) else value
 
-    def _check(self, number: float, value: Any, label: str) -> None:
-        """Refuse a number of the wrong sign."""
-        bad = (self.sign == "positive" and number <= 0) or (
+    def _wrong_sign(self, number: float) -> bool:
+        return (self.sign == "positive" and number <= 0) or (
             self.sign == "not negative" and number < 0
         )
-        if bad:
-            wanted = "positive" if self.sign == "positive" else "zero or positive"
-            origin = f" (given {given(value)})" if isinstance(value, str) else ""
-            raise fail(Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin))
+
+    def _sign_problem(self, number: float, value: Any, label: str) -> Problem:
+        wanted = "positive" if self.sign == "positive" else "zero or positive"
+        origin = f" (given {given(value)})" if isinstance(value, str) else ""
+        return Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin)
 
 
 @dataclass(frozen=True)

@@ -4,108 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from enginekit import interpreted
-from linkages import four_bar
+from linkages import bar, four_bar, four_bar_angles, swept
 
-from flexmb.errors import SceneError
-from flexmb.model import Model
-
-CODE = """
-import numpy as np
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.assembly.gaps import gaps, moved_bodies, opened
-from flexmb.engine.consistent import RESIDUAL, solve_level
-from flexmb.engine.work import new_state, new_work
 from flexmb.engine.compile import compile_system
-from flexmb.errors import AssemblyError
+from flexmb.engine.entries import RESIDUAL, solve_level
+from flexmb.engine.work import new_state, new_work
+from flexmb.errors import AssemblyError, SceneError
 from flexmb.model import Model
-from linkages import bar, four_bar, four_bar_angles, swept
 
 BARS = (1.0, 2.0, 1.5, 2.2)
 
+
 def angles(made):
+    """Angles of the bodies of an assembled linkage."""
     compiled = compile_system(made)
     q = assemble(compiled, made).state.q
     return np.array([2 * np.arctan2(q[b.iq + 6], q[b.iq + 3]) for b in compiled.layout.bodies])
 
+
 def driven(placed):
+    """A four-bar placed open or crossed, its crank held at 0.6 rad."""
     made = four_bar(BARS, (0.6, *four_bar_angles(BARS, 0.6, placed)))
     made.add_driver("motor", joint="left", angle=0)
     made.add_sensor("right", "angle", joint="right")
     return made
-
-for placed in (1, -1):
-    for wanted in (1, -1):
-        turn = four_bar_angles(BARS, 0.6, wanted)[1] - four_bar_angles(BARS, 0.6, placed)[1]
-        made = driven(placed)
-        made.set_assembly(guess={"right": {"angle": float(turn + 0.2)}})
-        found[f"bars {placed} {wanted}"] = angles(made)
-        if placed == 1:  # a kinematic analysis begins there too
-            outcome, rows, _ = swept(made, duration=1e-3, outputs=1)
-            q = rows["q"][0]
-            found[f"swept {wanted}"] = np.array(
-                [2 * np.arctan2(q[7 * b + 6], q[7 * b + 3]) for b in range(3)]
-            )
-
-def arm(guess):
-    "Hand held at (1, 0.5): elbow up or down."
-    made = Model("arm", plane="xy")
-    bar(made, "upper", 1.0, (0, 0), 0.0)
-    bar(made, "fore", 0.8, (1, 0), 0.0)
-    made.add_marker("ground.hand", position=[1.0, 0.5, 0])
-    made.add_joint("shoulder", "revolute", between=["ground", "upper"], axis="z")
-    made.add_joint("elbow", "revolute", between=["upper.end", "fore"], axis="z")
-    made.add_joint("grip", "revolute", between=["fore.end", "ground.hand"], axis="z")
-    made.set_assembly(guess={"elbow": {"angle": guess}})
-    return made
-
-for name, guess in (("up", "-100*deg"), ("down", "100*deg")):
-    found["elbow " + name] = angles(arm(guess))
-
-def weighed(**weights):
-    made = four_bar(BARS, (0.7, 0.3, 1.9))
-    made.set_assembly(weights=weights)
-    compiled = compile_system(made)
-    try:
-        state = assemble(compiled, made).state
-    except AssemblyError as error:
-        return np.array([str(error)])
-    moved = moved_bodies(compiled, compiled.placed, state.q)
-    worst = gaps_as_placed(compiled)[0]
-    found["gap"] = np.array([worst.where, str(worst.distance)])
-    turned = {body.name: body.angle for body in moved}
-    return np.array([turned.get(name, 0.0) for name in made.bodies])
-
-def gaps_as_placed(compiled):
-    state, work = new_state(compiled.system), new_work(compiled.system)
-    state.q[:] = compiled.placed
-    solve_level(compiled.system, state, work, RESIDUAL)
-    return gaps(compiled, work)
-
-def told(made):
-    compiled = compile_system(made)
-    moved = moved_bodies(compiled, compiled.placed, assemble(compiled, made).state.q)
-    return np.array(opened(gaps_as_placed(compiled), moved, made.units), dtype=str)
-
-made = four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s")
-found["told"] = told(made)
-found["closed"] = told(driven(1))
-
-found["free"], found["heavy"] = weighed(), weighed(crank=100)
-found["fixed"] = weighed(crank="fixed")
-found["both"] = weighed(crank="fixed", rocker="fixed")
-
-made = four_bar((100.0, 500.0, 100.0, 200.0), (0.7, 0.3, 1.9), units="mm-t-s")
-try:
-    assemble(compile_system(made), made)
-except AssemblyError as error:
-    found["open"] = np.array(str(error).splitlines())
-"""
-
-
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    return interpreted(CODE, tmp_path_factory.mktemp("runs"))
 
 
 def same_angles(found, expected):
@@ -114,52 +38,95 @@ def same_angles(found, expected):
 
 @pytest.mark.parametrize("placed", [1, -1])
 @pytest.mark.parametrize("wanted", [1, -1])
-def test_a_four_bar_begins_open_or_crossed_as_guessed(runs, placed, wanted):
-    from linkages import four_bar_angles
+def test_a_four_bar_begins_open_or_crossed_as_guessed(placed, wanted):
+    expected = (0.6, *four_bar_angles(BARS, 0.6, wanted))
+    turn = four_bar_angles(BARS, 0.6, wanted)[1] - four_bar_angles(BARS, 0.6, placed)[1]
+    made = driven(placed)
+    made.set_assembly(guess={"right": {"angle": float(turn + 0.2)}})
+    same_angles(angles(made), expected)
+    if placed == 1:  # a kinematic analysis begins there too
+        _, rows, _ = swept(made, duration=1e-3, outputs=1)
+        q = rows["q"][0]
+        first = [2 * np.arctan2(q[7 * b + 6], q[7 * b + 3]) for b in range(3)]
+        same_angles(np.array(first), expected)
 
-    expected = (0.6, *four_bar_angles((1.0, 2.0, 1.5, 2.2), 0.6, wanted))
-    same_angles(runs[f"bars {placed} {wanted}"], expected)
-    if placed == 1:
-        same_angles(runs[f"swept {wanted}"], expected)
 
-
-def test_an_arm_begins_with_its_elbow_as_guessed(runs):
-    """Law of cosines: reach² = 1 + 0.8² + 1.6 cos(elbow)."""
+@pytest.mark.parametrize(("guess", "sign"), [("-100*deg", -1.0), ("100*deg", 1.0)])
+def test_an_arm_begins_with_its_elbow_as_guessed(guess, sign):
+    """Its hand is held at (1, 0.5). Law of cosines: reach² = 1 + 0.8² + 1.6 cos(elbow)."""
+    made = Model("arm", plane="xy")
+    bar(made, "upper", 1.0, (0, 0), 0.0)
+    bar(made, "fore", 0.8, (1, 0), 0.0)
+    made.add_marker("ground.hand", position=[1.0, 0.5, 0])
+    made.add_joint("shoulder", "revolute", between=["ground", "upper"], axis="z")
+    made.add_joint("elbow", "revolute", between=["upper.end", "fore"], axis="z")
+    made.add_joint("grip", "revolute", between=["fore.end", "ground.hand"], axis="z")
+    made.set_assembly(guess={"elbow": {"angle": guess}})
     elbow = np.arccos((1.25 - 1.64) / 1.6)
-    for name, sign in (("up", -1.0), ("down", 1.0)):
-        upper, fore = runs[f"elbow {name}"]
-        assert np.sin(fore - upper) == pytest.approx(sign * np.sin(elbow), abs=1e-9)
-        assert np.cos(upper) + 0.8 * np.cos(fore) == pytest.approx(1.0, abs=1e-9)
+    upper, fore = angles(made)
+    assert np.sin(fore - upper) == pytest.approx(sign * np.sin(elbow), abs=1e-9)
+    assert np.cos(upper) + 0.8 * np.cos(fore) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_heavier_bodies_move_less_and_fixed_ones_not_at_all(runs):
-    free, heavy, fixed = runs["free"], runs["heavy"], runs["fixed"]
+def gaps_as_placed(compiled):
+    """The gaps of a linkage before it is assembled."""
+    state, work = new_state(compiled.system), new_work(compiled.system)
+    state.q[:] = compiled.placed
+    solve_level(compiled.system, state, work, RESIDUAL)
+    return gaps(compiled, work)
+
+
+def weighed(**weights):
+    """Angles by which the bars of a four-bar turn, by their weights, and its largest gap."""
+    made = four_bar(BARS, (0.7, 0.3, 1.9))
+    made.set_assembly(weights=weights)
+    compiled = compile_system(made)
+    state = assemble(compiled, made).state
+    moved = moved_bodies(compiled, compiled.placed, state.q)
+    turned = {body.name: body.angle for body in moved}
+    return [turned.get(name, 0.0) for name in made.bodies], gaps_as_placed(compiled)[0]
+
+
+def test_heavier_bodies_move_less_and_fixed_ones_not_at_all():
+    (free, _), (heavy, _), (fixed, gap) = weighed(), weighed(crank=100), weighed(crank="fixed")
     assert free[0] > 0.05 and heavy[0] < 0.1 * free[0] and fixed[0] == 0.0
     assert fixed[2] > free[2]
     end = np.array([np.cos(0.7) + 2 * np.cos(0.3), np.sin(0.7) + 2 * np.sin(0.3)])
     other = np.array([2.2 + 1.5 * np.cos(1.9), 1.5 * np.sin(1.9)])
-    assert tuple(runs["gap"]) == ("joints.rocker_pin", str(float(np.linalg.norm(end - other))))
+    assert (gap.where, gap.distance) == ("joints.rocker_pin", float(np.linalg.norm(end - other)))
 
 
-def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene(runs):
-    told, closed = runs["told"], runs["closed"]
+def report(made):
+    """What the report of an assembly says."""
+    compiled = compile_system(made)
+    moved = moved_bodies(compiled, compiled.placed, assemble(compiled, made).state.q)
+    return opened(gaps_as_placed(compiled), moved, made.units)
+
+
+def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene():
+    told = report(four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s"))
     assert (
         told[0].startswith("open as placed: joints.rocker_pin by ") and " mm and 0 deg" in told[0]
     )
     assert told[1].startswith("closed with least change; moved: rocker by 0 mm and 33")
-    assert len(closed) == 0
+    assert len(report(driven(1))) == 0
 
 
-def test_fixed_bodies_that_would_have_to_move_are_named(runs):
-    lines = runs["both"][0].splitlines()
+def test_fixed_bodies_that_would_have_to_move_are_named():
+    with pytest.raises(AssemblyError) as caught:
+        weighed(crank="fixed", rocker="fixed")
+    lines = str(caught.value).splitlines()
     assert [line.split(":")[0] for line in lines] == [
         "assembly.weights.crank", "assembly.weights.rocker",
     ]  # fmt: skip
     assert all("close only if it moves by 0 m and" in line for line in lines)
 
 
-def test_what_stays_open_is_told_in_the_units_of_the_scene(runs):
-    lines = runs["open"]
+def test_what_stays_open_is_told_in_the_units_of_the_scene():
+    made = four_bar((100.0, 500.0, 100.0, 200.0), (0.7, 0.3, 1.9), units="mm-t-s")
+    with pytest.raises(AssemblyError) as caught:
+        assemble(compile_system(made), made)
+    lines = str(caught.value).splitlines()
     assert "cannot be assembled" in lines[0] and "assembly.guess" in lines[0]
     assert lines[1].startswith("joints.") and " mm and 0 deg" in lines[1]
     assert lines[-1].startswith("assembly: moved in vain: ")

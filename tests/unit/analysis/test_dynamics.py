@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ import pytest
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics import run as module
 from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.analysis.dynamics.settings import chosen_method, time_grid
-from flexmb.engine import march
+from flexmb.analysis.dynamics.settings import time_grid
+from flexmb.engine import units
 from flexmb.engine.compile import compile_system
-from flexmb.engine.consistent import VELOCITIES, solve_level
+from flexmb.engine.entries import VELOCITIES, integrate, prepare_integration, solve_level
+from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE, Settings
 from flexmb.engine.state import State
-from flexmb.engine.work import new_work
+from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import load_scene
 from flexmb.model.tasks.dynamics import DynamicsSpec
 
@@ -72,6 +74,8 @@ def test_a_step_that_fits_is_kept():
 
 def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkeypatch):
     monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
+    prepare_integration(compiled.system, chosen_method(model.dynamics))
+    monkeypatch.setattr(units, "_loader", functools.cache(units._Loader))  # nothing is loaded
     sink = Kept()
     phases = []
     outcome = dynamics(compiled, model, sink, progress=lambda *told: phases.append(told))
@@ -80,7 +84,7 @@ def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkey
     np.testing.assert_allclose(times, np.linspace(0, model.dynamics.duration, 41), atol=1e-12)
     assert len(sink.states) == 41
     assert [phase for phase, share, *_ in phases if share == 1.0] == [
-        "compile",
+        "load",
         "assemble",
         "integrate",
     ]
@@ -94,17 +98,17 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
     grid = time_grid(model.dynamics)
     state = State(**{name: array.copy() for name, array in sink.states[20].items()})
     work = new_work(compiled.system, len(compiled.layout.channels))
-    output = march.new_output(compiled.system, 4, len(compiled.layout.channels))
+    output = new_output(compiled.system, 4, len(compiled.layout.channels))
     determined = 1
     every = round(grid.interval / grid.step)
     duration, tolerance = model.dynamics.duration, model.dynamics.newton_tolerance or 1e-8
     settings = Settings(
         0.0, duration, grid.interval, grid.step, 0.0, 0.0, 2, tolerance, 15, 1, 0, determined
     )
+    method = chosen_method(model.dynamics)
+    run = new_run(compiled.system, state, work, method, settings, output)
     for chunk in range(20, 40):
-        method = chosen_method(model.dynamics)
-        code = march.march(compiled.system, method, settings, state, work, output, every)
-        assert code == FINE
+        assert integrate(run, every) == FINE
         block = sink.blocks[chunk + 1]
         for name in ("t", "q", "v", "vd", "lam", "sensors", "energy"):
             assert getattr(output, name)[:1].tobytes() == getattr(block, name).tobytes(), name

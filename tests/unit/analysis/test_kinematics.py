@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from enginekit import interpreted
+from enginekit import computed
 from linkages import four_bar_angles
 
 CODE = """
@@ -156,7 +156,7 @@ found["branch"] = np.array([outcome.status, outcome.message])
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    return interpreted(CODE, tmp_path_factory.mktemp("runs"))
+    return computed(CODE, tmp_path_factory.mktemp("runs"))
 
 
 def said(runs, name, status, *words):

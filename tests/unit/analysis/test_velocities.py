@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from generators import cloud, interface, random_rotation
-from truthkit import compiled
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.assembly.velocities import rigid_motion
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 KEPT = 1e-9  # markers of given velocity weigh 1e8 times their body, and rounds follow
@@ -18,7 +18,7 @@ SPEED, SPIN = np.array([1.0, -2.0, 0.5]), np.array([3.0, 1.0, -2.0])
 
 def first(model):
     """Compiled model, first state, notes."""
-    made = compiled(model)
+    made = compile_system(model)
     found = assemble(made, model)
     return made, found.state, found.notes
 

@@ -294,5 +294,5 @@ def test_help_and_version() -> None:
 def test_doctor_says_what_works() -> None:
     done = call("doctor")
     assert done.exit_code == 0, done.output
-    for word in ("numpy", "scikit-fem", "pictures", "cache", "compiled kernels", "Python"):
+    for word in ("numpy", "scikit-fem", "pictures", "cache", "compiled units", "Python"):
         assert word in done.stdout

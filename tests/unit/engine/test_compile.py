@@ -34,9 +34,11 @@ def test_fingerprint_sees_every_number():
     made = Mechanism(1, "chain", "rigid", n=2)
     system = compile_system(made.model).system
     first = fingerprint(system)
-    system.springs["k"][0] = np.nextafter(system.springs["k"][0], np.inf)
+    stiffness = system.kinds["springs"].rows["k"]
+    stiffness[0] = np.nextafter(stiffness[0], np.inf)
     assert fingerprint(system) != first
-    assert fingerprint(system._replace(springs=None)) != first
+    others = {name: tables for name, tables in system.kinds.items() if name != "springs"}
+    assert fingerprint(system._replace(kinds=others)) != first
 
 
 def test_modal_block_has_the_layout_that_the_kernels_expect():
@@ -96,13 +98,16 @@ def test_drivers_add_one_row_with_the_function():
 def test_features_that_are_not_used_have_no_table():
     made = Mechanism(1, "chain", "mixed", n=2, acting=False)
     system = compile_system(made.model).system
-    assert system.springs is system.lines is system.parts.coordinates is None
-    assert system.further is system.signals is None
-    sensors = system.sensors.channels
-    assert len(system.loads) == len(sensors) == len(system.functions.ops) == 0
+    mechanism = {"rigid_bodies", "flexible_bodies", "point_markers", "rigid_markers"}
+    mechanism |= {"flexible_markers", "joints", "point_joints"}
+    assert set(system.kinds) <= mechanism
+    assert len(system.parts.coordinates) == len(system.parts.curve_markers) == 0
+    assert len(system.sensors.channels) == len(system.functions.ops) == 0
     used = compile_system(Mechanism(1, "chain", "mixed", n=2).model).system
-    assert all(len(part) > 0 for part in (used.functions.ops, used.springs, used.loads))
-    assert len(used.sensors.channels) > 0 and used.further is used.signals is None
+    kinds = used.kinds
+    assert all(len(part) > 0 for part in (used.functions.ops, used.sensors.channels))
+    assert len(kinds["springs"].rows) > 0 and len(kinds["loads"].rows) > 0
+    assert "feedback" not in kinds
 
 
 def test_equal_markers_modes_and_functions_are_stored_once():

@@ -1,4 +1,4 @@
-"""Kernels of force elements without compilation: tabulated laws, integrals, rotation vectors.
+"""Kernels of force elements: tabulated laws, integrals, rotation vectors.
 
 The truth of the interpolations is SciPy's.
 """
@@ -7,52 +7,60 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from enginekit import interpreted
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
+
+from flexmb.engine.functions import lower, stack_for
+from flexmb.engine.kernels.forces import characteristic, relative_motion
+from flexmb.engine.kernels.functions.function import run_program
+from flexmb.engine.units import call
+from flexmb.model.forces.laws import LawOf
+from flexmb.model.functions.expression import parse
 
 LAST_DIGITS = 1e-13
 X = [-2.0, -1.2, -0.3, 0.4, 0.5, 1.7, 2.5]
 Y = [-3.0, -1.0, -0.9, 0.8, 0.7, 2.0, 8.0]
-CODE = f"""
-from scipy.spatial.transform import Rotation
-from flexmb.engine.functions import lower, stack_for
-from flexmb.engine.kernels.forces import law, pair
-from flexmb.engine.kernels.functions.function import evaluate
-from flexmb.model.functions.expression import parse
-from flexmb.model.forces.laws import LawOf
-
-x, y = {X!r}, {Y!r}
-at = np.linspace(-4.0, 5.0, 181)
-
-def read(points, name, places):
-    made = LawOf("x", "m", "N").read({{"points": points, "interpolation": name}}, {{}})
-    table = lower([made.expression, made.stored])
-    stack = stack_for(table)
-    jets = [[evaluate(table, k, s, stack, stack) for k in (0, 1)] for s in places]
-    return [(force[0], force[1], energy[0]) for force, energy in jets]
-
-for name in ("monotone", "akima", "cubic", "linear"):
-    found[name] = read(list(zip(x, y)), name, [*at, *x])
-    found["two " + name] = read([(1.0, 2.0), (3.0, 8.0)], name, (0.0, 2.0, 4.0))
-table = lower([parse("3*x**5 - x**2 + 2", variable="x"), parse("exp(x)*cos(3*x)", variable="x")])
-found["integrals"] = [law.integral(table, k, stack_for(table), s) for k in (0, 1)
-                      for s in (-1.3, 2.0)]
-
-rng = np.random.default_rng(1)
-turns = rng.standard_normal((40, 3))
-lengths = [*np.geomspace(1e-9, 1.0, 20), *np.linspace(1.1, np.pi - 1e-6, 20)]
-turns *= (lengths / np.linalg.norm(turns, axis=1))[:, None]
-found["turns"] = turns
-found["vectors"] = [pair.rotation_vector(Q) for Q in Rotation.from_rotvec(turns).as_matrix()]
-found["none"] = pair.rotation_vector(np.eye(3))
-found["e"] = [pair.inverse_coefficient(s) for s in (0.4999999, 0.5000001, 1e-12, 9.0)]
-"""
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    return interpreted(CODE, tmp_path_factory.mktemp("kernels"))
+def found():
+    found = {}
+    at = np.linspace(-4.0, 5.0, 181)
+    for name in ("monotone", "akima", "cubic", "linear"):
+        found[name] = read(list(zip(X, Y, strict=True)), name, [*at, *X])
+        found["two " + name] = read([(1.0, 2.0), (3.0, 8.0)], name, (0.0, 2.0, 4.0))
+    texts = ("3*x**5 - x**2 + 2", "exp(x)*cos(3*x)")
+    table = lower([parse(text, variable="x") for text in texts])
+    found["integrals"] = [
+        call(characteristic.integral, table, k, stack_for(table), s)
+        for k in (0, 1)
+        for s in (-1.3, 2.0)
+    ]
+
+    rng = np.random.default_rng(1)
+    turns = rng.standard_normal((40, 3))
+    lengths = [*np.geomspace(1e-9, 1.0, 20), *np.linspace(1.1, np.pi - 1e-6, 20)]
+    turns *= (lengths / np.linalg.norm(turns, axis=1))[:, None]
+    found["turns"] = turns
+    found["vectors"] = np.array(
+        [relative_motion.rotation_vector(Q) for Q in Rotation.from_rotvec(turns).as_matrix()]
+    )
+    found["none"] = relative_motion.rotation_vector(np.eye(3))
+    coefficients = (0.4999999, 0.5000001, 1e-12, 9.0)
+    found["e"] = [relative_motion.inverse_coefficient(s) for s in coefficients]
+    return found
+
+
+def read(points, name, places):
+    """(places, 3) force, slope and energy of a tabulated law."""
+    made = LawOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
+    table = lower([made.expression, made.stored])
+    stack = stack_for(table)
+    rows = []
+    for s in places:
+        force = call(run_program, table, 0, s, stack, stack), stack[0, 1]
+        rows.append((*force, call(run_program, table, 1, s, stack, stack)))
+    return np.array(rows)
 
 
 TRUTH = {

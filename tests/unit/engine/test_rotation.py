@@ -7,13 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from flexmb.engine.jit import entry
 from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
-
-
-@entry
-def coefficients(x):
-    return tangent_coefficients(x)
 
 
 def series(x):
@@ -28,7 +22,7 @@ def series(x):
 
 @pytest.mark.parametrize("x", [0.0, 1e-12, 1e-4, 9.99e-3, 1.001e-2, 0.1, 1.0, 9.0])
 def test_tangent_coefficients(x):
-    found = coefficients(x)
+    found = tangent_coefficients(x)
     np.testing.assert_allclose(found[:2], series(x)[:2], rtol=1e-12)
     # Beside the switch to the series the derivatives lose digits; they are used times x.
     np.testing.assert_allclose(found[2:], series(x)[2:], rtol=1e-9)

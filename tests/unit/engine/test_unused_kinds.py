@@ -1,13 +1,78 @@
-"""A scene compiles only the kinds of elements it holds."""
+"""A scene loads, and compiles, the units of the kinds of elements that it holds, and no others."""
 
 from __future__ import annotations
 
 import pytest
-from benchmarks.kinds import INNER, fresh
+from benchmarks.units import KINDS
+
+from flexmb.engine import units
+from flexmb.engine.entries import integration_units, prepare_integration
+from flexmb.engine.integrators import chosen_method
+
+FORCES_OF_TIME = {"forces.load", "forces.unit_force", "functions.time_function"}
+# Modules whose units a scene with one more element calls, and the same scene without it does not.
+# Beside them any element may need markers with axes, where the chain has points only. Rows about
+# lines and jumps in time are part of units that all scenes call.
+OWN = {
+    None: set(),
+    "spring": {"forces.spring_damper"},
+    "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic",
+            "forces.unit_force"},
+    "bushing": {"forces.damping_tangent", "forces.six_component_force"},
+    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent"},
+    "joint friction": {"forces.joint_friction", "joints.coordinate"},
+    "line row": set(),
+    "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
+    "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.feedback_tangent"},
+    "time event": FORCES_OF_TIME,
+    "expression sensor": set(),
+    "reaction sensor": set(),
+    "planar": {"bodies.planar_body"},
+    "flexible": {"functions.time_function"},
+    "explicit-rk": {"integrators.explicit_rk"},
+}  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [None, *INNER])
-def test_no_other_kind_is_compiled(kind):
+@pytest.fixture
+def called(project, monkeypatch):
+    """What tells the units that a chain with one more element of a kind calls.
+
+    And those that are compiled with an empty cache, by the names in their sources.
+    """
+    monkeypatch.syspath_prepend(str(project))
+    from tests.benchmarks.units import with_one
+
+    def sets(kind):
+        model, compiled = with_one(kind)
+        method = chosen_method(model.dynamics)
+        prepare_integration(compiled.system, method)
+        entered, stored = integration_units(compiled.system, method), {}
+        names = [unit.name for unit in entered]
+        assert units._collect(names, stored, lambda name: False) == []
+        with monkeypatch.context() as empty:
+            empty.setattr(units, "read_stored", lambda name: None)
+            return set(stored), set(units.missing_units(entered))
+
+    return sets
+
+
+def module(name):
+    """Module of a unit within the engine."""
+    return name.rpartition(".")[0].removeprefix("flexmb.engine.").removeprefix("kernels.")
+
+
+def test_all_kinds_are_told():
+    assert set(OWN) == {None, *KINDS}
+
+
+@pytest.mark.parametrize("kind", [None, *KINDS])
+def test_no_other_kind_is_compiled(kind, called):
     """Friction in joints follows a coordinate of its joint, which costs nothing of another kind."""
-    assert fresh(kind)["inner"] == ([] if kind is None else [kind])
+    (plain, _), (calls, compiled) = called(None), called(kind)
+    more = {module(name) for name in calls - plain}
+    assert len(plain) < 100
+    assert more - {module(name) for name in plain} == OWN[kind]
+    wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics",
+                "sensors.sensor"}  # fmt: skip
+    assert more - OWN[kind] <= (wherever if kind == "flexible" else {"bodies.kinematics"})
+    assert compiled == calls

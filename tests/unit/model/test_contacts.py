@@ -48,17 +48,16 @@ def test_a_scene_is_written_as_it_was_read():
 def test_units_mean_what_they_say():
     """K d^n in N and mm is K (1000 d)^n in N and m."""
     one, two = (compile_system(scene(units)).system for units in ("SI", "mm-t-s"))
-    for table in ("contacts", "frictions"):
-        for name in getattr(one, table).dtype.names:
-            np.testing.assert_allclose(
-                getattr(one, table)[name], getattr(two, table)[name], rtol=1e-12, err_msg=name
-            )
+    for kind in ("contacts", "joint_frictions"):
+        rows, others = one.kinds[kind].rows, two.kinds[kind].rows
+        for name in rows.dtype.names:
+            np.testing.assert_allclose(rows[name], others[name], rtol=1e-12, err_msg=name)
 
 
 def test_each_point_is_a_contact_of_its_own():
-    table = compile_system(scene()).system.contacts
+    table = compile_system(scene()).system.kinds["contacts"].rows
     assert len(table) == 3
-    assert len(set(table["kept"])) == 3
+    assert len(set(table["history"])) == 3
     np.testing.assert_array_equal(table["ri"], [0.1, 0.0, 0.0])
 
 

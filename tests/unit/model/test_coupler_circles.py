@@ -6,6 +6,7 @@ import pytest
 from gearkit import planetary, wheels
 
 from flexmb.errors import FlexmbWarning
+from flexmb.model import Model
 
 
 def linear(model, name, factors, constant=0.0):
@@ -90,3 +91,30 @@ def test_three_couplers_of_three_coordinates_are_no_circle_unless_one_is_held():
     add("other", 1, 1, -1)
     (problem,) = model.problems()
     assert 'closes a circle with "sum" and "equal" in which' in problem.what
+
+
+def test_a_long_train_with_an_open_end_is_no_circle():
+    """However little its last wheel turns when the first one does: here 1e-12 of it."""
+    model = Model("train")
+    for k in range(41):
+        model.add_body(f"b{k}", mass=1, inertia=[1, 1, 1], position=[k, 0, 0])
+        model.add_marker(f"ground.g{k}", position=[k, 0, 0])
+        model.add_joint(f"pin{k}", "revolute", between=[f"ground.g{k}", f"b{k}"])
+        if k:
+            model.add_coupler(f"g{k}", "gear", joints=[f"pin{k - 1}", f"pin{k}"], teeth=[10, 20])
+    assert model.problems() == []
+    model.add_coupler("back", "gear", joints=["pin0", "pin3"], teeth=[10, 70])
+    assert model.problems()[0].where == "couplers.back"
+
+
+def test_an_equation_of_three_terms_locks_what_the_others_combine_to():
+    model = wheels()
+    model.add_body("c", mass=1, inertia=[1, 1, 1])
+    model.add_joint("pin_c", "revolute", between=["ground", "c"])
+    linear(model, "opposite", (1.0, 1.0))
+    joints = ("pin_a", "pin_b", "pin_c")
+    terms = [{"joint": joint, "coordinate": "angle", "factor": 2.0} for joint in joints]
+    model.add_coupler("sum", "linear", terms=terms)
+    (problem,) = model.problems()
+    assert problem.where == "couplers.sum"
+    assert 'in which "pin_c.angle" cannot move' in problem.what

@@ -9,8 +9,8 @@ import pytest
 from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.forces.elements import names_of
-from flexmb.engine.sensor_tables import FRAME_WRENCH, MUTUAL_WRENCH
+from flexmb.engine.kernels.forces.six_component_force import STIFFNESS
+from flexmb.engine.kinds import KINDS
 from flexmb.model import Model, load_scene
 from flexmb.model.forces.force import FORCE_TYPES
 from flexmb.model.scenes.schema import scene_schema
@@ -87,6 +87,7 @@ value = ["t", 0, 0]
 axes = "rod.center"
 reaction = "rod"
 """
+FORCE_KINDS = [kind.name for kind in KINDS if not kind.core]
 
 
 def scene(tmp_path, text=GOOD + FORCES):
@@ -102,10 +103,18 @@ def test_a_written_scene_says_the_same(tmp_path):
     assert kinds >= {"bushing", "beam", "stop", "rotational-stop", "translational-stop"}
     again = Model.from_scene_dict(first.to_scene_dict(), tmp_path)
     assert again.forces.keys() == first.forces.keys()
-    prints = [compile_system(model).layout.fingerprint for model in (first, again)]
-    assert prints[0] == prints[1]
-    assert names_of(first, FRAME_WRENCH) == ("forces.bush", "forces.block", "forces.beam")
-    assert names_of(first, MUTUAL_WRENCH) == ("forces.push",)
+    made, other = (compile_system(model) for model in (first, again))
+    assert made.layout.fingerprint == other.layout.fingerprint
+    assert names_of(made, "six_component_forces") == ["forces.bush", "forces.block", "forces.beam"]
+    assert names_of(made, "action_reaction_loads") == ["forces.push"]
+
+
+def names_of(made, kind):
+    """Scene paths of the rows of a kind, in their order."""
+    rows = sorted((e.row, e.n, name) for name, e in made.elements.items() if e.kind == kind)
+    assert [row for row, _, _ in rows] == list(range(len(made.system.kinds[kind].rows)))
+    assert all(n == 1 for _, n, _ in rows)
+    return [name for _, _, name in rows]
 
 
 def test_the_schema_takes_it():
@@ -164,10 +173,10 @@ damper_force = "0.5*v"
 def test_units_of_stiffness_stops_and_laws(tmp_path):
     """mm, N, N/mm, N mm, N/mm^1.5: in SI, by hand."""
     system = compile_system(scene(tmp_path, MM)).system
-    pool = system.elements.pool
-    K = pool[system.elements.frames["at"][0] + 9 :][:36].reshape(6, 6)
+    bushings = system.kinds["six_component_forces"]
+    K = bushings.pool[bushings.rows["at"][0] + STIFFNESS :][:36].reshape(6, 6)
     np.testing.assert_allclose(np.diag(K), [7e3, 7e3, 7e3, 1e-3, 2e-3, 3e-3])
-    gap, stroke, law, table = system.elements.laws
+    gap, stroke, law, table = system.kinds["force_characteristics"].rows
     assert gap["upper"] == pytest.approx(0.12) and stroke["upper"] == pytest.approx(0.02)
     assert gap["k"] == pytest.approx(5.0 / 1e-3**1.5)
     assert stroke["k"] == pytest.approx(5.0 / 1e-3**2)
@@ -207,13 +216,16 @@ def test_a_law_from_a_file(tmp_path):
 
 
 def test_scenes_without_them_pay_nothing(tmp_path):
-    assert compile_system(scene(tmp_path, GOOD)).system.elements is None
+    def rows(text):
+        """How many rows of each kind of force there are; absent kinds are not there at all."""
+        kinds = compile_system(scene(tmp_path, GOOD + text)).system.kinds
+        return {name: len(kinds[name].rows) for name in FORCE_KINDS if name in kinds}
+
+    assert rows("") == {}
     linear = '[forces.f]\ntype = "spring-damper"\nbetween = ["ground", "rod.center"]\n'
-    system = compile_system(scene(tmp_path, GOOD + linear + "stiffness = 3\n")).system
-    assert system.elements is None and len(system.springs) == 1
-    stops = GOOD + '[forces.f]\ntype = "rotational-stop"\njoint = "bearing"\nupper = 1\n'
-    found = compile_system(scene(tmp_path, stops + "stiffness = 3\n")).system.elements
-    assert found.frames is None and found.mutual is None and len(found.laws) == 1
+    assert rows(linear + "stiffness = 3\n") == {"springs": 1}
+    stop = '[forces.f]\ntype = "rotational-stop"\njoint = "bearing"\nupper = 1\n'
+    assert rows(stop + "stiffness = 3\n") == {"force_characteristics": 1}
 
 
 def test_in_a_plane_stops_and_axes_lie_in_it():

@@ -117,7 +117,6 @@ def test_reactions_that_redundant_equations_share_are_marked(tmp_path: Path, res
     assert "reactions not unique at: pin, drivers.motor" in shown
 
 
-@pytest.mark.slow
 def test_a_run_marks_the_reactions_of_a_plane_mechanism_in_space() -> None:
     """In-plane forces are unique: those of the mechanism without redundancy, R-S-C-T."""
     model = crank_slider("RRRT", driven=True)

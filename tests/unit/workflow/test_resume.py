@@ -177,7 +177,7 @@ def test_a_changed_or_missing_flexible_body_is_named(tmp_path: Path) -> None:
 
 
 def free_box(angle: str = "2*t", **fields: object) -> Model:
-    """A free box, beside it a driven arm: the tables of the slider-crank, so the same kernels."""
+    """A free box, beside it a driven arm."""
     model = flexmb.Model("box")
     model.add_body("box", mass=2.0, inertia=[1.0, 2.0, 2.5], **fields)
     model.add_body("arm", mass=1.0, inertia=[1.0, 1.0, 1.0])

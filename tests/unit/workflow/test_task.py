@@ -55,7 +55,6 @@ def test_times_after_the_end_are_mistakes():
         made.validate()
 
 
-@pytest.mark.slow
 def test_a_kinematic_analysis_leaves_a_result_that_cannot_be_resumed(tmp_path):
     """Compiled: the same motion as in closed form at every point."""
     found = flexmb.kinematics(quick_return(), outputs=100, output=tmp_path)

@@ -1,67 +1,74 @@
-"""Compiling ahead: for every method and for the tables that usual scenes have."""
+"""Compiling ahead: all units, once a machine, so that no scene compiles anything afterwards."""
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from pathlib import Path
 
-import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from flexmb import workflow
-from flexmb.analysis.dynamics import analysis as dynamics
+from flexmb.cli import app
+from flexmb.engine import entries, unit_cache
 from flexmb.engine.compile import compile_system
-from flexmb.engine.jit import CACHE_DIR
-from flexmb.errors import FlexmbError
+from flexmb.engine.entries import all_units, integration_units
+from flexmb.engine.integrators import chosen_method
+from flexmb.engine.jit import Unit
+from flexmb.engine.kernels.bodies import motion, tangent
+from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
 from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.workflow.warmup import FEATURES
+from flexmb.model.tasks.methods import METHODS
 
-METHODS = get_args(DynamicsSpec.model_fields["method"].annotation)
-
-
-def _kind(part: Any) -> Any:
-    """What of a system decides which code is compiled: the types of its tables, not their sizes."""
-    if isinstance(part, tuple):
-        return (type(part).__name__, *(_kind(item) for item in part))
-    return (part.dtype.str, part.ndim) if isinstance(part, np.ndarray) else type(part).__name__
+FEW = (motion.move, tangent.add_lever_tangent, tangent.marker_jacobian)
 
 
 @pytest.fixture
-def prepared(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What would have been compiled: method and kind of each system."""
-    seen: list[Any] = []
-
-    def prepare(compiled, model, *, progress) -> None:
-        progress("compile", 1.0)
-        seen.append((model.dynamics.method, _kind(compiled.system)))
-
-    monkeypatch.setattr(dynamics, "prepare", prepare)
-    return seen
+def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Unit, ...]:
+    """An empty cache, and an engine of three units."""
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(unit_cache, "_full", [])
+    monkeypatch.setattr(entries, "all_units", lambda: FEW)
+    unit_cache._shared_folders.cache_clear()
+    yield FEW
+    unit_cache._shared_folders.cache_clear()
 
 
-def test_every_method_and_feature_is_compiled_once_with_progress(prepared) -> None:
-    told: list[tuple[str, float]] = []
-    done = workflow.warmup(
-        progress=lambda phase, fraction, detail="": told.append((phase, fraction))
-    )
-    assert len(prepared) == len(set(prepared)) == len(done.rows) == len(FEATURES) * len(METHODS)
-    assert {method for method, _ in prepared} == set(METHODS)
-    assert done.cache == CACHE_DIR
-    ended = [phase for phase, fraction in told if fraction == 1.0]
-    assert ended == [f"{features}, {method}" for features, method, _ in done.rows]
+def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> None:
+    told: list[tuple[str, float, str]] = []
+    done = workflow.warmup(progress=lambda phase, share, text="": told.append((phase, share, text)))
+    assert (done.units, done.compiled) == (len(few), len(few))
+    assert not missing_units(few)
+    assert done.cache == unit_cache.cache_folders()[0]
+    assert done.size == sum(file.stat().st_size for file in done.cache.glob("*.unit"))
+    shares = [share for _, share, _ in told]
+    assert {phase for phase, _, _ in told} == {"compile"}
+    assert shares[0] == 0.0 and shares[-1] == 1.0 and shares == sorted(shares)
+    assert any(text.startswith("2 of 3 units") for _, _, text in told)
+    told.clear()
+    again = workflow.warmup(progress=lambda *words: told.append(words))
+    assert (again.units, again.compiled, again.size) == (len(few), 0, done.size)
+    assert told == []
 
 
-def test_the_scenes_of_the_templates_find_their_kernels(prepared, tmp_path) -> None:
-    workflow.warmup()
-    kinds = {kind for _, kind in prepared}
+def test_the_command_says_what_it_did(few: tuple[Unit, ...]) -> None:
+    first, second = (CliRunner().invoke(app, ["warmup"]) for _ in range(2))
+    assert first.exit_code == second.exit_code == 0, first.output
+    assert "3 units, 3 of them compiled in " in first.stdout
+    assert "3 units, 0 of them compiled in " in second.stdout
+
+
+def test_the_scenes_of_the_templates_find_their_units(tmp_path: Path) -> None:
+    done = workflow.warmup()
+    assert done.units == len(all_units()) and not missing_units(all_units())
     for template in workflow.templates():
         model = load_scene(workflow.new_scene(tmp_path / template, template))
         bodies, _, _ = workflow.flexible_bodies(model, tmp_path)
-        assert _kind(compile_system(model, bodies).system) in kinds, template
+        system, method = compile_system(model, bodies).system, chosen_method(model.dynamics)
+        assert not missing_units(integration_units(system, method)), template
 
 
-def test_one_method_alone_and_none_that_is_unknown(prepared) -> None:
-    workflow.warmup(METHODS[:1])
-    assert {method for method, _ in prepared} == {METHODS[0]}
-    with pytest.raises(FlexmbError, match="unknown method"):
-        workflow.warmup(["rk4"])
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_is_among_them(method: str) -> None:
+    spec = DynamicsSpec(duration=1.0, method=method)
+    assert set(chosen_method(spec).step) <= set(all_units())

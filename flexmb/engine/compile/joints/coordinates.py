@@ -1,4 +1,4 @@
-"""Table of scalar coordinates beside the bodies; None where the model has none.
+"""Table of scalar coordinates beside the bodies.
 
 A joint spring has one, without mass, that follows the angle or stroke of its joint: so its angle
 counts turns, and its damper and spring are linear in it. A force along a line has one that follows
@@ -116,10 +116,8 @@ def unit_weight(scalar: Scalar, length: float) -> float:
     return 1.0 if scalar.angular else 1.0 / length
 
 
-def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void] | None:
+def coordinate_table(found: list[Scalar], nq: int, nv: int) -> NDArray[np.void]:
     """COORDINATE rows behind the nq, nv coordinates of the bodies; panels are filled in later."""
-    if not found:
-        return None
     rows = [
         (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
         for k, s in enumerate(found)

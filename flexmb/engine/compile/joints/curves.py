@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile.joints.coordinates import Scalar
 from flexmb.engine.compile.joints.curve_pieces import Pieces, pieces_of
-from flexmb.engine.tables import SLIDER
+from flexmb.engine.tables import CURVE_MARKER
 from flexmb.errors import FlexmbWarning
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
@@ -119,10 +119,6 @@ class Sliders:
         mine = [k for k, s in enumerate(self.found) if s.joint == joint]
         return mine[1 if on == "J" else 0]
 
-    def of_group(self, group: int) -> tuple[int, ...]:
-        """Numbers of the curve markers of a group."""
-        return tuple(k for k, s in enumerate(self.found) if s.group == group)
-
     def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
         """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
         pairs = []
@@ -133,8 +129,8 @@ class Sliders:
         return pairs
 
     def table(self, groups: list[tuple[int, int, int, int]], blocks: int, symbolic: Symbolic,
-              scalars: int) -> NDArray[np.void] | None:  # fmt: skip
-        """SLIDER rows; `blocks` bodies and `scalars` coordinates stand before their own."""
+              scalars: int) -> NDArray[np.void]:  # fmt: skip
+        """CURVE_MARKER rows; `blocks` bodies and `scalars` coordinates stand before their own."""
         rows = []
         for k, s in enumerate(self.found):
             mine = blocks + scalars + k
@@ -148,7 +144,7 @@ class Sliders:
                 (s.marker, scalars + k, s.at, s.pieces, s.closed, s.turns, s.group, s.side, link,
                  *links, s.other, other if s.other > k else -1)
             )  # fmt: skip
-        return np.array(rows, SLIDER) if rows else None
+        return np.array(rows, CURVE_MARKER)
 
 
 def lay(model: Model, curve: str, marker: PlacedMarker) -> Laid:

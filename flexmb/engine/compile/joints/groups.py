@@ -60,6 +60,15 @@ class Entry(NamedTuple):
     follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
 
 
+def _word(row: Entry) -> str:
+    """What a row is."""
+    if row.fun >= 0:
+        return "driven"
+    if row.follows:
+        return "coordinate"
+    return _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
+
+
 class PlacedEntry(NamedTuple):
     """A row with its markers."""
 
@@ -76,6 +85,7 @@ class Groups:
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
+    numbers: dict[str, int] = field(default_factory=dict)  # first group of a scene path
     reversed: set[int] = field(default_factory=set)  # groups whose I is the joint's J
     sliders: Sliders = field(default_factory=Sliders)
 
@@ -89,13 +99,11 @@ class Groups:
         words: Sequence[str] = (),
     ) -> None:
         """Append a group of rows between I and J; `words` say what they are where it is known."""
+        self.numbers.setdefault(name, len(self.groups))
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
-        for k, row in enumerate(rows):
-            self.rows.append(PlacedEntry(row, I, J))
-            what = _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
-            what = "driven" if row.fun >= 0 else "coordinate" if row.follows else what
-            self.names.append(f"{name}: {words[k] if words else what}")
+        self.rows += [PlacedEntry(row, I, J) for row in rows]
+        self.names += [f"{name}: {what}" for what in words or map(_word, rows)]
 
     def in_group(self, k: int) -> list[PlacedEntry]:
         """The rows of a group."""
@@ -128,7 +136,8 @@ def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray
 
     What a row follows stands behind the functions of time, a slot for each such row.
     """
-    table = np.zeros(len(groups.rows), ROW)
+    entries = []
+    size = sizes.tolist()
     at, slot = 0, n_functions
     for row, n, i, j in groups.groups:
         for r in range(n):
@@ -136,11 +145,11 @@ def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray
             jac = []
             for body in (i, j):
                 jac.append(at if body >= 0 else -1)
-                at += int(sizes[body]) if body >= 0 else 0
+                at += size[body] if body >= 0 else 0
             if follows:
                 fun, slot = slot, slot + 1
-            table[row + r] = (kind, I, J, a, b, fun, *jac, r, len(follows), offset)
-    return table
+            entries.append((kind, I, J, a, b, fun, *jac, r, len(follows), offset))
+    return np.array(entries, ROW)
 
 
 def follow_table(groups: Groups) -> np.ndarray:

@@ -23,7 +23,7 @@ from flexmb.engine.compile.joints.joint_rows import (
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.tables import DISTANCE
+from flexmb.engine.tables import DISTANCE, POINT
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
@@ -34,6 +34,9 @@ __all__ = ["joint_groups"]
 
 Ends = tuple[PlacedMarker, PlacedMarker]
 """Markers I and J."""
+
+_ENTRIES = {row: Entry(*row[:3]) for rows in JOINT_ROWS.values() for row in rows if not row[3]}
+"""Rows without a constant, which joints share."""
 
 
 def joint_groups(
@@ -74,7 +77,8 @@ class _Rows:
     ends: dict[str, Ends] = field(default_factory=dict)  # triads of the joints
 
     def add(self, owner: str, between: Ends, rows: list[Entry], words: Sequence[str] = ()) -> None:
-        I, J = (self.markers.add(marker) for marker in between)  # noqa: E741
+        points = all(row.kind == POINT for row in rows)
+        I, J = (self.markers.add(marker, points) for marker in between)  # noqa: E741
         self.groups.add(owner, self.markers, I, J, rows, words)
 
     def begin(self, coordinate: str) -> None:
@@ -93,7 +97,7 @@ class _Rows:
         else:
             kept = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
         self.ends[name] = I, J
-        rows = [Entry(*row[:3], _constant(model, name, row, (I, J))) for row in kept]
+        rows = [_ENTRIES.get(row) or _entry(model, name, row, (I, J)) for row in kept]
         rows += [self.coupled(thread)[0] for thread in couplers.screw_rows(model, name)]
         self.add(f"joints.{name}", (I, J), rows)
 
@@ -152,8 +156,8 @@ class _Rows:
         return row, (I, J)
 
 
-def _constant(model: Model, name: str, row: Row, between: Ends) -> float:
-    """The constant of a row of a joint.
+def _entry(model: Model, name: str, row: Row, between: Ends) -> Entry:
+    """A row of a joint with its constant.
 
     Raises
     ------
@@ -162,9 +166,9 @@ def _constant(model: Model, name: str, row: Row, between: Ends) -> float:
     """
     length = model.joints[name].length
     if row[0] == DISTANCE and length is not None:
-        return length
+        return Entry(*row[:3], length)
     try:
-        return measured(model, row, *between)
+        return Entry(*row[:3], measured(model, row, *between))
     except ZeroDivisionError:
         what = "the link has no length in the placed pose, so its direction is not known"
         cure = "place the markers apart, or use a joint that holds them together"

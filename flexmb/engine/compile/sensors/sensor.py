@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.forces.contacts import contact_rows
-from flexmb.engine.compile.forces.elements import row_of
-from flexmb.engine.compile.joints.joint import Groups
 from flexmb.engine.compile.joints.joint_rows import SECOND_TURN, driver_row
-from flexmb.engine.compile.markers import Markers
+from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.functions import lower
 from flexmb.engine.sensor_tables import (
     ALONG,
@@ -24,22 +21,19 @@ from flexmb.engine.sensor_tables import (
     ANGLE_TURNS,
     ANGLES_TURN,
     CHANNEL,
-    CONTACT_WRENCH,
     ENERGY,
     EXPRESSION,
     PLACE,
-    REACTION,
     SEEN_OMD,
     STATE,
     SUM,
     TERM,
     TURNING,
+    WRENCH,
     Sensors,
 )
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
-from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.forces.contacts import ContactSpec
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.sensors import signals
@@ -65,7 +59,6 @@ _MOTIONS = {
 }
 _ENERGIES = ("kinetic", "strain", "gravity", "spring", "total")
 _GLOBAL, _OWN = -1, -2
-_BASIC = (ALONG_X, ALONG_V, ALONG_A, ANGLE)
 Term = tuple[int, int, int, int, int, int, float]
 
 
@@ -73,19 +66,22 @@ Term = tuple[int, int, int, int, int, int, float]
 class Channels:
     """Channels in the making; those of the results first, then states that have no name there."""
 
-    model: Model
-    flexbodies: Mapping[str, FlexBody]
-    markers: Markers
-    groups: Groups
+    lowering: Lowering
+    kinds: Sequence[str]  # kinds whose wrenches can be read
     places: tuple[int, int]  # position and velocity coordinate of the first curve marker
     states: Mapping[str, int]  # velocity coordinate of each state
     rows: list[tuple[int, ...]] = field(default_factory=list)
     terms: list[Term] = field(default_factory=list)
     programs: list[Expression] = field(default_factory=list)
 
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.lowering.model
+
     def marker(self, reference: str) -> int:
         """Index of a marker."""
-        return self.markers.add(lookup.placed(self.model, reference, self.flexbodies))
+        return self.lowering.marker(reference)
 
     def axes(self, reference: str, own: int = _GLOBAL) -> int:
         """The marker whose axes are meant, or a number for others."""
@@ -94,12 +90,12 @@ class Channels:
 
     def add_sum(self, terms: list[Term], turns: int = 0, number: int = 0) -> None:
         """A channel that is a sum of terms."""
-        self.rows.append((SUM, len(self.terms), len(terms), turns, 0, 0, 0, number))
+        self.rows.append((SUM, len(self.terms), len(terms), turns, 0, 0, 0, number, -1))
         self.terms += terms
 
     def add(self, what: int, first: int, n: int = -1) -> None:
         """A channel without terms."""
-        self.rows.append((what, first, n, 0, 0, 0, 0, 0))
+        self.rows.append((what, first, n, 0, 0, 0, 0, 0, -1))
 
     def add_program(self, expression: Expression) -> None:
         """A channel that is computed of others."""
@@ -120,10 +116,10 @@ class Channels:
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
         elif isinstance(spec, PlaceSensorSpec):
-            k = self.groups.sliders.number(spec.joint, spec.on)
+            k = self.lowering.groups.sliders.number(spec.joint, spec.on)
             self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
         elif isinstance(spec, EnergySensorSpec):
-            body = -1 if spec.body is None else self.markers.bodies.index(spec.body)
+            body = -1 if spec.body is None else self.lowering.markers.numbers[spec.body]
             self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
         else:
             self.add_program(signals.channel_program(self.model, name))
@@ -149,53 +145,39 @@ class Channels:
 
     def _joint(self, spec: JointSensorSpec) -> None:
         if spec.joint is not None:
-            frames = lookup.joint_frames(self.model, spec.joint, self.flexbodies)
+            frames = lookup.joint_frames(self.model, spec.joint, self.lowering.flexbodies)
             kind, a, b = driver_row(self.model.joints[spec.joint].type, spec.type)
             if spec.type == "second_angle":
                 frames = replace(frames[1], R=frames[1].R @ SECOND_TURN), frames[0]
         else:
             assert spec.between is not None  # one of the two is given
-            frames = lookup.frames(self.model, spec.between, spec.axis, self.flexbodies)
+            frames = lookup.frames(self.model, spec.between, spec.axis, self.lowering.flexbodies)
             kind, a, b = driver_row("", spec.type)
-        i, j = (self.markers.add(marker) for marker in frames)
+        i, j = (self.lowering.markers.add(marker) for marker in frames)
         turns = ANGLE_TURNS if kind == ANGLE and spec.derivative == 0 else 0
         self.add_sum([(kind, i, j, a, b, spec.derivative, 1.0)], turns)
 
     def _reaction(self, spec: ReactionSensorSpec) -> None:
-        force = self.model.forces.get(spec.force or "")
-        if isinstance(force, ContactSpec):
-            self._touch(spec, force)
-            return
-        what, element = self._element(spec)
-        turned = what == REACTION and element in self.groups.reversed
-        side, quantity = int((spec.on == "I") != turned), int(spec.quantity == "moment")
+        element = self._element(spec)
+        side, quantity = int((spec.on == "I") != element.reversed), int(spec.quantity == "moment")
         axes = self.axes(spec.axes, _OWN)
+        kind = self.kinds.index(element.kind)
         for a in range(3):
-            self.rows.append((what, element, -1, 0, side, quantity, axes, a))
+            self.rows.append((WRENCH, element.row, element.n, 0, side, quantity, axes, a, kind))
 
-    def _touch(self, spec: ReactionSensorSpec, force: ContactSpec) -> None:
-        """What a contact does to a side: the sum over its points."""
-        assert spec.force is not None  # it is a contact
-        first, n = contact_rows(self.model, spec.force, self.flexbodies)
-        side, quantity = int((spec.on == "I") != (force.round_side == 1)), spec.quantity
-        axes = self.axes(spec.axes, _OWN)
-        for a in range(3):
-            self.rows.append(
-                (CONTACT_WRENCH, first, n, 0, side, int(quantity == "moment"), axes, a)
-            )
-
-    def _element(self, spec: ReactionSensorSpec) -> tuple[int, int]:
-        """What kind of wrench, and the index of its element."""
+    def _element(self, spec: ReactionSensorSpec) -> Element:
+        """Where the element stands whose wrench is read."""
+        groups = self.lowering.groups
         for section, name in (
             ("joints", spec.joint),
             ("drivers", spec.driver),
             ("forces", spec.force),
             ("couplers", spec.coupler),
         ):
-            if name is not None and f"{section}.{name}" in self.groups.owners:
-                return REACTION, self.groups.owners.index(f"{section}.{name}")
-        assert spec.force is not None  # all others have groups
-        return row_of(self.model, spec.force)
+            k = -1 if name is None else groups.numbers.get(f"{section}.{name}", -1)
+            if k >= 0:
+                return Element("joints", k, 1, k in groups.reversed)
+        return self.lowering.elements[f"forces.{spec.force}"]
 
 
 def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:
@@ -207,19 +189,19 @@ def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:
 
 
 def sensor_tables(
-    model: Model,
-    flexbodies: Mapping[str, FlexBody],
-    markers: Markers,
-    groups: Groups,
+    lowering: Lowering,
+    kinds: Sequence[str],
     states: Mapping[str, int],
     places: tuple[int, int],
 ) -> tuple[Sensors, dict[str, int]]:
     """The tables of all channels in the order of `Model.channels`, and their numbers by name.
 
-    `states` is the velocity coordinate of each state by name; those that are no channel of the
-    results stand behind the others; `places` as in `Channels`.
+    `kinds` are those whose wrenches can be read, in their order; `states` is the velocity
+    coordinate of each state by name; those that are no channel of the results stand behind the
+    others; `places` as in `Channels`.
     """
-    made = Channels(model, flexbodies, markers, groups, places, states)
+    model = lowering.model
+    made = Channels(lowering, kinds, places, states)
     for name, spec in model.sensors.items():
         made.add_sensor(name, spec)
     for name in (*model.states, *model.controllers):
@@ -234,13 +216,6 @@ def sensor_tables(
     numbers = {name: k for k, name in enumerate([*names, *hidden])}
     programs = lower(made.programs, numbers)
     return Sensors(np.array(made.rows, CHANNEL), np.array(made.terms, TERM), programs), numbers
-
-
-def is_basic(sensors: Sensors) -> bool:
-    """Whether all channels are motions along axes and angles."""
-    channels, terms = sensors.channels, sensors.terms
-    basic = np.isin(terms["kind"], _BASIC) & (terms["level"] == 0)
-    return bool(np.all(channels["what"] == SUM) and np.all(basic))
 
 
 def of_acceleration(term: NDArray[np.void]) -> bool:

@@ -66,9 +66,9 @@ def put_row(link, r, body, column, jac, start, values):
 
 
 @kernel
-def row_compliance(body, kkt, jac, start, low):
+def row_compliance(body, panels, column, jac, start, low):
     """Σ Cq² / diag(S) of one row on one body, over the coordinates that have inertia."""
-    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
+    panel, o = panels[body["panel"]], body["iv"]
     at, nc = panel["at"], panel["nc"]
     s = 0.0
     for c in range(6 + body["m"]):

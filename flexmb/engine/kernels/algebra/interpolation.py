@@ -74,7 +74,6 @@ def _interpolate_rotation(q0, v0, q1, v1, i, j, share, h, q, v):
 
 @kernel
 def _interpolate_coordinates(coordinates, before, h, q1, v1, share, q, v):
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            a, b = coordinates[k]["iq"], coordinates[k]["iv"]
-            q[a], v[b] = hermite(share, h, before.q[a], q1[a], before.v[b], v1[b])
+    for k in range(coordinates.shape[0]):
+        a, b = coordinates[k]["iq"], coordinates[k]["iv"]
+        q[a], v[b] = hermite(share, h, before.q[a], q1[a], before.v[b], v1[b])

@@ -16,6 +16,8 @@ from flexmb.engine.jit import kernel
 # Below this angle² the closed forms lose digits to cancellation; the series used instead have a
 # remainder of x⁴/10⁶, below round-off there.
 _SERIES = 1e-3
+# Squares of lengths this near to one need no square root.
+_NEAR_ONE = 1e-8
 
 
 @kernel
@@ -50,7 +52,9 @@ def compose(p, o, x, y, z, out, oo):
     b = e0 * f1 + e1 * c + e2 * f3 - e3 * f2
     d = e0 * f2 - e1 * f3 + e2 * c + e3 * f1
     g = e0 * f3 + e1 * f2 - e2 * f1 + e3 * c
-    n = 1.0 / math.sqrt(a * a + b * b + d * d + g * g)
+    n2 = a * a + b * b + d * d + g * g
+    # near one a step of Newton's method, exact to the square of the distance
+    n = 1.5 - 0.5 * n2 if abs(n2 - 1.0) < _NEAR_ONE else 1.0 / math.sqrt(n2)
     out[oo] = a * n
     out[oo + 1] = b * n
     out[oo + 2] = d * n

@@ -15,10 +15,26 @@ with second moments).
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
+from typing import NamedTuple
+
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.rotation import (
+    cross,
+    rotation_matrix,
+    transform,
+    transform_back,
+)
 from flexmb.engine.kernels.algebra.vector import dot, put
 from flexmb.engine.kernels.bodies.kinematics import modal_vector
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, Run
+
+
+class Bodies(NamedTuple):
+    """Bodies of one sort; other records of bodies begin with the same field."""
+
+    rows: Integers  # their rows in the table of bodies
 
 
 @kernel
@@ -32,22 +48,59 @@ def add_product(pool, at, m, v, o, f, out, oo):
         out[oo + i] += f * s
 
 
+@unit
+def turn_bodies(run: Run, of: Bodies, at: Point) -> int:
+    """Direction cosines of the bodies."""
+    bodies, body_now, rows, q = run.system.parts.bodies, run.work.now.body, of.rows, at.q
+    for n in range(rows.shape[0]):
+        rotation_matrix(q, bodies[rows[n]]["iq"] + 3, body_now[rows[n]]["A"])
+    return FINE
+
+
 @kernel
-def prepare(parts, now, q):
-    """J, c, Z and M_ωη of all bodies at q."""
-    for i in range(parts.bodies.shape[0]):
-        body, bn = parts.bodies[i], now.body[i]
-        J, c, S0, S1 = bn["J"], bn["c"], body["S0"], body["S1"]
-        for a in range(3):
-            c[a] = S1[a]
-            for b in range(3):
-                J[a, b] = S0[a, b]
-        if body["m"] > 0:
-            _add_deformation(body, J, c, parts.pool, now.Z, q)
-        trace = J[0, 0] + J[1, 1] + J[2, 2]
-        for a in range(3):
-            for b in range(3):
-                J[a, b] = (trace if a == b else 0.0) - J[a, b]
+def _put_inertia(J):
+    """From second moments, J = tr(S) I − S."""
+    trace = J[0, 0] + J[1, 1] + J[2, 2]
+    for a in range(3):
+        for b in range(3):
+            J[a, b] = (trace if a == b else 0.0) - J[a, b]
+
+
+@kernel
+def _put_rigid_moments(body, bn):
+    """c and S of the undeformed body."""
+    J, c, S0, S1 = bn["J"], bn["c"], body["S0"], body["S1"]
+    for a in range(3):
+        c[a] = S1[a]
+        for b in range(3):
+            J[a, b] = S0[a, b]
+
+
+@kernel
+def prepare_bodies(bodies, body_now, rows):
+    """J and c of undeformed bodies."""
+    for n in range(rows.shape[0]):
+        _put_rigid_moments(bodies[rows[n]], body_now[rows[n]])
+        _put_inertia(body_now[rows[n]]["J"])
+
+
+@unit
+def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
+    """J and c of rigid bodies, which never change."""
+    prepare_bodies(run.system.parts.bodies, run.work.now.body, of.rows)
+    return FINE
+
+
+@unit
+def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
+    """J, c, Z and M_ωη of flexible bodies at q."""
+    parts, now, rows = run.system.parts, run.work.now, of.rows
+    for n in range(rows.shape[0]):
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        _put_rigid_moments(body, bn)
+        _add_deformation(body, bn["J"], bn["c"], parts.pool, now.Z, at.q)
+        _put_inertia(bn["J"])
+    return FINE
 
 
 @kernel
@@ -75,20 +128,31 @@ def _add_deformation(body, S, c, pool, Z, q):
             Z[zw + i] = Z[zj + i] - Z[zk + i]
 
 
-@kernel
-def inertia_forces(parts, now, q, v, vd, out):
-    """out (nv) = M v̇ + velocity terms + gravity + elastic and damping forces of all bodies."""
-    for i in range(parts.bodies.shape[0]):
-        body, bn = parts.bodies[i], now.body[i]
-        ux, uy, uz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if body["m"] > 0:
-            at, m, o = body["flex"], body["m"], body["iv"] + 6
-            ux, uy, uz = modal_vector(parts.pool, at, m, v, o)
-            wx, wy, wz = modal_vector(parts.pool, at, m, vd, o)
+@unit
+def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
+    parts, body_now, out, rows = run.system.parts, run.work.now.body, run.work.trial.res, of.rows
+    bodies, g, v, vd = parts.bodies, parts.gravity, at.v, at.vd
+    for n in range(rows.shape[0]):
+        body, bn = bodies[rows[n]], body_now[rows[n]]
+        _rigid_forces(body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, out)
+    return FINE
+
+
+@unit
+def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
+    parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
+    q, v, vd = at.q, at.v, at.vd
+    for n in range(rows.shape[0]):
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        flex, m, o = body["flex"], body["m"], body["iv"] + 6
+        ux, uy, uz = modal_vector(parts.pool, flex, m, v, o)
+        wx, wy, wz = modal_vector(parts.pool, flex, m, vd, o)
         _rigid_forces(body, bn, parts.gravity, v, vd, ux, uy, uz, wx, wy, wz, out)
-        if body["m"] > 0:
-            _add_relative_moment(body, now.Z, v, vd, out)
-            _modal_forces(body, bn, parts, now.Z, q, v, vd, out)
+        _add_relative_moment(body, now.Z, v, vd, out)
+        _modal_forces(body, bn, parts, now.Z, q, v, vd, out)
+    return FINE
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Mass matrix and tangents of the inertia forces of one body, written into a dense block.
 
-Columns and rows follow v of the body: (r, ω', η). `mass_block` is M; `add_velocity_tangent` the
-derivative of the inertia forces with v (gyroscopic and damping terms); `add_position_tangent` that
+Columns and rows follow v of the body: (r, ω', η). The mass block is M; the velocity tangent the
+derivative of the inertia forces with v (gyroscopic and damping terms); the position tangent that
 with the configuration at constant v and v̇: elastic and centrifugal stiffness, the turning of
 inertia forces and weight with the body, and the change of the integrals with the deformation.
 All exact.
@@ -9,11 +9,14 @@ All exact.
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.blocks import add_body_block
 from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
 from flexmb.engine.kernels.algebra.vector import dot
+from flexmb.engine.kernels.bodies.inertia import Bodies
 from flexmb.engine.kernels.bodies.kinematics import modal_vector
-from flexmb.engine.kernels.joints import coordinate
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
 
 
 @kernel
@@ -42,46 +45,104 @@ def add_rotated_skew(B, i, j, f, A, x, y, z):
 
 
 @kernel
-def mass_block(body, bn, pool, Z, B):
-    """B (6+m, 6+m) = M of one body; needs inertia.prepare and its rotation."""
-    m, at, A, c = body["m"], body["flex"], bn["A"], bn["c"]
-    for i in range(6 + m):
-        for j in range(6 + m):
+def rigid_mass_block(body, bn, B):
+    """B[:6, :6] = M of one body without its modes; needs its inertia stage."""
+    A, c, J = bn["A"], bn["c"], bn["J"]
+    for i in range(6):
+        for j in range(6):
             B[i, j] = 0.0
     for i in range(3):
         B[i, i] = body["mass"]
     add_rotated_skew(B, 0, 3, -1.0, A, c[0], c[1], c[2])
     for i in range(3):
         for j in range(3):
-            B[3 + i, 3 + j] = bn["J"][i, j]
+            B[3 + i, 3 + j] = J[i, j]
             B[3 + j, i] = B[i, 3 + j]
+
+
+@kernel
+def flexible_mass_block(body, bn, pool, Z, B):
+    """B (6+m, 6+m) = M of one body; needs its inertia stage."""
+    m, at, A = body["m"], body["flex"], bn["A"]
+    rigid_mass_block(body, bn, B)
     zw = body["z"] + 9 * m
     at_M = at + 12 * m + 12 * m * m
     for k in range(m):
         x, y, z = transform(A, pool[at + k], pool[at + m + k], pool[at + 2 * m + k])
-        add_column(B, 0, 6 + k, 1.0, x, y, z)
-        add_column(B, 3, 6 + k, 1.0, Z[zw + k], Z[zw + m + k], Z[zw + 2 * m + k])
+        B[0, 6 + k], B[1, 6 + k], B[2, 6 + k] = x, y, z
+        B[3, 6 + k], B[4, 6 + k], B[5, 6 + k] = Z[zw + k], Z[zw + m + k], Z[zw + 2 * m + k]
         for i in range(6):
             B[6 + k, i] = B[i, 6 + k]
         for i in range(m):
             B[6 + k, 6 + i] = pool[at_M + k * m + i]
 
 
-@kernel
-def multiply_mass(parts, now, x, B, out, place):
-    """out[place] = M x of all bodies and scalar coordinates; B is scratch."""
-    for i in range(parts.bodies.shape[0]):
-        body, o = parts.bodies[i], parts.bodies[i]["iv"]
-        if body["m"] == 0:
-            _multiply_rigid(body, now.body[i], x, o, out, place)
-            continue
-        mass_block(body, now.body[i], parts.pool, now.Z, B)
-        for r in range(6 + body["m"]):
+@unit
+def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
+    parts, kkt, now, rows = run.system.parts, run.system.kkt, run.work.now, of.rows
+    factor, B, g = run.work.factor, run.work.dense.B, parts.gravity
+    low, up, bodies, body_now, v, vd = factor.low, factor.up, parts.bodies, now.body, at.v, at.vd
+    for n in range(rows.shape[0]):
+        body, bn = bodies[rows[n]], body_now[rows[n]]
+        rigid_mass_block(body, bn, B)
+        if cv != 0.0:
+            _add_velocity_tangent(body, bn, v, 0.0, 0.0, 0.0, cv, B)
+        if cp != 0.0:
+            _add_position_tangent(body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, cp, B)
+        add_body_block(body, kkt, B, low, up)
+    return FINE
+
+
+@unit
+def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of flexible bodies, F inertia, elastic and damping forces."""
+    parts, kkt, now, rows = run.system.parts, run.system.kkt, run.work.now, of.rows
+    factor, B, v, vd = run.work.factor, run.work.dense.B, at.v, at.vd
+    for n in range(rows.shape[0]):
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        m, o, flex = body["m"], body["iv"] + 6, body["flex"]
+        flexible_mass_block(body, bn, parts.pool, now.Z, B)
+        ux, uy, uz = modal_vector(parts.pool, flex, m, v, o)
+        if cv != 0.0:
+            _add_velocity_tangent(body, bn, v, ux, uy, uz, cv, B)
+            _add_flexible_velocity_tangent(body, bn["A"], parts.pool, now.Z, v, cv, B)
+        if cp != 0.0:
+            wx, wy, wz = modal_vector(parts.pool, flex, m, vd, o)
+            px, py, pz = _add_position_tangent(
+                body, bn, parts.gravity, v, vd, ux, uy, uz, wx, wy, wz, cp, B
+            )
+            _add_modal_stiffness(body, parts.pool, v, vd, px, py, pz, cp, B)
+            _add_frame_columns(body, bn["A"], parts.pool, now.Z, v, vd, cp, B)
+        add_body_block(body, kkt, B, factor.low, factor.up)
+    return FINE
+
+
+@unit
+def rigid_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of rigid bodies."""
+    bodies, body_now, rows = run.system.parts.bodies, run.work.now.body, of.rows
+    x, out, place = run.work.trial.res, run.work.factor.sol, run.system.kkt.place
+    for n in range(rows.shape[0]):
+        _multiply_rigid(bodies[rows[n]], body_now[rows[n]], x, bodies[rows[n]]["iv"], out, place)
+    return FINE
+
+
+@unit
+def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of flexible bodies."""
+    parts, now, rows, B = run.system.parts, run.work.now, of.rows, run.work.dense.B
+    x, out, place = run.work.trial.res, run.work.factor.sol, run.system.kkt.place
+    for n in range(rows.shape[0]):
+        body = parts.bodies[rows[n]]
+        o, size = body["iv"], 6 + body["m"]
+        flexible_mass_block(body, now.body[rows[n]], parts.pool, now.Z, B)
+        for r in range(size):
             s = 0.0
-            for c in range(6 + body["m"]):
+            for c in range(size):
                 s += B[r, c] * x[o + c]
             out[place[o + r]] = s
-    coordinate.multiply_mass(parts.coordinates, x, out, place)
+    return FINE
 
 
 @kernel
@@ -102,14 +163,12 @@ def _multiply_rigid(body, bn, x, o, out, place):
 
 
 @kernel
-def add_velocity_tangent(body, bn, pool, Z, v, f, B):
-    """Add f ∂(inertia forces)/∂v of one body to B."""
-    m, iv, A, J, c = body["m"], body["iv"], bn["A"], bn["J"], bn["c"]
+def _add_velocity_tangent(body, bn, v, dx, dy, dz, f, B):
+    """Add f ∂(inertia forces)/∂v of the frame to B; (dx, dy, dz) = p η̇."""
+    iv, A, J, c = body["iv"], bn["A"], bn["J"], bn["c"]
     wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
     ux, uy, uz = cross(wx, wy, wz, c[0], c[1], c[2])
-    if m > 0:
-        dx, dy, dz = modal_vector(pool, body["flex"], m, v, iv + 6)
-        ux, uy, uz = ux + 2.0 * dx, uy + 2.0 * dy, uz + 2.0 * dz
+    ux, uy, uz = ux + 2.0 * dx, uy + 2.0 * dy, uz + 2.0 * dz
     # ∂ A(ω×(ω×c) + 2ω×u̇)/∂ω = −A (ω×c + 2u̇)~ − A ω̃ c̃,  ω̃ c̃ = c ωᵀ − (ω·c) I
     add_rotated_skew(B, 0, 3, -f, A, ux, uy, uz)
     wc = wx * c[0] + wy * c[1] + wz * c[2]
@@ -122,8 +181,6 @@ def add_velocity_tangent(body, bn, pool, Z, v, f, B):
         add_column(B, 3, 3 + k, f, x, y, z)
     hx, hy, hz = transform(J, wx, wy, wz)
     add_skew(B, 3, 3, -f, hx, hy, hz)
-    if m > 0:
-        _add_flexible_velocity_tangent(body, A, pool, Z, v, f, B)
 
 
 @kernel
@@ -161,28 +218,24 @@ def _add_flexible_velocity_tangent(body, A, pool, Z, v, f, B):
 
 
 @kernel
-def add_position_tangent(body, bn, Z, parts, v, vd, f, B):
-    """Add f ∂(inertia forces)/∂(r, θ', η) of one body to B."""
-    m, iv, A, c, g = body["m"], body["iv"], bn["A"], bn["c"], parts.gravity
+def _add_position_tangent(body, bn, g, v, vd, dx, dy, dz, hx, hy, hz, f, B):
+    """Add f ∂(inertia forces)/∂(r, θ') of the frame to B; returns Aᵀ(r̈ − g).
+
+    (dx, dy, dz) = p η̇, (hx, hy, hz) = p η̈.
+    """
+    iv, A, c = body["iv"], bn["A"], bn["c"]
     wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
     ux, uy, uz = cross(wx, wy, wz, c[0], c[1], c[2])
     ex, ey, ez = cross(vd[iv + 3], vd[iv + 4], vd[iv + 5], c[0], c[1], c[2])
-    if m > 0:
-        dx, dy, dz = modal_vector(parts.pool, body["flex"], m, v, iv + 6)
-        ux, uy, uz = ux + 2.0 * dx, uy + 2.0 * dy, uz + 2.0 * dz
-        dx, dy, dz = modal_vector(parts.pool, body["flex"], m, vd, iv + 6)
-        ex, ey, ez = ex + dx, ey + dy, ez + dz
-    fx, fy, fz = cross(wx, wy, wz, ux, uy, uz)
-    add_rotated_skew(B, 0, 3, -f, A, fx + ex, fy + ey, fz + ez)
+    fx, fy, fz = cross(wx, wy, wz, ux + 2.0 * dx, uy + 2.0 * dy, uz + 2.0 * dz)
+    add_rotated_skew(B, 0, 3, -f, A, fx + ex + hx, fy + ey + hy, fz + ez + hz)
     px, py, pz = transform_back(A, vd[iv] - g[0], vd[iv + 1] - g[1], vd[iv + 2] - g[2])
     # δ(c × Aᵀa) = c̃ ã' δθ' = (a' cᵀ − (a'·c) I) δθ'
     pc = px * c[0] + py * c[1] + pz * c[2]
     for k in range(3):
         B[3 + k, 3 + k] -= f * pc
         add_column(B, 3, 3 + k, f * c[k], px, py, pz)
-    if m > 0:
-        _add_modal_stiffness(body, parts.pool, v, vd, px, py, pz, f, B)
-        _add_frame_columns(body, A, parts.pool, Z, v, vd, f, B)
+    return px, py, pz
 
 
 @kernel

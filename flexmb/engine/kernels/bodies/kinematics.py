@@ -9,7 +9,9 @@ Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from typing import NamedTuple
+
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import (
     compose,
     cross,
@@ -21,7 +23,11 @@ from flexmb.engine.kernels.algebra.rotation import (
     transform_back,
 )
 from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.joints import slider
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers, Vector
+from flexmb.engine.state import Now, Point, Run
+from flexmb.engine.tables import Parts
 
 
 @kernel
@@ -38,27 +44,41 @@ def modal_vector(pool, at, m, v, o):
     return a, b, c
 
 
-@kernel
-def position(parts, now, q):
-    """Body rotations and the position and orientation of every marker."""
-    for i in range(parts.bodies.shape[0]):
-        rotation_matrix(q, parts.bodies[i]["iq"] + 3, now.body[i]["A"])
-    for k in range(parts.markers.shape[0]):
-        mk, mn = parts.markers[k], now.marker[k]
-        if mk["body"] < 0:
+class Markers(NamedTuple):
+    """Markers of one sort."""
+
+    rows: Integers  # their rows in the table of markers
+
+
+@unit
+def place_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Position and orientation of the markers on rigid places and on ground."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        b = mk["body"]
+        if b < 0:
             _ground_position(mk, mn)
-        elif mk["modes"] < 0:
-            _rigid_position(mk, mn, now.body[mk["body"]]["A"])
         else:
-            body = parts.bodies[mk["body"]]
-            A = now.body[mk["body"]]["A"]
-            _flexible_position(mk, mn, body["m"], parts.pool, q, body["iq"] + 7, A)
-        if mk["body"] >= 0:
-            iq = parts.bodies[mk["body"]]["iq"]
-            s = mn["s"]
-            x, y, z = transform(now.body[mk["body"]]["A"], s[0], s[1], s[2])
-            put(mn["x"], 0, q[iq] + x, q[iq + 1] + y, q[iq + 2] + z)
-    slider.place(parts.sliders, parts, now, q)
+            _rigid_position(mk, mn, body_now[b]["A"], q, bodies[b]["iq"])
+    return FINE
+
+
+@unit
+def place_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Position and orientation of the markers that modes move."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
+        _flexible_position(mk, mn, body["m"], parts.pool, q, body["iq"] + 7, A)
+        s, iq = mn["s"], body["iq"]
+        x, y, z = transform(A, s[0], s[1], s[2])
+        put(mn["x"], 0, q[iq] + x, q[iq + 1] + y, q[iq + 2] + z)
+    return FINE
 
 
 @kernel
@@ -70,12 +90,13 @@ def _ground_position(mk, mn):
 
 
 @kernel
-def _rigid_position(mk, mn, A):
-    R = mk["R"]
+def _rigid_position(mk, mn, A, q, iq):
+    R, rho, s, x, axes = mk["R"], mk["rho"], mn["s"], mn["x"], mn["R"]
     for a in range(3):
-        mn["s"][a] = mk["rho"][a]
+        s[a] = rho[a]
+        x[a] = q[iq + a] + A[a, 0] * rho[0] + A[a, 1] * rho[1] + A[a, 2] * rho[2]
         for c in range(3):
-            mn["R"][a, c] = A[a, 0] * R[0, c] + A[a, 1] * R[1, c] + A[a, 2] * R[2, c]
+            axes[a, c] = A[a, 0] * R[0, c] + A[a, 1] * R[1, c] + A[a, 2] * R[2, c]
 
 
 @kernel
@@ -109,58 +130,90 @@ def _deformation_rates(mk, mn, m, pool, v, o):
     return ux + cx, uy + cy, uz + cz, wx, wy, wz
 
 
-@kernel
-def velocity(parts, now, v):
-    """Velocity and angular velocity of every marker, global axes."""
-    for k in range(parts.markers.shape[0]):
-        mk, mn = parts.markers[k], now.marker[k]
-        if mk["body"] < 0:
+@unit
+def move_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Velocity and angular velocity of the markers on rigid places, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        b = mk["body"]
+        if b < 0:
             put(mn["vx"], 0, 0.0, 0.0, 0.0)
             put(mn["om"], 0, 0.0, 0.0, 0.0)
             continue
-        body, A, s = parts.bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
-        iv = body["iv"]
+        A, s, iv = body_now[b]["A"], mn["s"], bodies[b]["iv"]
         wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
         ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
-        if mk["modes"] >= 0:
-            dx, dy, dz, ex, ey, ez = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
-            ux, uy, uz = ux + dx, uy + dy, uz + dz
-            wx, wy, wz = wx + ex, wy + ey, wz + ez
         ux, uy, uz = transform(A, ux, uy, uz)
         put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
         wx, wy, wz = transform(A, wx, wy, wz)
         put(mn["om"], 0, wx, wy, wz)
-    slider.add_velocities(parts.sliders, parts, now, v)
+    return FINE
 
 
-@kernel
-def bias(parts, now, v):
-    """Acceleration of every marker at zero v̇, global axes: of the point, angular."""
-    for k in range(parts.markers.shape[0]):
-        mk, mn = parts.markers[k], now.marker[k]
-        if mk["body"] < 0:
-            put(mn["bx"], 0, 0.0, 0.0, 0.0)
-            put(mn["bom"], 0, 0.0, 0.0, 0.0)
-            continue
-        body, A, s = parts.bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
+@unit
+def move_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Velocity and angular velocity of the markers that modes move, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A, s = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
+        iv = body["iv"]
+        wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+        ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
+        dx, dy, dz, ex, ey, ez = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
+        ux, uy, uz = transform(A, ux + dx, uy + dy, uz + dz)
+        put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
+        wx, wy, wz = transform(A, wx + ex, wy + ey, wz + ez)
+        put(mn["om"], 0, wx, wy, wz)
+    return FINE
+
+
+@unit
+def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers on rigid places at zero v̇, global axes: point, angular."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        put(mn["bx"], 0, 0.0, 0.0, 0.0)
+        put(mn["bom"], 0, 0.0, 0.0, 0.0)
+        b = mk["body"]
+        if b >= 0:
+            A, s, iv = now.body[b]["A"], mn["s"], bodies[b]["iv"]
+            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
+            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
+            ax, ay, az = transform(A, ax, ay, az)
+            put(mn["bx"], 0, ax, ay, az)
+    return FINE
+
+
+@unit
+def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers that modes move at zero v̇, global axes: point, angular."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A, s = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
         iv = body["iv"]
         wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
         cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
         ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
-        ex, ey, ez = 0.0, 0.0, 0.0
-        if mk["modes"] >= 0:
-            dx, dy, dz, ox, oy, oz = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
-            cx, cy, cz = cross(wx, wy, wz, dx, dy, dz)
-            ex, ey, ez = cross(wx, wy, wz, ox, oy, oz)
-            tx, ty, tz = _tangent_rate(mk, mn, body["m"], parts.pool, v, iv + 6)
-            ex, ey, ez = ex + tx, ey + ty, ez + tz
-            px, py, pz = _arm_bias(mn["arm"], ox, oy, oz, tx, ty, tz)
-            ax, ay, az = ax + 2.0 * cx + px, ay + 2.0 * cy + py, az + 2.0 * cz + pz
-        ax, ay, az = transform(A, ax, ay, az)
+        dx, dy, dz, ox, oy, oz = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
+        cx, cy, cz = cross(wx, wy, wz, dx, dy, dz)
+        ex, ey, ez = cross(wx, wy, wz, ox, oy, oz)
+        tx, ty, tz = _tangent_rate(mk, mn, body["m"], parts.pool, v, iv + 6)
+        px, py, pz = _arm_bias(mn["arm"], ox, oy, oz, tx, ty, tz)
+        ax, ay, az = transform(A, ax + 2.0 * cx + px, ay + 2.0 * cy + py, az + 2.0 * cz + pz)
         put(mn["bx"], 0, ax, ay, az)
-        ex, ey, ez = transform(A, ex, ey, ez)
+        ex, ey, ez = transform(A, ex + tx, ey + ty, ez + tz)
         put(mn["bom"], 0, ex, ey, ez)
-    slider.add_bias(parts.sliders, parts, now, v)
+    return FINE
 
 
 @kernel
@@ -205,31 +258,80 @@ def add_pulled_back(parts, now, k, w, i, f, out, o):
     out[o + 4] += my + ty
     out[o + 5] += mz + tz
     if mk["modes"] >= 0:
-        m = parts.bodies[mk["body"]]["m"]
-        at, arm, th = mk["modes"], mn["arm"], mn["th"]
-        mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
-        tx, ty, tz = tangent(th[0], th[1], th[2], tx + mx, ty + my, tz + mz)
-        pool = parts.pool
-        for j in range(m):
-            out[o + 6 + j] += pool[at + j] * fx + pool[at + m + j] * fy
-            out[o + 6 + j] += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * tx
-            out[o + 6 + j] += pool[at + 4 * m + j] * ty + pool[at + 5 * m + j] * tz
+        add_modal_forces(parts, now, k, fx, fy, fz, tx, ty, tz, out, o + 6)
 
 
-@kernel
-def clear_wrenches(now):
+@unit
+def add_modal_forces(
+    parts: Parts,
+    now: Now,
+    k: int,
+    fx: float,
+    fy: float,
+    fz: float,
+    tx: float,
+    ty: float,
+    tz: float,
+    out: Vector,
+    o: int,
+) -> int:
+    """out[o:o+m] += what a force and a moment in body axes on marker k do to the modes."""
+    mk, mn = parts.markers[k], now.marker[k]
+    m = parts.bodies[mk["body"]]["m"]
+    at, arm, th = mk["modes"], mn["arm"], mn["th"]
+    mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
+    tx, ty, tz = tangent(th[0], th[1], th[2], tx + mx, ty + my, tz + mz)
+    pool = parts.pool
+    for j in range(m):
+        s = pool[at + j] * fx + pool[at + m + j] * fy
+        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * tx
+        out[o + j] += s + pool[at + 4 * m + j] * ty + pool[at + 5 * m + j] * tz
+    return FINE
+
+
+@unit
+def clear_wrenches(run: Run, markers: Markers, at: Point) -> int:
     """No wrench on any marker."""
-    for k in range(now.marker.shape[0]):
-        W = now.marker[k]["W"]
+    rows, marker_now = markers.rows, run.work.now.marker
+    for n in range(rows.shape[0]):
+        W = marker_now[rows[n]]["W"]
         for c in range(6):
             W[c] = 0.0
+    return FINE
 
 
-@kernel
-def subtract_wrenches(parts, now, out):
-    """out (nv) −= generalised forces of the wrenches of all markers."""
-    for k in range(parts.markers.shape[0]):
-        b = parts.markers[k]["body"]
+@unit
+def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
+    """Trial.res −= generalised forces of the wrenches of all markers."""
+    parts, now, out = run.system.parts, run.work.now, run.work.trial.res
+    rows, table, bodies, marker_now = markers.rows, parts.markers, parts.bodies, now.marker
+    for n in range(rows.shape[0]):
+        b = table[rows[n]]["body"]
         if b >= 0:
-            o = parts.bodies[b]["iv"]
-            add_pulled_back(parts, now, k, now.marker[k]["W"], o - o, -1.0, out, o)
+            o = bodies[b]["iv"]
+            add_pulled_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+    return FINE
+
+
+RIGID_MARKERS = Kind(
+    "rigid_markers",
+    Markers,
+    {
+        "position": place_rigid,
+        "velocity": move_rigid,
+        "bias": bias_rigid,
+        "wrench": clear_wrenches,
+        "force": subtract_wrenches,
+    },
+)
+FLEXIBLE_MARKERS = Kind(
+    "flexible_markers",
+    Markers,
+    {
+        "position": place_flexible,
+        "velocity": move_flexible,
+        "bias": bias_flexible,
+        "wrench": clear_wrenches,
+        "force": subtract_wrenches,
+    },
+)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import compose
-from flexmb.engine.kernels.joints import coordinate
+from flexmb.engine.records import Vector
+from flexmb.engine.tables import Parts
 
 
-@kernel
-def move(parts, q, dq, out):
+@unit
+def move(parts: Parts, q: Vector, dq: Vector, out: Vector) -> int:
     """out = q ∘ exp(dq): translations and modes add, rotation vectors act on the right."""
-    coordinate.move(parts.coordinates, q, dq, out)
-    for k in range(parts.bodies.shape[0]):
-        body = parts.bodies[k]
+    bodies, coordinates = parts.bodies, parts.coordinates
+    for k in range(coordinates.shape[0]):
+        out[coordinates[k]["iq"]] = q[coordinates[k]["iq"]] + dq[coordinates[k]["iv"]]
+    for k in range(bodies.shape[0]):
+        body = bodies[k]
         i, o = body["iq"], body["iv"]
         out[i] = q[i] + dq[o]
         out[i + 1] = q[i + 1] + dq[o + 1]
@@ -22,12 +25,15 @@ def move(parts, q, dq, out):
         compose(q, i + 3, dq[o + 3], dq[o + 4], dq[o + 5], out, i + 3)
         for j in range(body["m"]):
             out[i + 7 + j] = q[i + 7 + j] + dq[o + 6 + j]
+    return 0
 
 
 @kernel
 def position_rate(parts, q, v, out):
     """out (nq) = N(q) v; Euler parameters: ṗ = ½ p ∘ (0, ω')."""
-    coordinate.position_rate(parts.coordinates, v, out)
+    coordinates = parts.coordinates
+    for k in range(coordinates.shape[0]):
+        out[coordinates[k]["iq"]] = v[coordinates[k]["iv"]]
     for k in range(parts.bodies.shape[0]):
         body = parts.bodies[k]
         i, o = body["iq"], body["iv"]

@@ -6,7 +6,7 @@ the motion of the markers, and the change of J at constant w (the lever arms tur
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import (
     cross,
     tangent,
@@ -16,10 +16,14 @@ from flexmb.engine.kernels.algebra.rotation import (
     transform_back,
 )
 from flexmb.engine.kernels.bodies.inertia_tangent import add_column, add_skew
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Now
+from flexmb.engine.tables import Parts
 
 
-@kernel
-def marker_jacobian(parts, now, k, Jm):
+@unit
+def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
     """Jm (6, 6+m): velocity and angular velocity of marker k, global axes, per v of its body."""
     mk, mn = parts.markers[k], now.marker[k]
     A, s = now.body[mk["body"]]["A"], mn["s"]
@@ -41,6 +45,7 @@ def marker_jacobian(parts, now, k, Jm):
             tx, ty, tz = transform(A, tx, ty, tz)
             add_column(Jm, 0, 6 + c, 1.0, ux, uy, uz)
             add_column(Jm, 3, 6 + c, 1.0, tx, ty, tz)
+    return FINE
 
 
 @kernel
@@ -71,8 +76,10 @@ def add_product_block(H, i, j, Ji, ni, Jj, nj, f, T, B):
                     B[r, c] += x * T[k, c]
 
 
-@kernel
-def add_lever_tangent(parts, now, k, w, i, f, B):
+@unit
+def add_lever_tangent(
+    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, B: Matrix
+) -> int:
     """Add f ∂(Jᵀ w[i:i+6])/∂(r, θ', η) of marker k, w constant in global axes, to B (6+m, 6+m)."""
     mk, mn = parts.markers[k], now.marker[k]
     A, s = now.body[mk["body"]]["A"], mn["s"]
@@ -87,6 +94,7 @@ def add_lever_tangent(parts, now, k, w, i, f, B):
     if mk["modes"] >= 0:
         m = parts.bodies[mk["body"]]["m"]
         _add_modal_lever(mk, mn, parts.pool, m, fx, fy, fz, tx, ty, tz, B)
+    return FINE
 
 
 @kernel

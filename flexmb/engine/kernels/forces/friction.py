@@ -16,7 +16,24 @@ import math
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.triple import inner, plus, times
-from flexmb.engine.tables import SLIDES, SMOOTH, STICKS
+
+# Models of friction, and what its history says.
+NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
+OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0
+
+_I, _F = "i8", "f8"
+# Fields of a row with friction; what it remembers begins at `history`.
+FRICTION_FIELDS = (
+    ("model", _I),  # NO_FRICTION, BRISTLE, SMOOTH
+    ("static", _F),
+    ("dynamic", _F),
+    ("stribeck", _F),  # m/s
+    ("viscous", _F),  # s/m, coefficient per speed
+    ("k", _F),  # N/m of the bristle
+    ("c", _F),  # N s/m of the bristle
+    ("creep", _F),  # m/s, of the smooth model
+    ("history", _I),
+)
 
 
 @kernel

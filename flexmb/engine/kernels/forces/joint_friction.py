@@ -12,41 +12,74 @@ Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from flexmb.engine.jit import kernel
+import numpy as np
+
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
-from flexmb.engine.kernels.forces.friction import along
+from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
 from flexmb.engine.kernels.joints import primitive
-from flexmb.engine.kernels.joints.reaction import add_wrenches
-from flexmb.engine.tables import SLIDES
+from flexmb.engine.kernels.joints.reaction import put_group_wrench
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix, Vector, array_of
+from flexmb.engine.state import Point, Run
+
+_I, _F = "i8", "f8"
+# Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
+# radius times s. It remembers the anchor of the bristle (m), and whether it slides.
+JOINT_FRICTION = np.dtype(
+    [
+        ("group", _I),  # of the joint
+        ("coordinate", _I),
+        ("link", _I),  # LINK of the joint's rows with the coordinate
+        ("axis", _I),  # of marker I, along which or about which it moves
+        ("radius", _F),  # m, or 1 of a stroke
+        ("length", _F),  # of the bearing, m; 0: it bears no moment
+        ("width", _F),  # of the guide, m; 0: it bears no torque about its axis
+        ("preload", _F),  # N
+        *FRICTION_FIELDS,
+    ],
+    align=True,
+)
+
+
+class JointFrictions(NamedTuple):
+    """Frictions in joints of a model."""
+
+    rows: array_of(JOINT_FRICTION)
+    first_event: int  # each has one: what makes it slide or stick
+    load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
+    surface: Vector  # (7,) scratch, as `evaluate_surface` says
+
+
+# Places in `surface`.
+_FORCE, _ANCHOR, _MODE, _EXCESS, _STIFFNESS, _DAMPING, _PLACE = range(7)
+
+
+@unit
+def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> float:
+    """Friction k for place and rate of its coordinate, into `surface` as `friction.along` says.
+
+    Returns the stretch of its bristle, m.
+    """
+    f, out, history = frictions.rows[k], frictions.surface, run.work.now.history
+    s = run.system.parts.coordinates[f["coordinate"]]
+    x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
+    force, anchor, mode, excess, stiffness, damping = along(
+        f, frictions.load[k, 0], x, rate, history[f["history"]]
+    )
+    out[_FORCE], out[_ANCHOR], out[_MODE], out[_EXCESS] = force, anchor, mode, excess
+    out[_STIFFNESS], out[_DAMPING], out[_PLACE] = stiffness, damping, x
+    return x - anchor
 
 
 @kernel
-def rubs(frictions):
-    """Whether there is friction in any joint."""
-    if frictions is not None:
-        return frictions.shape[0] > 0
-    return False
-
-
-@kernel
-def put_grips(sys, frictions, wk, lam):
-    """Normal forces of all joint frictions for these multipliers; returns the largest change."""
-    change = 0.0
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            N = _normal_force(sys, frictions[k], wk, lam)
-            step = abs(N - wk.now.grip[k, 0])
-            if not step <= change:
-                change = step
-            wk.now.grip[k, 0] = N
-    return change
-
-
-@kernel
-def _bearing(sys, f, markers, w):
+def _bearing(run, f, w):
     """The forces R₁ and R₂ across the axis (2 each), and T/w, of the wrench w on J."""
-    R = markers[sys.rows[sys.groups[f["group"]]["row"]]["I"]]["R"]
+    sys = run.system
+    R = run.work.now.marker[sys.rows[sys.groups[f["group"]]["row"]]["I"]]["R"]
     F = transform_back(R, w[6], w[7], w[8])
     M = transform_back(R, w[9], w[10], w[11])
     a, b = (f["axis"] + 1) % 3, (f["axis"] + 2) % 3
@@ -58,151 +91,175 @@ def _bearing(sys, f, markers, w):
     return x + u, y + v, x - u, y - v, turn
 
 
-@kernel
-def _reaction(sys, f, wk, lam):
-    """What `_bearing` says of the joint's own reaction."""
-    w = wk.dense.g[1]
-    for c in range(12):
-        w[c] = 0.0
-    group = sys.groups[f["group"]]
-    add_wrenches(sys.lines, sys.rows, group, wk.now.marker, lam, wk.dense.g[0], w)
-    return _bearing(sys, f, wk.now.marker, w)
+@unit
+def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
+    """Bearing loads of all joint frictions for these multipliers; returns the largest change."""
+    rows, load, w = frictions.rows, frictions.load, run.work.dense.g[1]
+    change = 0.0
+    for k in range(rows.shape[0]):
+        f = rows[k]
+        put_group_wrench(run, f["group"], at.lam)
+        a, b, c, d, turn = _bearing(run, f, w)
+        N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn) + f["preload"]
+        step = abs(N - load[k, 0])
+        if not step <= change:
+            change = step
+        load[k, 0] = N
+    return change
 
 
-@kernel
-def _normal_force(sys, f, wk, lam):
-    a, b, c, d, turn = _reaction(sys, f, wk, lam)
-    return math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn) + f["preload"]
-
-
-@kernel
-def _surface(f, coordinates, grip, kept, q, v):
-    """Friction at the surface for place and rate of its coordinate, as `friction.along`."""
-    s = coordinates[f["coordinate"]]
-    x, rate = f["radius"] * q[s["iq"]], f["radius"] * v[s["iv"]]
-    return along(f, grip, x, rate, kept[f["kept"]])
-
-
-@kernel
-def put_forces(sys, frictions, wk, q, v):
+@unit
+def put_forces(run: Run, frictions: JointFrictions, at: Point) -> int:
     """res −= friction on its coordinate, for all joint frictions."""
-    if frictions is not None:
-        coordinates = sys.parts.coordinates
-        for k in range(frictions.shape[0]):
-            f, grip = frictions[k], wk.now.grip
-            force, _, _, _, _, _ = _surface(f, coordinates, grip[k, 0], wk.now.kept, q, v)
-            grip[k, 1] = force
-            wk.trial.res[coordinates[f["coordinate"]]["iv"]] -= f["radius"] * force
+    rows, coordinates, res = frictions.rows, run.system.parts.coordinates, run.work.trial.res
+    for k in range(rows.shape[0]):
+        evaluate_surface(run, frictions, at, k)
+        force = frictions.surface[_FORCE]
+        frictions.load[k, 1] = force
+        res[coordinates[rows[k]["coordinate"]]["iv"]] -= rows[k]["radius"] * force
+    return FINE
 
 
-@kernel
-def add_tangents(sys, frictions, wk, v, cv, cp):
+@unit
+def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
     """cv ∂F/∂v + cp ∂F/∂q on the diagonal of each coordinate.
 
     As all that acts on coordinates without mass, not at the acceleration level.
     """
-    if frictions is not None and cv != 0.0:
-        for k in range(frictions.shape[0]):
-            f = frictions[k]
-            s = sys.parts.coordinates[f["coordinate"]]
-            at = sys.kkt.panels[s["panel"]]["at"]
-            x = f["radius"] * wk.con.fun[sys.rows[f["row"]]["fun"], 0]
-            rate, anchor = f["radius"] * v[s["iv"]], wk.now.kept[f["kept"]]
-            _, _, _, _, stiff, viscous = along(f, wk.now.grip[k, 0], x, rate, anchor)
-            diagonal = f["radius"] ** 2 * (cp * stiff + cv * viscous)
-            wk.factor.low[at] += diagonal
-            wk.factor.up[at] += diagonal
+    rows, coordinates, panels = frictions.rows, run.system.parts.coordinates, run.system.kkt.panels
+    low, up, surface = run.work.factor.low, run.work.factor.up, frictions.surface
+    if cv != 0.0:
+        for k in range(rows.shape[0]):
+            f = rows[k]
+            place = panels[coordinates[f["coordinate"]]["panel"]]["at"]
+            evaluate_surface(run, frictions, at, k)
+            diagonal = f["radius"] ** 2 * (cp * surface[_STIFFNESS] + cv * surface[_DAMPING])
+            low[place] += diagonal
+            up[place] += diagonal
+    return FINE
 
 
-@kernel
-def put_couplings(sys, frictions, wk, v, lam):
+@unit
+def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
     """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f, N = frictions[k], wk.now.grip[k, 0]
-            s = sys.parts.coordinates[f["coordinate"]]
-            x = f["radius"] * wk.con.fun[sys.rows[f["row"]]["fun"], 0]
-            rate, anchor = f["radius"] * v[s["iv"]], wk.now.kept[f["kept"]]
-            force, _, mode, _, _, _ = along(f, N, x, rate, anchor)
-            if mode == SLIDES and N > 0.0:  # then the force is in proportion to N
-                _put_coupling(sys, f, wk, lam, -f["radius"] * force / N)
+    rows, surface = frictions.rows, frictions.surface
+    for k in range(rows.shape[0]):
+        f, N = rows[k], frictions.load[k, 0]
+        evaluate_surface(run, frictions, at, k)
+        if surface[_MODE] == SLIDES and N > 0.0:  # then the force is in proportion to N
+            put_group_wrench(run, f["group"], at.lam)
+            _put_coupling(run, f, -f["radius"] * surface[_FORCE] / N)
+    return FINE
 
 
 @kernel
-def _put_coupling(sys, f, wk, lam, factor):
-    """factor ∂N/∂λ in the row of the coordinate, at the columns of the joint's rows."""
+def _put_coupling(run, f, factor):
+    """factor ∂N/∂λ in the row of the coordinate, at the columns of the joint's rows.
+
+    The wrench of the joint is in dense.g[1].
+    """
+    sys, markers, g = run.system, run.work.now.marker, run.work.dense.g[0]
+    low, up = run.work.factor.low, run.work.factor.up
     group, link = sys.groups[f["group"]], sys.kkt.links[f["link"]]
-    a, b, c, d, turn = _reaction(sys, f, wk, lam)
+    a, b, c, d, turn = _bearing(run, f, run.work.dense.g[1])
     first, second = math.sqrt(a * a + b * b), math.sqrt(c * c + d * d)
-    g, markers = wk.dense.g[0], wk.now.marker
     for r in range(group["n"]):
         row = sys.rows[group["row"] + r]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(sys.lines, row["kind"], row["a"], row["b"], mi, mj, g)
-        p, q, s, t, change = _bearing(sys, f, markers, g)  # of λ = −1
+        primitive.axis_gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        p, q, s, t, change = _bearing(run, f, g)  # of λ = −1
         slope = -change if turn > 0.0 else change if turn < 0.0 else 0.0
         if first > 0.0:
             slope -= (a * p + b * q) / first
         if second > 0.0:
             slope -= (c * s + d * t) / second
         if link["flipped"] == 1:
-            wk.factor.low[link["at"] + r] = factor * slope
+            low[link["at"] + r] = factor * slope
         else:
-            wk.factor.up[link["at"] + r * link["stride"]] = factor * slope
+            up[link["at"] + r * link["stride"]] = factor * slope
 
 
-@kernel
-def power(frictions, coordinates, now, q, v):
-    """Power of all joint frictions, that into bristles included, W."""
-    p = 0.0
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f = frictions[k]
-            force, _, _, _, _, _ = _surface(f, coordinates, now.grip[k, 0], now.kept, q, v)
-            p += force * f["radius"] * v[coordinates[f["coordinate"]]["iv"]]
-    return p
+@unit
+def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
+    """Power of all joint frictions, that into bristles included."""
+    rows, coordinates, out = frictions.rows, run.system.parts.coordinates, run.work.powers
+    for k in range(rows.shape[0]):
+        f = rows[k]
+        evaluate_surface(run, frictions, at, k)
+        rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
+        out[1] += frictions.surface[_FORCE] * rate
+    return FINE
 
 
-@kernel
-def bristle_energy(frictions, coordinates, now, q, v):
-    """Energy in the bristles, ½ k s², J."""
-    e = 0.0
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f = frictions[k]
-            _, anchor, _, _, _, _ = _surface(f, coordinates, now.grip[k, 0], now.kept, q, v)
-            x = f["radius"] * q[coordinates[f["coordinate"]]["iq"]]
-            e += 0.5 * f["k"] * (x - anchor) ** 2
-    return e
+@unit
+def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
+    """Energy in the bristles, ½ k s²."""
+    rows, out = frictions.rows, run.work.energies
+    for k in range(rows.shape[0]):
+        stretch = evaluate_surface(run, frictions, at, k)
+        out[4] += 0.5 * rows[k]["k"] * stretch * stretch
+    return FINE
 
 
-@kernel
-def begin(frictions, coordinates, q, kept):
+@unit
+def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Free all bristles at the first position."""
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f = frictions[k]
-            kept[f["kept"]] = f["radius"] * q[coordinates[f["coordinate"]]["iq"]]
-            kept[f["kept"] + 1] = 0.0
+    rows, coordinates, history = frictions.rows, run.system.parts.coordinates, run.state.history
+    for k in range(rows.shape[0]):
+        f = rows[k]
+        o = f["history"]
+        history[o] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
+        history[o + 1] = 0.0
+    return FINE
 
 
-@kernel
-def keep(frictions, coordinates, now, q, v, kept):
-    """Write the memory of all joint frictions at an accepted state."""
-    if frictions is not None:
-        for k in range(frictions.shape[0]):
-            f = frictions[k]
-            _, anchor, mode, _, _, _ = _surface(f, coordinates, now.grip[k, 0], now.kept, q, v)
-            kept[f["kept"]] = anchor
-            kept[f["kept"] + 1] = mode
+@unit
+def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
+    """Write the history of all joint frictions at an accepted state."""
+    rows, surface, history = frictions.rows, frictions.surface, run.state.history
+    for k in range(rows.shape[0]):
+        evaluate_surface(run, frictions, at, k)
+        o = rows[k]["history"]
+        history[o] = surface[_ANCHOR]
+        history[o + 1] = surface[_MODE]
+    return FINE
 
 
-@kernel
-def slip(f, coordinates, grip, kept, q, v):
-    """What crosses zero from below where it begins to slide, or to stick, as `contact.slip`."""
-    _, _, _, excess, _, _ = _surface(f, coordinates, grip, kept, q, v)
-    s = coordinates[f["coordinate"]]
-    stretch = f["radius"] * q[s["iq"]] - kept[f["kept"]]
-    if kept[f["kept"] + 1] != SLIDES or stretch == 0.0:
-        return excess
-    return -v[s["iv"]] * f["radius"] * (1.0 if stretch > 0.0 else -1.0)
+@unit
+def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
+    """What crosses zero from below where it begins to slide, or to stick, as of contacts."""
+    rows, surface, history = frictions.rows, frictions.surface, run.work.now.history
+    coordinates, out = run.system.parts.coordinates, run.work.events.now
+    for k in range(rows.shape[0]):
+        f, o = rows[k], frictions.first_event + k
+        out[o, 0], out[o, 1] = 0.0, math.nan
+        if f["model"] == BRISTLE:
+            evaluate_surface(run, frictions, at, k)
+            stretch = surface[_PLACE] - history[f["history"]]
+            out[o, 0] = surface[_EXCESS]
+            if history[f["history"] + 1] == SLIDES and stretch != 0.0:
+                rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
+                out[o, 0] = -rate if stretch > 0.0 else rate
+    return FINE
+
+
+def _always(frictions: JointFrictions) -> bool:
+    return True
+
+
+JOINT_FRICTIONS = Kind(
+    "joint_frictions",
+    JointFrictions,
+    {
+        "reaction": put_loads,
+        "force": put_forces,
+        "matrix": add_tangents,
+        "coupling": put_couplings,
+        "power": add_powers,
+        "energy": add_energies,
+        "begin": free_bristles,
+        "remember": remember,
+        "events": watch,
+    },
+    unsymmetric=_always,
+)

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.records import Matrix, Vector, array_of
 
 CONST, TIME, NEG, POWC = 0, 1, 2, 3
 ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX, HYPOT = 4, 5, 6, 7, 8, 9, 10, 11, 12
@@ -65,12 +66,12 @@ OPCODES = {
 class FunctionTable(NamedTuple):
     """Programs of all functions of a system, one after the other."""
 
-    ops: np.ndarray  # (n,) int32 operation codes
-    args: np.ndarray  # (n,) float64 argument of CONST and POWC, place of PIECEWISE, number of VAR
-    start: np.ndarray  # (k + 1,) int32 where program k begins and ends
+    ops: array_of("i4")  # (n,) operation codes
+    args: Vector  # (n,) argument of CONST and POWC, place of PIECEWISE, number of VAR
+    start: array_of("i4")  # (k + 1,) where program k begins and ends
     depth: int  # rows of stack that the deepest program needs
-    data: np.ndarray  # (m,) float64 piecewise polynomials, one after the other
-    live: np.ndarray  # (k,) int32 1: it has variables, and is evaluated where they are known
+    data: Vector  # (m,) piecewise polynomials, one after the other
+    live: array_of("i4")  # (k,) 1: it has variables, and is evaluated where they are known
 
 
 @kernel
@@ -247,9 +248,14 @@ def evaluate(table, k, t, variables, stack):
     ``variables`` (n, 3) are the jets that the operation VAR loads; ``stack`` is (depth, 3)
     float64 scratch, at least ``table.depth`` rows.
     """
+    value = run_program(table, k, t, variables, stack)
+    return value, stack[0, 1], stack[0, 2]
+
+
+@unit
+def run_program(table: FunctionTable, k: int, t: float, variables: Matrix, stack: Matrix) -> float:
+    """Value of function k at t; it and its derivatives are left in the first row of the stack."""
     begin, end = table.start[k], table.start[k + 1]
-    if end - begin == 1 and table.ops[begin] == CONST:
-        return table.args[begin], 0.0, 0.0
     top = -1
     for i in range(begin, end):
         op = table.ops[i]
@@ -280,4 +286,4 @@ def evaluate(table, k, t, variables, stack):
         else:
             top -= 1
             _binary(op, stack[top], stack[top + 1])
-    return stack[0, 0], stack[0, 1], stack[0, 2]
+    return stack[0, 0]

@@ -2,90 +2,199 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from typing import NamedTuple
+
+from flexmb.engine.jit import call_stage, kernel, unit
+from flexmb.engine.kernels.algebra.blocks import put_row, row_compliance
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.joints import primitive
+from flexmb.engine.kernels.joints.group_tangent import group_tangents
+from flexmb.engine.kernels.joints.reaction import put_group_wrench
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import POINT
 
+_REGULARISATION = 1e-9
 
-@kernel
-def evaluate(lines, rows, markers, con):
-    """C of all rows."""
+
+class Joints(NamedTuple):
+    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`).
+
+    Reactions and tangents of joints of points stand apart (`point_joint`).
+    """
+
+    rows: Integers  # rows of all others
+    groups: Integers  # groups of all others
+    driven: Integers  # rows with a function of time
+
+
+@unit
+def evaluate_constraints(run: Run) -> int:
+    """C of all rows, after a position stage."""
+    rows, markers, con = run.system.rows, run.work.now.marker, run.work.con
+    C, fun = con.C, con.fun
     for k in range(rows.shape[0]):
         row = rows[k]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        if row["kind"] == POINT:
+            C[k] = mj["x"][row["a"]] - mi["x"][row["a"]]
+            continue
         f = row["offset"]
         if row["fun"] >= 0:
-            f += con.fun[row["fun"], 0]
-        con.C[k] = primitive.value(
-            lines, row["kind"], row["a"], row["b"], markers[row["I"]], markers[row["J"]], f
-        )
+            f += fun[row["fun"], 0]
+        C[k] = primitive.value(row["kind"], row["a"], row["b"], mi, mj, f)
+    return FINE
 
 
-@kernel
-def subtract_reactions(lines, rows, markers, lam, g):
-    """Wrenches of the markers −= λ g of all rows; g (12) is scratch."""
-    for k in range(rows.shape[0]):
+@unit
+def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
+    """Wrenches of the markers −= λ g of all rows but those of joints of points."""
+    rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.dense.g[0], at.lam
+    listed = joints.rows
+    for n in range(listed.shape[0]):
+        k = listed[n]
         row = rows[k]
-        mi, mj = markers[row["I"]], markers[row["J"]]
+        mi, mj = markers[row["I"]]["W"], markers[row["J"]]["W"]
         if row["kind"] == POINT:
-            mi["W"][row["a"]] += lam[k]
-            mj["W"][row["a"]] -= lam[k]
+            mi[row["a"]] += lam[k]
+            mj[row["a"]] -= lam[k]
             continue
-        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         for c in range(6):
-            mi["W"][c] -= lam[k] * g[c]
-            mj["W"][c] -= lam[k] * g[6 + c]
+            mi[c] -= lam[k] * g[c]
+            mj[c] -= lam[k] * g[6 + c]
+    return FINE
 
 
-@kernel
-def rates(lines, rows, markers, con, g):
-    """Cq v + C_t of all rows, from the velocities of the markers."""
+@unit
+def constraint_rates(run: Run) -> int:
+    """Cq v + C_t of all rows, after a velocity stage."""
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.dense.g[0]
+    rate, fun = con.rate, con.fun
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
         if row["kind"] == POINT:
-            con.rate[k] = mj["vx"][row["a"]] - mi["vx"][row["a"]]
+            rate[k] = mj["vx"][row["a"]] - mi["vx"][row["a"]]
             continue
-        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
-        con.rate[k] = primitive.rate(g, mi, mj)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        rate[k] = primitive.rate(g, mi, mj)
         if row["fun"] >= 0:
-            con.rate[k] -= con.fun[row["fun"], 1]
+            rate[k] -= fun[row["fun"], 1]
+    return FINE
 
 
-@kernel
-def right_side(lines, rows, markers, con, g):
-    """γ of Cq v̇ = γ, from the velocities and acceleration biases of the markers."""
+@unit
+def constraint_right_side(run: Run) -> int:
+    """γ of Cq v̇ = γ, after a bias stage."""
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.dense.g[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
-        s = primitive.curvature(lines, row["kind"], row["a"], row["b"], mi, mj)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        s = primitive.curvature_between(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         for c in range(3):
             s += g[c] * mi["bx"][c] + g[3 + c] * mi["bom"][c]
             s += g[6 + c] * mj["bx"][c] + g[9 + c] * mj["bom"][c]
         if row["fun"] >= 0:
             s -= con.fun[row["fun"], 2]
         con.gamma[k] = -s
+    return FINE
 
 
-@kernel
-def jacobian(lines, parts, now, rows, dense):
-    """Rows of Cq on the bodies of their two markers, into dense.jac."""
-    g = dense.g[0]
+@unit
+def constraint_jacobian(run: Run) -> int:
+    """Rows of Cq on the bodies of their two markers, into dense.jac; after a position stage."""
+    parts, now, rows, dense = run.system.parts, run.work.now, run.system.rows, run.work.dense
+    bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, dense.g[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j = row["I"], row["J"]
-        primitive.gradient(lines, row["kind"], row["a"], row["b"], now.marker[i], now.marker[j], g)
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], i, j)
         for side in range(2):
             at = row["jac_I"] if side == 0 else row["jac_J"]
             if at >= 0:
-                k_side = i if side == 0 else j
-                _pull_back_row(parts, now, k_side, g, 6 * side, dense.jac, at)
+                marker = i if side == 0 else j
+                for c in range(6 + bodies[table[marker]["body"]]["m"]):
+                    jac[at + c] = 0.0
+                add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
+    return FINE
+
+
+@unit
+def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
+    """Rows of Cq from dense.jac, and their regularisation, into the iteration matrix."""
+    sys, jac, factor = run.system, run.work.dense.jac, run.work.factor
+    bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
+    low, up, eps, rows, column = factor.low, factor.up, factor.eps, sys.rows, kkt.column
+    symmetric = factor.symmetric[0] == 1
+    for k in range(groups.shape[0]):
+        group = groups[k]
+        panel = kkt.panels[group["panel"]]
+        for r in range(group["n"]):
+            row = rows[group["row"] + r]
+            s = 0.0
+            for side in range(2):
+                b = group["body_I"] if side == 0 else group["body_J"]
+                if b < 0:
+                    continue
+                link = links[group["link_I"] if side == 0 else group["link_J"]]
+                start = row["jac_I"] if side == 0 else row["jac_J"]
+                put_row(link, r, bodies[b], column, jac, start, low)
+                if not symmetric:
+                    put_row(link, r, bodies[b], column, jac, start, up)
+                s += row_compliance(bodies[b], kkt.panels, column, jac, start, low)
+            eps[panel["col"] + r] = _REGULARISATION * s
+            diagonal = panel["at"] + r * panel["nc"] + r
+            low[diagonal] = -_REGULARISATION * s
+            if not symmetric:
+                up[diagonal] = -_REGULARISATION * s
+    return FINE
+
+
+@unit
+def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> int:
+    """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
+    if cv != 0.0 or cp != 0.0:
+        group_tangents(run, joints.groups, at.lam, cp)
+    return FINE
+
+
+@unit
+def driver_power(run: Run, joints: Joints, at: Point) -> int:
+    """Σ −λ ḟ over the rows with a function of time."""
+    rows, fun, driven = run.system.rows, run.work.con.fun, joints.driven
+    for n in range(driven.shape[0]):
+        k = driven[n]
+        run.work.powers[0] -= at.lam[k] * fun[rows[k]["fun"], 1]
+    return FINE
+
+
+@unit
+def joint_wrench(run: Run, joints: Joints, at: Point, c: int) -> float:
+    """Reaction of the joint or driver that channel c reads, as a wrench pair."""
+    put_group_wrench(run, run.system.sensors.channels[c]["first"], at.lam)
+    return 0.0
 
 
 @kernel
-def _pull_back_row(parts, now, k, g, i, jac, at):
-    n = 6 + parts.bodies[parts.markers[k]["body"]]["m"]
-    for c in range(n):
-        jac[at + c] = 0.0
-    add_pulled_back(parts, now, k, g, i, 1.0, jac, at)
+def put_constraint_matrix(run, at):
+    """Constraint rows of all kinds, into the iteration matrix; after `constraint_jacobian`."""
+    units, tables = run.stages.jacobian.units, run.stages.jacobian.tables
+    for k in range(len(units)):
+        call_stage(units[k], run, tables[k], at)
+
+
+JOINTS = Kind(
+    "joints",
+    Joints,
+    {
+        "wrench": subtract_reactions,
+        "matrix": joint_matrix,
+        "jacobian": put_jacobian,
+        "power": driver_power,
+        "wrenches": joint_wrench,
+    },
+)

@@ -9,153 +9,149 @@ Values and rates of the sums stand beside those of the functions in Constraints.
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from typing import NamedTuple
+
+from flexmb.engine.jit import unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
 
 
-@kernel
-def put_values(coordinates, sys, q, fun):
+class Coordinates(NamedTuple):
+    """Scalar coordinates (`Parts.coordinates`, `System.follows`)."""
+
+
+@unit
+def put_values(run: Run, of: Coordinates, at: Point) -> int:
     """Σ f s of all rows that follow coordinates, as the value of their slots."""
-    if coordinates is not None:
-        for k in range(sys.follows.shape[0]):
-            follow = sys.follows[k]
-            slot = sys.rows[follow["row"]]["fun"]
-            if follow["first"] == 1:
-                fun[slot, 0] = 0.0
-                fun[slot, 2] = 0.0  # s̈ is an unknown
-            fun[slot, 0] += follow["factor"] * q[coordinates[follow["coordinate"]]["iq"]]
+    sys, q, fun = run.system, at.q, run.work.con.fun
+    follows, coordinates = sys.follows, sys.parts.coordinates
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        slot = sys.rows[follow["row"]]["fun"]
+        if follow["first"] == 1:
+            fun[slot, 0] = 0.0
+            fun[slot, 2] = 0.0  # s̈ is an unknown
+        fun[slot, 0] += follow["factor"] * q[coordinates[follow["coordinate"]]["iq"]]
+    return FINE
 
 
-@kernel
-def put_rates(coordinates, sys, v, fun):
+@unit
+def put_rates(run: Run, of: Coordinates, at: Point) -> int:
     """Σ f ṡ of all rows that follow coordinates, as the rate of their slots."""
-    if coordinates is not None:
-        for k in range(sys.follows.shape[0]):
-            follow = sys.follows[k]
-            slot = sys.rows[follow["row"]]["fun"]
-            if follow["first"] == 1:
-                fun[slot, 1] = 0.0
-            fun[slot, 1] += follow["factor"] * v[coordinates[follow["coordinate"]]["iv"]]
+    sys, v, fun = run.system, at.v, run.work.con.fun
+    follows, coordinates = sys.follows, sys.parts.coordinates
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        slot = sys.rows[follow["row"]]["fun"]
+        if follow["first"] == 1:
+            fun[slot, 1] = 0.0
+        fun[slot, 1] += follow["factor"] * v[coordinates[follow["coordinate"]]["iv"]]
+    return FINE
 
 
-@kernel
-def put_forces(sys, coordinates, wk, q, v, vd, lam):
+@unit
+def put_forces(run: Run, of: Coordinates, at: Point) -> int:
     """res = m s̈ + c ṡ + k (s − s0) − u + Cqᵀ λ of all coordinates."""
-    if coordinates is not None:
-        res = wk.trial.res
-        for k in range(coordinates.shape[0]):
-            s = coordinates[k]
-            i = s["iv"]
-            res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
-            if s["fun"] >= 0:
-                res[i] -= wk.con.fun[s["fun"], 0]
-        for k in range(sys.follows.shape[0]):
-            follow = sys.follows[k]
-            i = coordinates[follow["coordinate"]]["iv"]
-            res[i] -= follow["factor"] * lam[follow["row"]]
+    sys, res, fun = run.system, run.work.trial.res, run.work.con.fun
+    coordinates, follows, q, v, vd = sys.parts.coordinates, sys.follows, at.q, at.v, at.vd
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        i = s["iv"]
+        res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
+        if s["fun"] >= 0:
+            res[i] -= fun[s["fun"], 0]
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        i = coordinates[follow["coordinate"]]["iv"]
+        res[i] -= follow["factor"] * at.lam[follow["row"]]
+    return FINE
 
 
-@kernel
-def add_tangents(coordinates, kkt, cv, cp, low, up):
+@unit
+def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> int:
     """m + cv c + cp k on the diagonal.
 
     At the acceleration level, cv = 0, stiffness stands beside the mass so that stiff modes do not
     spoil reactions; a coordinate without mass has no such mode.
     """
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            s = coordinates[k]
-            at = kkt.panels[s["panel"]]["at"]
-            diagonal = s["m"] + cv * s["c"]
-            if s["m"] > 0.0 or cv != 0.0:
-                diagonal += cp * s["k"]
-            low[at] += diagonal
-            up[at] += diagonal
+    panels, low, up = run.system.kkt.panels, run.work.factor.low, run.work.factor.up
+    coordinates = run.system.parts.coordinates
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        place = panels[s["panel"]]["at"]
+        diagonal = s["m"] + cv * s["c"]
+        if s["m"] > 0.0 or cv != 0.0:
+            diagonal += cp * s["k"]
+        low[place] += diagonal
+        up[place] += diagonal
+    return FINE
 
 
-@kernel
-def put_metric(coordinates, kkt, metric, low):
-    """The metric of all coordinates on the diagonal."""
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            low[kkt.panels[coordinates[k]["panel"]]["at"]] = metric[coordinates[k]["iv"]]
-
-
-@kernel
-def put_rows(sys, coordinates, factor):
+@unit
+def put_rows(run: Run, of: Coordinates, at: Point) -> int:
     """−f of the rows that follow coordinates in the Jacobian."""
-    if coordinates is not None:
-        for k in range(sys.follows.shape[0]):
-            follow = sys.follows[k]
-            link, r = sys.kkt.links[follow["link"]], sys.rows[follow["row"]]["in_group"]
-            at = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
-            factor.low[at] = -follow["factor"]
-            if factor.symmetric[0] == 0:
-                factor.up[at] = -follow["factor"]
+    sys, factor = run.system, run.work.factor
+    follows = sys.follows
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        link, r = sys.kkt.links[follow["link"]], sys.rows[follow["row"]]["in_group"]
+        place = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+        factor.low[place] = -follow["factor"]
+        if factor.symmetric[0] == 0:
+            factor.up[place] = -follow["factor"]
+    return FINE
 
 
-@kernel
-def move(coordinates, q, dq, out):
-    """out = q + dq."""
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            out[coordinates[k]["iq"]] = q[coordinates[k]["iq"]] + dq[coordinates[k]["iv"]]
+@unit
+def add_energies(run: Run, of: Coordinates, at: Point) -> int:
+    """Σ ½ m ṡ² of what moves, Σ ½ k (s − s0)²."""
+    coordinates, out = run.system.parts.coordinates, run.work.energies
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        if s["state"] == 0:
+            out[0] += 0.5 * s["m"] * at.v[s["iv"]] ** 2
+        stretch = at.q[s["iq"]] - s["s0"]
+        out[3] += 0.5 * s["k"] * stretch * stretch
+    return FINE
 
 
-@kernel
-def position_rate(coordinates, v, out):
-    """out = v."""
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            out[coordinates[k]["iq"]] = v[coordinates[k]["iv"]]
+@unit
+def add_powers(run: Run, of: Coordinates, at: Point) -> int:
+    """−Σ c ṡ² of dampers, Σ u ṡ of applied forces."""
+    coordinates, out, fun = run.system.parts.coordinates, run.work.powers, run.work.con.fun
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        rate = at.v[s["iv"]]
+        out[1] -= s["c"] * rate * rate
+        if s["fun"] >= 0 and s["state"] == 0:
+            out[2] += fun[s["fun"], 0] * rate
+    return FINE
 
 
-@kernel
-def kinetic(coordinates, v):
-    """Σ ½ m ṡ², J."""
-    e = 0.0
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            if coordinates[k]["state"] == 0:
-                e += 0.5 * coordinates[k]["m"] * v[coordinates[k]["iv"]] ** 2
-    return e
+@unit
+def multiply_mass(run: Run, of: Coordinates, at: Point) -> int:
+    """Factor.sol = m Trial.res."""
+    coordinates, place = run.system.parts.coordinates, run.system.kkt.place
+    for k in range(coordinates.shape[0]):
+        i = coordinates[k]["iv"]
+        run.work.factor.sol[place[i]] = coordinates[k]["m"] * run.work.trial.res[i]
+    return FINE
 
 
-@kernel
-def spring_energy(coordinates, q):
-    """Σ ½ k (s − s0)², J."""
-    e = 0.0
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            s = q[coordinates[k]["iq"]] - coordinates[k]["s0"]
-            e += 0.5 * coordinates[k]["k"] * s * s
-    return e
-
-
-@kernel
-def damper_power(coordinates, v):
-    """−Σ c ṡ², W."""
-    p = 0.0
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            p -= coordinates[k]["c"] * v[coordinates[k]["iv"]] ** 2
-    return p
-
-
-@kernel
-def force_power(coordinates, fun, v):
-    """Σ u ṡ, W."""
-    p = 0.0
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            if coordinates[k]["fun"] >= 0 and coordinates[k]["state"] == 0:
-                p += fun[coordinates[k]["fun"], 0] * v[coordinates[k]["iv"]]
-    return p
-
-
-@kernel
-def multiply_mass(coordinates, x, out, place):
-    """out[place] = m x."""
-    if coordinates is not None:
-        for k in range(coordinates.shape[0]):
-            i = coordinates[k]["iv"]
-            out[place[i]] = coordinates[k]["m"] * x[i]
+COORDINATES = Kind(
+    "coordinates",
+    Coordinates,
+    {
+        "position": put_values,
+        "velocity": put_rates,
+        "force": put_forces,
+        "matrix": add_tangents,
+        "jacobian": put_rows,
+        "mass": multiply_mass,
+        "energy": add_energies,
+        "power": add_powers,
+    },
+    works=True,
+    stiff=True,
+)

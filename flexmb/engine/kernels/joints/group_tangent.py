@@ -2,42 +2,45 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies.pair_tangent import add_levers, add_pair
+from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.joints import primitive, row_tangent
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Run
 from flexmb.engine.tables import POINT
 
 
 @kernel
-def group_tangents(sys, wk, lam, cp):
-    """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
-    for k in range(sys.groups.shape[0]):
-        group = sys.groups[k]
-        i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        curved = put_group_tangent(sys, wk, lam, k)
-        add_levers(sys.parts, sys.kkt, wk, i, j, cp)
-        if curved:
-            add_pair(sys.parts, sys.kkt, wk, i, j, group["couple"], cp)
+def group_tangents(run, listed, lam, cp):
+    """cp ∂(Cqᵀ λ)/∂q of some constraint groups."""
+    groups, rows = run.system.groups, run.system.rows
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
+        curved = put_group_tangent(run, lam, listed[n])
+        add_moment_arms(run, i, j, cp)
+        if curved == 1:
+            add_pair(run, i, j, group["couple"], cp)
 
 
-@kernel
-def put_group_tangent(sys, wk, lam, k):
+@unit
+def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
     """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
-    rows, group, d = sys.rows, sys.groups[k], wk.dense
-    g, w = d.g[0], d.g[1]
+    rows, group, d = run.system.rows, run.system.groups[k], run.work.dense
+    g, w, H = d.g[0], d.g[1], d.H
     i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
-    mi, mj = wk.now.marker[i], wk.now.marker[j]
-    curved = False
-    clear(d.H, d.H.shape[0], d.H.shape[1])
+    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    curved = 0
+    clear(H, H.shape[0], H.shape[1])
     for c in range(12):
         w[c] = 0.0
     for r in range(group["row"], group["row"] + group["n"]):
         kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
-        primitive.gradient(sys.lines, kind, a, b, mi, mj, g)
+        primitive.put_gradient(run, kind, a, b, i, j)
         for c in range(12):
             w[c] += lam[r] * g[c]
         if kind != POINT:
-            curved = True
-            row_tangent.add_row_tangent(sys.lines, kind, a, b, mi, mj, lam[r], g, d.H)
+            curved = 1
+            row_tangent.add_row_tangent(kind, a, b, mi, mj, lam[r], g, H)
     return curved

@@ -6,7 +6,7 @@ With a = z_I, b = z_J and h = x_J − x_I the measures are
     RADIAL    |h − (a·h) a|          distance of the point J from the line a through I
     MOMENT    h·(a × b)              distance of the lines times the sine of their angle
 
-They are compiled only for systems that hold such a row. Gradient, curvature and tangent as in
+Gradient, curvature and tangent as in
 `primitive` and `row_tangent`. Source of the homokinetic condition: Shabana, Dynamics of Multibody
 Systems, ch. 3; of the mutual moment: Selig, Geometric Fundamentals of Robotics, ch. 6.
 """
@@ -14,6 +14,8 @@ Systems, ch. 3; of the mutual moment: Selig, Geometric Fundamentals of Robotics,
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import cross
@@ -66,7 +68,7 @@ def gradient(kind, mi, mj, g):
         put_pair(g, 3, u - x, v - y, w - z)
     elif kind == RADIAL:
         px, py, pz, s = _across(Ri, hx, hy, hz)
-        n = 1.0 / math.sqrt(px * px + py * py + pz * pz)
+        n = 1.0 / np.sqrt(px * px + py * py + pz * pz)
         put_pair(g, 0, n * px, n * py, n * pz)
         x, y, z = cross(ax, ay, az, px, py, pz)
         put(g, 3, -s * n * x, -s * n * y, -s * n * z)

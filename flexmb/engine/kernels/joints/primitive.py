@@ -11,17 +11,19 @@ With x, R of the markers, a = column of R_I, b = column of R_J, h = x_J − x_I,
     RADIAL    |h − (z_I·h) z_I| − f       distance from the line z_I
     MOMENT    h·(z_I × z_J) − f           mutual moment of the lines z_I and z_J
 
-f is the row's constant and its function of time, if it has one. The last three are compiled only
-where `lines` is not None. The gradient g (12) holds the partial derivatives for the virtual motion
-(δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the pair of wrenches of the row (Haug, Computer
-Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3).
+f is the row's constant and its function of time, if it has one. The gradient g (12) holds the
+partial derivatives for the virtual motion (δx_I, δφ_I, δx_J, δφ_J) in global axes, so λ g is the
+pair of wrenches of the row (Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu
+2011, §2.3).
 """
 
 from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+import numpy as np
+
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import line
@@ -32,13 +34,15 @@ from flexmb.engine.kernels.joints.dots import (
     put_pair,
     separation,
 )
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Run
 from flexmb.engine.tables import ANGLE, DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
 @kernel
 def wrapped(angle):
     """Angle within ±π."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+    return angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel
@@ -48,11 +52,11 @@ def joint_angle(Ri, Rj, b):
 
 
 @kernel
-def value(lines, kind, a, b, mi, mj, f):
+def value(kind, a, b, mi, mj, f):
     """Value of one row between two markers; f is its constant and its function of time."""
     if kind == POINT:
         return mj["x"][a] - mi["x"][a]
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         return line.value(kind, mi, mj) - f
     Ri, Rj = mi["R"], mj["R"]
     if kind == DOT1:
@@ -65,14 +69,30 @@ def value(lines, kind, a, b, mi, mj, f):
     return math.sqrt(hx * hx + hy * hy + hz * hz) - f
 
 
+@unit
+def put_gradient(run: Run, kind: int, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of one row between markers i and j to dense.g[0]."""
+    markers = run.work.now.marker
+    gradient(kind, a, b, markers[i], markers[j], run.work.dense.g[0])
+    return FINE
+
+
 @kernel
-def gradient(lines, kind, a, b, mi, mj, g):
+def gradient(kind, a, b, mi, mj, g):
     """Gradient g (12) of one row."""
+    if kind >= TWIST:
+        for k in range(12):
+            g[k] = 0.0
+        line.gradient(kind, mi, mj, g)
+    else:
+        axis_gradient(kind, a, b, mi, mj, g)
+
+
+@kernel
+def axis_gradient(kind, a, b, mi, mj, g):
+    """Gradient g (12) of one row between points and axes, not between lines."""
     for k in range(12):
         g[k] = 0.0
-    if lines is not None and kind >= TWIST:
-        line.gradient(kind, mi, mj, g)
-        return
     Ri, Rj = mi["R"], mj["R"]
     if kind == POINT:
         g[a] = -1.0
@@ -81,14 +101,9 @@ def gradient(lines, kind, a, b, mi, mj, g):
         x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b])
         put_pair(g, 3, -x, -y, -z)
     elif kind == DOT2:
-        hx, hy, hz = separation(mi, mj)
-        put_pair(g, 0, Ri[0, a], Ri[1, a], Ri[2, a])
-        x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz)
-        put(g, 3, x, y, z)
+        put_component_gradient(a, mi, mj, g)
     elif kind == DISTANCE:
-        hx, hy, hz = separation(mi, mj)
-        n = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
-        put_pair(g, 0, hx * n, hy * n, hz * n)
+        put_distance_gradient(mi, mj, g)
     else:
         s = dot_columns(Ri, 1, Rj, b)
         c = dot_columns(Ri, 0, Rj, b)
@@ -101,6 +116,24 @@ def gradient(lines, kind, a, b, mi, mj, g):
 
 
 @kernel
+def put_component_gradient(a, mi, mj, g):
+    """Put the gradient of a·h into g (12), zero elsewhere."""
+    R = mi["R"]
+    hx, hy, hz = separation(mi, mj)
+    put_pair(g, 0, R[0, a], R[1, a], R[2, a])
+    x, y, z = cross(R[0, a], R[1, a], R[2, a], hx, hy, hz)
+    put(g, 3, x, y, z)
+
+
+@kernel
+def put_distance_gradient(mi, mj, g):
+    """Put the gradient of |h| into g (12), zero elsewhere."""
+    hx, hy, hz = separation(mi, mj)
+    n = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
+    put_pair(g, 0, hx * n, hy * n, hz * n)
+
+
+@kernel
 def rate(g, mi, mj):
     """g times the velocities of the two markers."""
     r = 0.0
@@ -110,12 +143,19 @@ def rate(g, mi, mj):
     return r
 
 
+@unit
+def curvature_between(run: Run, kind: int, a: int, b: int, i: int, j: int) -> float:
+    """Curvature of one row between markers i and j."""
+    markers = run.work.now.marker
+    return curvature(kind, a, b, markers[i], markers[j])
+
+
 @kernel
-def curvature(lines, kind, a, b, mi, mj):
+def curvature(kind, a, b, mi, mj):
     """Second time derivative of a row (without f) at zero accelerations of both markers."""
     if kind == POINT:
         return 0.0
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         return line.curvature(kind, mi, mj)
     Ri, Rj, omi, omj = mi["R"], mj["R"], mi["om"], mj["om"]
     if kind == DOT1:

@@ -2,38 +2,45 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import call_stage, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import primitive
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Point, Run
 
 
-@kernel
-def add_wrenches(lines, rows, group, markers, lam, g, w):
-    """Add the wrenches on markers I and J of one group to w (12), global; g (12) is scratch."""
+@unit
+def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
+    """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
+    sys, d = run.system, run.work.dense
+    group, g, w = sys.groups[k], d.g[0], d.g[1]
+    d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
+    for c in range(12):
+        w[c] = 0.0
     for r in range(group["row"], group["row"] + group["n"]):
-        row = rows[r]
-        mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.gradient(lines, row["kind"], row["a"], row["b"], mi, mj, g)
+        row = sys.rows[r]
+        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
         for c in range(12):
             w[c] -= lam[r] * g[c]
+    return FINE
 
 
-@kernel
-def read(sys, markers, lam, g, out):
-    """out (12 groups): force and moment on the joint's marker J in its axes, then on its marker I.
-
-    g (2, 12) is scratch.
-    """
-    for k in range(sys.groups.shape[0]):
-        group, w = sys.groups[k], g[1]
-        i, j = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-        for c in range(12):
-            w[c] = 0.0
-        add_wrenches(sys.lines, sys.rows, group, markers, lam, g[0], w)
+@unit
+def read_reactions(run: Run, at: Point, out: Vector) -> int:
+    """out (12 groups): force and moment on marker J of the joint in its axes, then on marker I."""
+    groups, markers, d = run.system.groups, run.work.now.marker, run.work.dense
+    w, stage = d.g[1], run.stages.axes
+    for k in range(len(stage.units)):
+        call_stage(stage.units[k], run, stage.tables[k], at)
+    for k in range(groups.shape[0]):
+        put_group_wrench(run, k, at.lam)
+        i, j = d.pair[0], d.pair[1]
         for part in range(4):
-            of_J = (part < 2) != (group["reversed"] == 1)
+            of_J = (part < 2) != (groups[k]["reversed"] == 1)
             R = markers[j]["R"] if of_J else markers[i]["R"]
-            at = 3 * (part % 2) + (6 if of_J else 0)
-            x, y, z = transform_back(R, w[at], w[at + 1], w[at + 2])
+            o = 3 * (part % 2) + (6 if of_J else 0)
+            x, y, z = transform_back(R, w[o], w[o + 1], w[o + 2])
             put(out, 12 * k + 3 * part, x, y, z)
+    return FINE

@@ -16,12 +16,18 @@ from flexmb.engine.tables import DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
 @kernel
-def add_row_tangent(lines, kind, a, b, mi, mj, lam, g, H):
+def add_row_tangent(kind, a, b, mi, mj, lam, g, H):
     """Add the tangent of λ g of one row to H (12, 12); g (12) is scratch."""
-    if kind == POINT:
-        return
-    if lines is not None and kind >= TWIST:
+    if kind >= TWIST:
         line.add_tangent(kind, mi, mj, lam, g, H)
+    else:
+        add_axis_tangent(kind, a, b, mi, mj, lam, H)
+
+
+@kernel
+def add_axis_tangent(kind, a, b, mi, mj, lam, H):
+    """Add the tangent of λ g of one row between points and axes, not between lines."""
+    if kind == POINT:
         return
     Ri, Rj = mi["R"], mj["R"]
     if kind == DOT1:
@@ -31,13 +37,13 @@ def add_row_tangent(lines, kind, a, b, mi, mj, lam, g, H):
         add_dot2(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz, lam, H)
     elif kind == DISTANCE:
         hx, hy, hz = separation(mi, mj)
-        _add_distance(hx, hy, hz, lam, H)
+        add_distance(hx, hy, hz, lam, H)
     else:
         _add_angle(Ri, Rj, b, lam, H)
 
 
 @kernel
-def _add_distance(hx, hy, hz, f, H):
+def add_distance(hx, hy, hz, f, H):
     """f times the tangent of |h|."""
     d = math.sqrt(hx * hx + hy * hy + hz * hz)
     n = (hx / d, hy / d, hz / d)

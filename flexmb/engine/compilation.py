@@ -1,0 +1,300 @@
+"""Compiling units that are missing, on all cores.
+
+Processes of `engine.compiler`, one a core, each compile one unit after the other into the cache. A
+lock for each unit keeps two runs from doing the same work; it ends with the process that holds it.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from flexmb.engine.jit import UNITS, reached
+from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit_file
+from flexmb.errors import CompilationError
+from flexmb.progress import Progress, silent
+
+__all__ = ["compile_units"]
+
+# A process grows by some 4 MB a unit; after so many a new one takes over.
+_MOST_UNITS = 60
+# Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved
+# for kernels that the process has translated before; starting a process takes as long as 4500
+# bytes. A further process is started for work that is worth several times that.
+_TRANSLATION = 2 / 3
+_WORTH_A_PROCESS = 12_000
+_LEAST = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
+
+
+def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
+    """Compile units on all cores into the cache; returns how many this process compiled.
+
+    A unit that another process is compiling is waited for.
+
+    Raises
+    ------
+    CompilationError
+        A unit does not compile, or a compiler cannot be started or dies.
+    """
+    _check_versions()
+    work = _Work(names, progress)
+    try:
+        work.run()
+    finally:
+        work.stop()
+    return work.compiled
+
+
+def _check_versions() -> None:
+    """Refuse compilers that are too old.
+
+    Raises
+    ------
+    CompilationError
+        Which one, and what to do.
+    """
+    for package, least in _LEAST.items():
+        try:
+            present = version(package)
+        except PackageNotFoundError:
+            present = "none"
+        numbers = [int(word) for word in present.split(".")[:2] if word.isdigit()]
+        if numbers < [int(word) for word in least.split(".")]:
+            what = f"{package} {present} is too old: flexmb compiles with {least} or newer"
+            raise CompilationError(f'{what}; python -m pip install "{package}>={least}"')
+
+
+class _Work:
+    """Units to compile, and the processes that compile them."""
+
+    def __init__(self, names: Sequence[str], progress: Progress) -> None:
+        self.waiting = sorted(set(names))
+        self.count, self.progress = len(self.waiting), progress
+        self.folder = cache_folders()[0]
+        self.workers: list[_Worker] = []
+        self.answers: queue.SimpleQueue[tuple[_Worker, str]] = queue.SimpleQueue()
+        self.elsewhere: list[str] = []  # in the hands of another process
+        self.compiled = 0
+        self.done_cost, self.cost = 0.0, sum(map(_cost, names)) or 1.0
+        self.start = time.perf_counter()
+
+    def run(self) -> None:
+        """Until all are there."""
+        self._tell("")
+        while self.waiting or self.elsewhere or any(worker.name for worker in self.workers):
+            self._give()
+            if any(worker.name for worker in self.workers):
+                with suppress(queue.Empty):
+                    self._take(*self.answers.get(timeout=0.2))
+            else:
+                time.sleep(0.02)
+            if not self.waiting and self.elsewhere:
+                self.waiting, self.elsewhere = self.elsewhere, []
+
+    def _give(self) -> None:
+        """A unit to every free worker."""
+        while self.waiting:
+            free = next((worker for worker in self.workers if not worker.name), None)
+            if free is None and not self._more_processes():
+                return
+            name = self._next(free)
+            self.waiting.remove(name)
+            lock = self._claim(name)
+            if lock is None:
+                self.elsewhere.append(name)
+                continue
+            if read_unit(self.folder / unit_file(name)) is not None:
+                lock.release()
+                self._finish(name)
+                continue
+            if free is not None and free.done >= _MOST_UNITS:
+                free.kill()
+                self.workers.remove(free)
+                free = None
+            if free is None:
+                free = _Worker(self.folder, self.answers)
+                self.workers.append(free)
+            free.begin(name, lock)
+
+    def _more_processes(self) -> bool:
+        """Whether to start one more process."""
+        if not self.workers:
+            return True
+        left = min(
+            sum(_cost(name, worker.kernels) for name in self.waiting) for worker in self.workers
+        )
+        return len(self.workers) < _cores() and left > _WORTH_A_PROCESS * len(self.workers)
+
+    def _next(self, worker: _Worker | None) -> str:
+        """The unit that a worker has least to do for beside the others; then the longest.
+
+        A process translates a kernel once for all units that it compiles.
+        """
+        mine = worker.kernels if worker else set()
+        theirs = [other.kernels for other in self.workers if other is not worker] or [set()]
+
+        def gain(name: str) -> tuple[float, str]:
+            here = _cost(name, mine)
+            saved = min(_cost(name, kernels) for kernels in theirs) - here
+            return saved + 0.5 * here, name
+
+        return max(self.waiting, key=gain)
+
+    def _claim(self, name: str) -> Any:
+        """The lock of a unit, or None if another process has it; it ends with the process."""
+        lock = FileLock(self.folder / f"{unit_file(name)}.lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            return None
+        except OSError as error:
+            if not leave_cache(self.folder, error.strerror or str(error)):
+                raise CompilationError(f"{self.folder}: cannot be written ({error})") from None
+            self.folder = cache_folders()[0]
+            return self._claim(name)
+        return lock
+
+    def _take(self, worker: _Worker, answer: str) -> None:
+        """The answer of a worker; "" if it has ended."""
+        if worker not in self.workers or not worker.name:  # it ended without work
+            return
+        name = worker.name
+        unwritable = worker.end(answer)
+        if not unwritable:
+            self.compiled += 1
+            self._finish(name)
+        elif leave_cache(self.folder, unwritable):
+            self.folder = cache_folders()[0]
+            self.waiting.insert(0, name)
+            for other in [other for other in self.workers if not other.name]:
+                other.kill()
+                self.workers.remove(other)
+        elif worker.folder == self.folder:
+            raise CompilationError(f"{self.folder}: cannot be written ({unwritable})")
+        else:
+            self.waiting.insert(0, name)
+
+    def _finish(self, name: str) -> None:
+        self.done_cost += _cost(name)
+        self._tell(name)
+
+    def _tell(self, name: str) -> None:
+        share = min(self.done_cost / self.cost, 0.99)
+        spent = time.perf_counter() - self.start
+        left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.1 else ""
+        done = self.count - len(self.waiting) - len(self.elsewhere)
+        done -= sum(1 for worker in self.workers if worker.name)
+        what = name.rpartition(".")[0].rpartition(".")[2].replace("_", " ")
+        detail = (
+            f"{done} of {self.count} units, once a machine: {what}{left}"
+            if what
+            else (f"{self.count} units, once a machine")
+        )
+        self.progress("compile", share, detail)
+
+    def stop(self) -> None:
+        """End all workers."""
+        for worker in self.workers:
+            worker.kill()
+
+
+class _Worker:
+    """A process that compiles one unit after the other."""
+
+    def __init__(self, folder: Path, answers: queue.SimpleQueue[tuple[_Worker, str]]) -> None:
+        package = str(Path(__file__).parents[2])
+        paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        environment["PYTHONIOENCODING"] = "utf-8"
+        for word in [word for word in environment if word.startswith("NUMBA_")]:
+            del environment[word]  # settings of the user's own code
+        self.folder = folder
+        self.errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the worker
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "flexmb.engine.compiler", str(folder)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
+                encoding="utf-8", env=environment, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise CompilationError(f"the compiler of units cannot be started: {error}") from None
+        self.name = ""
+        self.lock: Any = None
+        self.done = 0
+        self.kernels: set[FunctionType] = set()  # that it has translated
+        # a thread, as only sockets can be waited for together on all systems
+        self.listener = threading.Thread(target=self._listen, args=(answers,), daemon=True)
+        self.listener.start()
+
+    def _listen(self, answers: queue.SimpleQueue[tuple[_Worker, str]]) -> None:
+        """Pass the answers on, "" when the process has ended."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            answers.put((self, line))
+        answers.put((self, ""))
+
+    def begin(self, name: str, lock: Any) -> None:
+        self.name, self.lock = name, lock
+        self.kernels |= reached(UNITS[name]).kernels.keys()
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(f"{name}\t{unit_file(name)}\n")
+            self.process.stdin.flush()
+        except OSError:
+            raise CompilationError(self._death()) from None
+
+    def end(self, answer: str) -> str:
+        """Take the answer to the present unit; why it could not be written, or ""."""
+        word, _, rest = answer.rstrip("\n").partition("\t")
+        name, self.name = self.name, ""
+        self.done += 1
+        self.lock.release()
+        if word == "unwritable":
+            return rest.partition("\t")[2]
+        if word == "failed":
+            raise CompilationError(f"{name} does not compile: {rest.partition(chr(9))[2]}")
+        if word != "done":
+            raise CompilationError(self._death())
+        return ""
+
+    def _death(self) -> str:
+        self.process.wait()
+        self.errors.seek(0)
+        text = self.errors.read().decode(errors="replace").strip().splitlines()
+        return "the compiler of units ended early" + (f": {text[-1]}" if text else "")
+
+    def kill(self) -> None:
+        with suppress(OSError):
+            self.process.kill()
+        self.process.wait()
+        self.listener.join()
+        for stream in (self.process.stdin, self.process.stdout, self.errors):
+            with suppress(OSError):
+                stream.close()  # type: ignore[union-attr]
+        if self.name:
+            self.lock.release()
+
+
+def _cost(name: str, known: Collection[FunctionType] = ()) -> float:
+    """Bytes of code to compile for a unit, where a process knows some kernels already."""
+    kernels = reached(UNITS[name]).kernels
+    again = sum(size for kernel, size in kernels.items() if kernel in known)
+    return sum(kernels.values()) - _TRANSLATION * again
+
+
+def _cores() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

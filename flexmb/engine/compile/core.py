@@ -1,0 +1,80 @@
+"""Tables of the kinds that every model has: which bodies, markers, rows each of them is for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexmb.engine.kernels.bodies.inertia import Bodies
+from flexmb.engine.kernels.bodies.kinematics import Markers
+from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
+from flexmb.engine.kernels.functions.function import FunctionTable
+from flexmb.engine.kernels.functions.time_function import TimeFunctions
+from flexmb.engine.kernels.joints.constraint import Joints
+from flexmb.engine.kernels.joints.coordinate import Coordinates
+from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
+from flexmb.engine.kernels.joints.point_joint import PointJoints
+from flexmb.engine.kernels.sensors.sensor import TurningChannels
+from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.tables import POINT, Parts, System
+
+__all__ = ["core_tables", "with_markers"]
+
+
+def core_tables(
+    parts: Parts,
+    rows: np.ndarray,
+    groups: np.ndarray,
+    functions: FunctionTable,
+    sensors: Sensors,
+    plane: tuple[np.ndarray, np.ndarray] | None = None,
+) -> dict[str, Any]:
+    """Tables by the name of their kind, of the kinds that the model holds.
+
+    `plane`: of a planar model the axes in it and its normal (3,), and of each body the axis along
+    the normal (bodies,).
+    """
+    rigid = parts.bodies["m"] == 0
+    modal = parts.markers["modes"] >= 0
+    point = parts.markers["point"] == 1
+    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
+    points = _joints_of_points(parts, rows, groups)
+    held = np.repeat(points, groups["n"])
+    tables = {
+        "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
+        "coordinates": (Coordinates(), len(parts.coordinates)),
+        "rigid_bodies": (Bodies(np.flatnonzero(rigid)), rigid.any() and plane is None),
+        "flexible_bodies": (Bodies(np.flatnonzero(~rigid)), not rigid.all()),
+        "point_markers": (Markers(np.flatnonzero(point)), point.any()),
+        "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
+        "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
+        "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
+        "joints": (Joints(np.flatnonzero(~held), np.flatnonzero(~points), driven), True),
+        "point_joints": (PointJoints(np.flatnonzero(points)), points.any()),
+        "turning_channels": (TurningChannels(), np.any(sensors.channels["turns"] != 0)),
+    }
+    if plane is not None:
+        about = plane[1][rigid]
+        tables["planar_bodies"] = PlanarBodies(np.flatnonzero(rigid), about, plane[0]), rigid.any()
+    return {name: table for name, (table, present) in tables.items() if present}
+
+
+def _joints_of_points(parts: Parts, rows: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """(groups,) whether all rows of a group hold points of which only the place matters."""
+    if not len(groups):
+        return np.zeros(0, bool)
+    point = parts.markers["point"] == 1
+    plain = (rows["kind"] == POINT) & point[rows["I"]] & point[rows["J"]]
+    return np.logical_and.reduceat(plain, groups["row"])
+
+
+def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> System:
+    """The same system with another table of markers and their pool."""
+    parts = system.parts._replace(markers=markers, pool=pool)
+    core = core_tables(parts, system.rows, system.groups, system.functions, system.sensors)
+    words = ("point_markers", "rigid_markers", "flexible_markers", "joints", "point_joints")
+    kinds = {name: tables for name, tables in system.kinds.items() if name not in words}
+    return system._replace(
+        parts=parts, kinds=kinds | {name: core[name] for name in words if name in core}
+    )

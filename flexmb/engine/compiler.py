@@ -1,0 +1,299 @@
+"""Compiles units to machine code: the only home of Numba.
+
+A process of its own, `python -m flexmb.engine.compiler FOLDER`: it reads names of units, one a
+line, writes the object file of each into the folder and answers with a line. Numba translates the
+kernels that a unit reaches into LLVM code without optimisation; the unit is then optimised once, as
+a whole, with everything else internal to it, and becomes one object file whose symbols are its own
+name and those of the units it calls.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import inspect
+import os
+import re
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, get_type_hints
+
+os.environ["NUMBA_OPT"] = "0"  # each unit is optimised once, as a whole, below
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    overload,
+    register_model,
+)
+from numba.np import arrayobj
+
+from flexmb.engine import jit
+from flexmb.engine.records import Array, is_record, layout
+from flexmb.engine.unit_cache import write_unit
+
+__all__ = ["compile_unit", "main"]
+
+# `fastmath=True` would let the compiler assume that no NaN exists and make isfinite(nan) true;
+# these four flags keep NaN honest and still allow vectorised sums. Without reference counting
+# (`_nrt`) nothing can allocate: Numba refuses a kernel that would.
+_OPTIONS = {
+    "fastmath": {"contract", "reassoc", "arcp", "nsz"},
+    "error_model": "numpy",
+    "_nrt": False,
+}
+_WORD = ir.IntType(64)
+
+
+class RecordAddress(types.Type):
+    """Type of the address of a record."""
+
+    def __init__(self, record: type) -> None:
+        self.record = record
+        super().__init__(name=f"record({record.__module__}.{record.__qualname__})")
+
+
+@register_model(RecordAddress)
+class _RecordAddressModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, of: RecordAddress) -> None:
+        super().__init__(manager, of, _WORD)
+
+
+@cache
+def numba_type(kind: Any) -> types.Type:
+    """Numba's type of an annotation: a number, an array, a record of arrays, a row of a table."""
+    if kind is float:
+        return types.float64
+    if kind in (int, bool, type(None)):
+        return types.int64
+    if isinstance(kind, Array):
+        return types.Array(numba.from_dtype(kind.dtype), kind.ndim, "C")
+    if isinstance(kind, np.dtype):
+        return numba.from_dtype(kind)
+    if is_record(kind):
+        return RecordAddress(kind)
+    raise TypeError(f"no compiled type for {kind!r}")
+
+
+@infer_getattr
+class _FieldTypes(AttributeTemplate):  # type: ignore[misc]
+    """Types of the fields of a record."""
+
+    key = RecordAddress
+
+    def generic_resolve(self, of: RecordAddress, name: str) -> types.Type | None:
+        for field in layout(of.record)[0]:
+            if field.name == name:
+                return numba_type(field.kind)
+        return None
+
+
+@lower_getattr_generic(RecordAddress)
+def _load_field(context: Any, builder: Any, of: RecordAddress, address: Any, name: str) -> Any:
+    field = next(field for field in layout(of.record)[0] if field.name == name)
+    at = builder.add(address, ir.Constant(_WORD, 8 * field.word))
+    if is_record(field.kind):
+        return at
+    kind = numba_type(field.kind)
+    if not isinstance(field.kind, Array):
+        return builder.load(builder.inttoptr(at, context.get_value_type(kind).as_pointer()))
+    words = builder.inttoptr(at, _WORD.as_pointer())
+    data, *shape = (
+        builder.load(builder.gep(words, [ir.Constant(ir.IntType(32), k)]))
+        for k in range(1 + field.kind.ndim)
+    )
+    size = ir.Constant(_WORD, field.kind.dtype.itemsize)
+    strides = [size]
+    for length in shape[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], length))
+    array = arrayobj.make_array(kind)(context, builder)
+    arrayobj.populate_array(
+        array, data=builder.inttoptr(data, array.data.type), shape=shape, strides=strides,
+        itemsize=size, meminfo=None,
+    )  # fmt: skip
+    return array._getvalue()
+
+
+def _indirect(result: types.Type) -> Any:
+    """An intrinsic that calls a unit of any signature with this result at an address."""
+    kind = _WORD if result == types.int64 else ir.DoubleType()
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address, *values = arguments
+        function = ir.FunctionType(kind, [value.type for value in values])
+        return builder.call(builder.inttoptr(address, function.as_pointer()), values)
+
+    return generate
+
+
+def _put_calls() -> None:
+    """How compiled code calls units that stand in tables."""
+    status, value = _indirect(types.int64), _indirect(types.float64)
+
+    @intrinsic
+    def stage(_, unit, run, tables, at):  # type: ignore[no-untyped-def]
+        return types.int64(unit, run, tables, at), status
+
+    @intrinsic
+    def number(_, unit, run, tables, at):  # type: ignore[no-untyped-def]
+        return types.float64(unit, run, tables, at), value
+
+    @intrinsic
+    def matrix(_, unit, run, tables, at, cv, cp):  # type: ignore[no-untyped-def]
+        return types.int64(unit, run, tables, at, cv, cp), status
+
+    @intrinsic
+    def step(_, unit, run, tables, h):  # type: ignore[no-untyped-def]
+        return types.int64(unit, run, tables, h), status
+
+    @intrinsic
+    def channel(_, unit, run, tables, at, k):  # type: ignore[no-untyped-def]
+        return types.float64(unit, run, tables, at, k), value
+
+    @overload(jit.call_stage)
+    def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
+        return lambda unit, run, tables, at: stage(unit, run, tables, at)  # noqa: PLW0108
+
+    @overload(jit.call_value)
+    def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
+        return lambda unit, run, tables, at: number(unit, run, tables, at)  # noqa: PLW0108
+
+    @overload(jit.call_matrix)
+    def _(unit, run, tables, at, cv, cp):  # type: ignore[no-untyped-def]
+        return lambda unit, run, tables, at, cv, cp: matrix(unit, run, tables, at, cv, cp)  # noqa: PLW0108
+
+    @overload(jit.call_step)
+    def _(unit, run, tables, h):  # type: ignore[no-untyped-def]
+        return lambda unit, run, tables, h: step(unit, run, tables, h)  # noqa: PLW0108
+
+    @overload(jit.call_channel)
+    def _(unit, run, tables, at, k):  # type: ignore[no-untyped-def]
+        return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)  # noqa: PLW0108
+
+
+def signature_of(function: Callable[..., Any]) -> Any:
+    """Numba's signature of a unit, from its annotations."""
+    hints = get_type_hints(function, include_extras=True)
+    kinds = {name: _plain(hint) for name, hint in hints.items()}
+    result = numba_type(kinds.pop("return"))
+    return result(*(numba_type(kind) for kind in kinds.values()))
+
+
+def _plain(hint: Any) -> Any:
+    """What an annotation says to the compiler."""
+    return hint.__metadata__[0] if hasattr(hint, "__metadata__") else hint
+
+
+def _mark_kernel(function: Callable[..., Any]) -> Any:
+    return numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+
+
+def _mark_unit(unit: jit.Unit) -> Any:
+    """A unit as other units see it: a call of a symbol of another object file."""
+    signature = signature_of(unit.function)
+    llvm.add_symbol(unit.symbol, _NOWHERE)  # nothing is run here
+
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        kinds = [context.get_value_type(kind) for kind in signature.args]
+        kind = ir.FunctionType(context.get_value_type(signature.return_type), kinds)
+        function = cgutils.get_or_insert_function(builder.module, kind, unit.symbol)
+        return builder.call(function, arguments)
+
+    def typing(context: Any, *arguments: Any) -> Any:
+        return signature, generate
+
+    names = ["_context", *inspect.signature(unit.function).parameters]
+    scope: dict[str, Any] = {"typing": typing}
+    exec(f"def call({', '.join(names)}): return typing({', '.join(names)})", scope)
+    return intrinsic(scope["call"])
+
+
+_NOWHERE = 1
+
+
+@cache
+def _machine() -> tuple[Any, Any]:
+    """Target machine of this processor, and the passes of the optimiser."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
+        reloc="pic", codemodel="default",
+    )  # fmt: skip
+    return machine, llvm.create_pass_builder(machine, _tuning())
+
+
+def _tuning() -> Any:
+    # Measured: level 3, unrolled loops and vectors of straight code cost a tenth of the compile
+    # time more and gain nothing.
+    tuning = llvm.create_pipeline_tuning_options(speed_level=2)
+    tuning.loop_vectorization = True
+    tuning.loop_unrolling = False
+    return tuning
+
+
+def _without_errors(code: str) -> str:
+    """The code with all that leads to a Python exception marked as never reached.
+
+    Kernels raise nothing; but Numba cannot prove that an index of a short tuple is within it.
+    """
+    entrance = re.compile(r"^declare (\w+) @numba_gil_ensure\(([^)]*)\).*$", re.MULTILINE)
+    return entrance.sub(r"define internal \1 @numba_gil_ensure(\2) {\n  unreachable\n}", code)
+
+
+def compile_unit(unit: jit.Unit) -> tuple[bytes, tuple[str, ...]]:
+    """Object file of a unit, and the names of the units that it calls."""
+    made = numba.cfunc(signature_of(unit.function), nopython=True, **_OPTIONS)(unit.function)
+    module = llvm.parse_assembly(_without_errors(made.inspect_llvm()))
+    entry = next(f for f in module.functions if f.name == made._wrapper_name)
+    for value in (*module.functions, *module.global_variables):
+        if not value.is_declaration and value.name != entry.name:
+            value.linkage = "internal"
+    entry.name = unit.symbol
+    machine, builder = _machine()
+    passes = builder.getModulePassManager()
+    passes.run(module, builder)
+    outside = {f.name for f in module.functions if f.is_declaration}
+    called = sorted(other.name for other in jit.UNITS.values() if other.symbol in outside)
+    return machine.emit_object(module), tuple(called)
+
+
+def main(arguments: list[str]) -> int:
+    """Compile the units whose modules and names come in, line by line, until there are no more."""
+    folder = Path(arguments[0])
+    jit.compile_with(_mark_kernel, _mark_unit)
+    _put_calls()
+    gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them
+    for line in sys.stdin:
+        name, file = line.rstrip("\n").split("\t")
+        start = time.process_time()
+        try:
+            importlib.import_module(name.rpartition(".")[0])
+            code, called = compile_unit(jit.UNITS[name])
+            write_unit(folder / file, code, called)
+            answer = f"done\t{name}\t{time.process_time() - start:.3f}"
+        except OSError as error:
+            answer = f"unwritable\t{name}\t{error.strerror or error}"
+        except Exception as error:  # noqa: BLE001  the parent tells it
+            lines = f"{type(error).__name__}: {error}"
+            if "-v" in arguments:
+                lines = traceback.format_exc()
+            answer = f"failed\t{name}\t{lines!r}"
+        print(answer, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

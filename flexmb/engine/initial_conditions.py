@@ -1,0 +1,94 @@
+"""Single solves at one state, for the analyses that prepare a run: positions, velocities,
+accelerations with multipliers, residual."""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.algebra.vector import copy, weighted_size
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.joints.constraint import evaluate_constraints
+from flexmb.engine.kernels.kkt import factorise
+from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
+from flexmb.engine.kernels.sensors.sensor import count_turns
+from flexmb.engine.kernels.stages import (
+    begin_history,
+    begin_run,
+    complete_poses,
+    feedback_stage,
+    position_stage,
+    powers,
+    reaction_stage,
+    residual,
+    velocity_stage,
+)
+from flexmb.engine.state import Run
+
+POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
+# A correction of positions is cut to this share of the model size (or radians) per round.
+_LONGEST = 0.3
+
+
+@unit
+def solve_stage(run: Run, level: int) -> float:
+    """Solve one level of the state in place with M as the metric; see `entries.solve_level`."""
+    near, channels = run.work.feedback.near, run.system.sensors.channels
+    for c in range(near.shape[0]):
+        near[c] = math.nan if channels[c]["turns"] != 0 else 0.0
+    copy(run.state.history, run.work.now.history)
+    begin_run(run, run.state_point)
+    result = _solve(run, run.state_point, level)
+    complete_poses(run, run.state_point)
+    return result
+
+
+@kernel
+def _solve(run, at, level):
+    st, near = run.state, run.work.feedback.near
+    if level == ACCELERATIONS:
+        return float(accelerations(run, at, 0.0, NOTHING))
+    if level == RESIDUAL:
+        return float(residual(run, at))
+    position_stage(run, at)
+    velocity_stage(run, at)
+    if level == REMEMBER:
+        begin_history(run, at, st.history)
+        return 0.0
+    if level == BEGIN:
+        feedback_stage(run, at)
+        reaction_stage(run, at)
+        powers(run, at)
+        copy(run.work.powers, st.power)
+        for c in range(st.angles.shape[0]):
+            st.angles[c] = near[c]
+        count_turns(run, at, st.angles)
+        return 0.0
+    run.work.factor.symmetric[0] = 1
+    factorise(run, at, 0.0, 0.0)
+    if level == VELOCITIES:
+        project_velocity(run, at)
+        return 0.0
+    return _correct_positions(run)
+
+
+@kernel
+def _correct_positions(run):
+    dq, fac, kkt, weights = run.work.trial.dq, run.work.factor, run.system.kkt, run.system.weights
+    C, place, q = run.work.con.C, kkt.place, run.state.q
+    evaluate_constraints(run)
+    nv = dq.shape[0]
+    for i in range(nv):
+        fac.rhs[place[i]] = 0.0
+    for i in range(C.shape[0]):
+        fac.rhs[place[nv + i]] = -C[i]
+    solve_refined(kkt, fac, 2)
+    for i in range(nv):
+        dq[i] = fac.sol[place[i]]
+    size = weighted_size(dq, weights)
+    if size > _LONGEST:
+        for i in range(nv):
+            dq[i] *= _LONGEST / size
+    move(run.system.parts, q, dq, q)
+    return size

@@ -1,0 +1,143 @@
+"""Energies of bodies and the power of their damping; the kinds of bodies."""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.rotation import transform
+from flexmb.engine.kernels.algebra.vector import dot
+from flexmb.engine.kernels.bodies import inertia, inertia_tangent
+from flexmb.engine.kernels.bodies.inertia import Bodies
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Now, Point, Run
+from flexmb.engine.tables import Parts
+
+
+@kernel
+def rigid_kinetic(parts, now, v, i):
+    """½ vᵀ M v of one body without its modes, J: ½ m ṙ² + ṙ·A(ω'×c) + ½ ω'·J ω'."""
+    o, bn, mass = parts.bodies[i]["iv"], now.body[i], parts.bodies[i]["mass"]
+    c, J = bn["c"], bn["J"]
+    wx, wy, wz = v[o + 3], v[o + 4], v[o + 5]
+    x = wy * c[2] - wz * c[1]
+    y = wz * c[0] - wx * c[2]
+    z = wx * c[1] - wy * c[0]
+    x, y, z = transform(bn["A"], x, y, z)
+    hx, hy, hz = transform(J, wx, wy, wz)
+    e = 0.5 * mass * (v[o] * v[o] + v[o + 1] * v[o + 1] + v[o + 2] * v[o + 2])
+    e += v[o] * x + v[o + 1] * y + v[o + 2] * z
+    return e + 0.5 * (wx * hx + wy * hy + wz * hz)
+
+
+@unit
+def flexible_kinetic(parts: Parts, now: Now, v: Vector, i: int, B: Matrix) -> float:
+    """½ vᵀ M v of one body, J; B is scratch for its M."""
+    e = 0.0
+    o, n = parts.bodies[i]["iv"], 6 + parts.bodies[i]["m"]
+    inertia_tangent.flexible_mass_block(parts.bodies[i], now.body[i], parts.pool, now.Z, B)
+    for r in range(n):
+        for c in range(n):
+            e += 0.5 * v[o + r] * B[r, c] * v[o + c]
+    return e
+
+
+@kernel
+def body_strain(parts, q, i):
+    """½ ηᵀ K η of one body, J."""
+    body, e = parts.bodies[i], 0.0
+    m, o = body["m"], body["iq"] + 7
+    at = body["flex"] + 12 * m + 13 * m * m
+    for r in range(m):
+        e += 0.5 * q[o + r] * dot(parts.pool, at + r * m, q, o, m)
+    return e
+
+
+@kernel
+def body_weight(parts, now, q, i):
+    """−g·(m r + A c) of one body, J."""
+    g, o, m = parts.gravity, parts.bodies[i]["iq"], parts.bodies[i]["mass"]
+    c = now.body[i]["c"]
+    x, y, z = transform(now.body[i]["A"], c[0], c[1], c[2])
+    return -g[0] * (m * q[o] + x) - g[1] * (m * q[o + 1] + y) - g[2] * (m * q[o + 2] + z)
+
+
+@unit
+def body_energy(run: Run, i: int, what: int, at: Point) -> float:
+    """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
+    parts, now = run.system.parts, run.work.now
+    if what == 1:
+        return body_strain(parts, at.q, i)
+    if what == 2:
+        return body_weight(parts, now, at.q, i)
+    if parts.bodies[i]["m"] == 0:
+        return rigid_kinetic(parts, now, at.v, i)
+    return flexible_kinetic(parts, now, at.v, i, run.work.dense.B)
+
+
+@unit
+def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
+    """Kinetic and gravity energy of rigid bodies."""
+    parts, now, out, rows = run.system.parts, run.work.now, run.work.energies, of.rows
+    kinetic, weight = 0.0, 0.0
+    for n in range(rows.shape[0]):
+        kinetic += rigid_kinetic(parts, now, at.v, rows[n])
+        weight += body_weight(parts, now, at.q, rows[n])
+    out[0] += kinetic
+    out[2] += weight
+    return FINE
+
+
+@unit
+def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
+    """Kinetic, strain and gravity energy of flexible bodies."""
+    parts, now, out, rows = run.system.parts, run.work.now, run.work.energies, of.rows
+    for n in range(rows.shape[0]):
+        out[0] += flexible_kinetic(parts, now, at.v, rows[n], run.work.dense.B)
+        out[1] += body_strain(parts, at.q, rows[n])
+        out[2] += body_weight(parts, now, at.q, rows[n])
+    return FINE
+
+
+@unit
+def damping_power(run: Run, of: Bodies, at: Point) -> int:
+    """−η̇ᵀ D η̇ of flexible bodies."""
+    parts, v, rows = run.system.parts, at.v, of.rows
+    p = 0.0
+    for n in range(rows.shape[0]):
+        body = parts.bodies[rows[n]]
+        if body["damped"] == 1:
+            m, o = body["m"], body["iv"] + 6
+            at_D = body["flex"] + 12 * m + 14 * m * m
+            for r in range(m):
+                p -= v[o + r] * dot(parts.pool, at_D + r * m, v, o, m)
+    run.work.powers[1] += p
+    return FINE
+
+
+RIGID_BODIES = Kind(
+    "rigid_bodies",
+    Bodies,
+    {
+        "constants": inertia.prepare_rigid,
+        "position": inertia.turn_bodies,
+        "force": inertia.rigid_inertia_forces,
+        "matrix": inertia_tangent.rigid_matrix,
+        "mass": inertia_tangent.rigid_mass_product,
+        "energy": rigid_energies,
+    },
+)
+FLEXIBLE_BODIES = Kind(
+    "flexible_bodies",
+    Bodies,
+    {
+        "position": inertia.turn_bodies,
+        "inertia": inertia.prepare_flexible,
+        "force": inertia.flexible_inertia_forces,
+        "matrix": inertia_tangent.flexible_matrix,
+        "mass": inertia_tangent.flexible_mass_product,
+        "energy": flexible_energies,
+        "power": damping_power,
+    },
+    stiff=True,
+)

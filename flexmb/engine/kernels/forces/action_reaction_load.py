@@ -1,0 +1,236 @@
+"""Forces and torques in the axes of any marker, or with their opposite on another body.
+
+A force F at marker J with its opposite on the body of marker I, at the same point: the wrench on I
+is (−F, −h × F), h = x_J − x_I, so that the two have no moment. A torque likewise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
+from flexmb.engine.kernels.algebra.rotation import cross, transform
+from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
+from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
+from flexmb.engine.kernels.bodies.tangent import add_product_block, marker_jacobian
+from flexmb.engine.kernels.forces.unit_force import pull_back
+from flexmb.engine.kernels.joints.dots import separation
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import array_of
+from flexmb.engine.state import Point, Run
+
+# Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
+# ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
+ACTION_REACTION_LOAD = np.dtype(
+    [
+        ("marker", "i8"),
+        ("other", "i8"),
+        ("axes", "i8"),
+        ("torque", "i8"),
+        ("fun", "i8", (3,)),
+        ("couple", "i8"),  # LINK between the bodies of other and marker
+        ("couple_marker", "i8"),  # between those of marker and axes
+        ("couple_other", "i8"),  # between those of other and axes
+    ],
+    align=True,
+)
+
+
+class ActionReactionLoads(NamedTuple):
+    """Loads in foreign axes or with their opposite on another body."""
+
+    rows: array_of(ACTION_REACTION_LOAD)
+
+
+@kernel
+def _vector(load, markers, fun):
+    """Force or torque on its marker, global axes."""
+    f = load["fun"]
+    x, y, z = fun[f[0], 0], fun[f[1], 0], fun[f[2], 0]
+    if load["axes"] >= 0:
+        return transform(markers[load["axes"]]["R"], x, y, z)
+    return x, y, z
+
+
+@kernel
+def _add_vector(load, markers, x, y, z, wi, wj):
+    """Add the wrenches of a force or torque (x, y, z) to wj of its marker and wi of the other."""
+    o = 3 * load["torque"]
+    wj[o] += x
+    wj[o + 1] += y
+    wj[o + 2] += z
+    if load["other"] < 0:
+        return
+    if load["torque"] == 0:
+        wi[0] -= x
+        wi[1] -= y
+        wi[2] -= z
+        hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
+        x, y, z = cross(hx, hy, hz, x, y, z)
+    wi[3] -= x
+    wi[4] -= y
+    wi[5] -= z
+
+
+@kernel
+def _put_pair(load, markers, x, y, z, w):
+    """w (12) = the wrench pair of a force or torque (x, y, z)."""
+    for r in range(12):
+        w[r] = 0.0
+    _add_vector(load, markers, x, y, z, w[0:6], w[6:12])
+
+
+@unit
+def add_wrenches(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+    """Forces and torques on their markers, the opposite on the others."""
+    rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
+    for k in range(rows.shape[0]):
+        wj = markers[rows[k]["marker"]]["W"]
+        wi = markers[rows[k]["other"]]["W"] if rows[k]["other"] >= 0 else wj
+        x, y, z = _vector(rows[k], markers, fun)
+        _add_vector(rows[k], markers, x, y, z, wi, wj)
+    return FINE
+
+
+@unit
+def add_powers(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+    """Power of all forces and torques with their opposites."""
+    rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
+    for k in range(rows.shape[0]):
+        load, mj = rows[k], markers[rows[k]["marker"]]
+        x, y, z = _vector(load, markers, fun)
+        u = mj["om"] if load["torque"] == 1 else mj["vx"]
+        out[2] += x * u[0] + y * u[1] + z * u[2]
+        if load["other"] >= 0:
+            mi = markers[load["other"]]
+            if load["torque"] == 0:
+                u = mi["vx"]
+                out[2] -= x * u[0] + y * u[1] + z * u[2]
+                hx, hy, hz = separation(mi, mj)
+                x, y, z = cross(hx, hy, hz, x, y, z)
+            u = mi["om"]
+            out[2] -= x * u[0] + y * u[1] + z * u[2]
+    return FINE
+
+
+@unit
+def put_wrench(run: Run, loads: ActionReactionLoads, at: Point, c: int) -> float:
+    """Wrench pair of the load that channel c reads; without another marker on its own alone."""
+    row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
+    x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
+    _put_pair(row, run.work.now.marker, x, y, z, d.g[1])
+    pair = d.pair
+    pair[0], pair[1] = row["other"] if row["other"] >= 0 else row["marker"], row["marker"]
+    return 0.0
+
+
+@unit
+def put_unit_force(run: Run, loads: ActionReactionLoads, at: Point, part: int) -> float:
+    """Generalised force per unit of one component on one marker, for feedback (`engine.kind`)."""
+    row, on, a = loads.rows[part // 6], part // 3 % 2, part % 3
+    markers = run.work.now.marker
+    x, y, z = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
+    if row["axes"] >= 0:
+        x, y, z = transform(markers[row["axes"]]["R"], x, y, z)
+    _put_pair(row, markers, x, y, z, run.work.dense.g[1])
+    if on == 0:
+        pull_back(run, row["marker"], 6)
+    else:
+        pull_back(run, row["other"], 0)
+    return 0.0
+
+
+@unit
+def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp: float) -> int:
+    """−cp ∂Q/∂q of all loads: arms between the markers, moment arms, and turning axes."""
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
+    H, w = d.H, d.g[1]
+    for k in range(rows.shape[0]):
+        load = rows[k]
+        i, j, axes = load["other"], load["marker"], load["axes"]
+        x, y, z = _vector(load, markers, fun)
+        _put_pair(load, markers, -x, -y, -z, w)
+        if i >= 0:
+            clear(H, 12, 12)
+            if load["torque"] == 0:  # the wrench on I changes with h
+                add_skew(H, 3, 6, -1.0, x, y, z)
+                add_skew(H, 3, 0, 1.0, x, y, z)
+            add_pair(run, i, j, load["couple"], cp)
+            add_moment_arms(run, i, j, cp)
+        else:
+            for c in range(6):
+                w[c] = w[6 + c]
+            add_moment_arms(run, j, -1, cp)
+        if axes >= 0:
+            clear(H, 12, 12)
+            add_skew(H, 3 * load["torque"], 9, 1.0, x, y, z)
+            _add_block(run, j, axes, load["couple_marker"], cp)
+        if axes >= 0 and i >= 0:
+            clear(H, 12, 12)
+            _add_turn_of_other(load, markers, x, y, z, H)
+            _add_block(run, i, axes, load["couple_other"], cp)
+    return FINE
+
+
+@kernel
+def _add_turn_of_other(load, markers, x, y, z, H):
+    """Add minus the change of the wrench on I, rows 0 to 6, with the turn of `axes`, at 9."""
+    add_skew(H, 3 * load["torque"], 9, -1.0, x, y, z)
+    if load["torque"] == 0:
+        hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
+        # −h̃ F̃ = (h·F) I − F hᵀ
+        dot = hx * x + hy * y + hz * z
+        for k in range(3):
+            h = hx if k == 0 else hy if k == 1 else hz
+            H[3 + k, 9 + k] += dot
+            H[3, 9 + k] -= x * h
+            H[4, 9 + k] -= y * h
+            H[5, 9 + k] -= z * h
+
+
+@unit
+def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
+    """Add f J_iᵀ H[:6, 6:] J_j alone, for two markers that may be on one body."""
+    parts, kkt, now, d = run.system.parts, run.system.kkt, run.work.now, run.work.dense
+    low, up = run.work.factor.low, run.work.factor.up
+    a, b = parts.markers[i]["body"], parts.markers[j]["body"]
+    if a < 0 or b < 0:
+        return FINE
+    first, second, B, J = parts.bodies[a], parts.bodies[b], d.B, d.J
+    n, m = 6 + first["m"], 6 + second["m"]
+    marker_jacobian(parts, now, i, J[0])
+    marker_jacobian(parts, now, j, J[1])
+    clear(B, n, m)
+    add_product_block(d.H, 0, 1, J[0], n, J[1], m, f, d.T, B)
+    if a == b:
+        add_body_block(first, kkt, B, low, up)
+    else:
+        add_coupling(B, first, second, kkt, link, False, low, up)
+    return FINE
+
+
+ACTION_REACTION_LOADS = Kind(
+    "action_reaction_loads",
+    ActionReactionLoads,
+    {
+        "wrench": add_wrenches,
+        "matrix": add_tangents,
+        "power": add_powers,
+        "wrenches": put_wrench,
+        "unit_force": put_unit_force,
+    },
+    couples=(
+        ("couple", "other", "marker"),
+        ("couple_marker", "marker", "axes"),
+        ("couple_other", "other", "axes"),
+    ),
+    uses_velocity=True,
+    works=True,
+    stiff=True,
+)

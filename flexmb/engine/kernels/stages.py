@@ -1,0 +1,179 @@
+"""The stages of the equations of motion, in their order, and the energy account.
+
+Each stage walks over the kinds that the scene holds (`engine.kind`) and knows none of them by name.
+The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import call_matrix, call_stage, call_value, kernel, unit
+from flexmb.engine.kernels.joints.constraint import evaluate_constraints
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
+
+
+@kernel
+def walk(stage, run, at):
+    """Run a stage of all kinds; returns the first status that is not FINE, of all the largest."""
+    units, tables = stage.units, stage.tables
+    worst = FINE
+    for k in range(len(units)):
+        status = call_stage(units[k], run, tables[k], at)
+        worst = max(worst, status)
+    return worst
+
+
+@unit
+def begin_run(run: Run, at: Point) -> int:
+    """What never changes in a run; before any other stage."""
+    return walk(run.stages.constants, run, at)
+
+
+@unit
+def position_stage(run: Run, at: Point) -> int:
+    """Functions of time, poses of bodies and markers, integrals of the deformation at (t, q)."""
+    stages, now = run.stages, run.work.now
+    walk(stages.functions, run, at)
+    walk(stages.position, run, at)
+    walk(stages.inertia, run, at)
+    if now.history.shape[0] > 0:
+        now.span[0] = at.t[0] - now.history[0]
+    return FINE
+
+
+@unit
+def pose_stage(run: Run, at: Point) -> int:
+    """The part of the position stage that moves markers: q alone."""
+    return walk(run.stages.position, run, at)
+
+
+@unit
+def velocity_stage(run: Run, at: Point) -> int:
+    """Velocities of the markers and of the scalar coordinates, after a position stage."""
+    return walk(run.stages.velocity, run, at)
+
+
+@unit
+def bias_stage(run: Run, at: Point) -> int:
+    """Accelerations of the markers at zero v̇, after a velocity stage."""
+    return walk(run.stages.bias, run, at)
+
+
+@unit
+def complete_poses(run: Run, at: Point) -> int:
+    """Poses and velocities that only outputs need, after a velocity stage."""
+    return walk(run.stages.axes, run, at)
+
+
+@kernel
+def feedback_stage(run, at):
+    """Forces and rates of states that follow from what is measured, after a position stage."""
+    walk(run.stages.feedback, run, at)
+
+
+@kernel
+def reaction_stage(run, at):
+    """Loads that follow from the multipliers; returns the largest change of any, N."""
+    units, tables = run.stages.reaction.units, run.stages.reaction.tables
+    change = 0.0
+    for k in range(len(units)):
+        step = call_value(units[k], run, tables[k], at)
+        if not step <= change:
+            change = step
+    return change
+
+
+@unit
+def forces(run: Run, at: Point) -> int:
+    """Trial.res = M v̇ − Q + Cqᵀ λ, after the stages of position, velocity, feedback, reaction."""
+    status = walk(run.stages.wrench, run, at)
+    return max(status, walk(run.stages.force, run, at))
+
+
+@unit
+def residual(run: Run, at: Point) -> int:
+    """Trial.res and C at a point; returns the status."""
+    position_stage(run, at)
+    walk(run.stages.force_velocity, run, at)
+    feedback_stage(run, at)
+    evaluate_constraints(run)
+    reaction_stage(run, at)
+    return forces(run, at)
+
+
+@unit
+def powers(run: Run, at: Point) -> int:
+    """Work.powers of drivers, dampers and applied forces [W]; after all stages but forces."""
+    total = run.work.powers
+    for k in range(3):
+        total[k] = 0.0
+    return walk(run.stages.power, run, at)
+
+
+@unit
+def energies(run: Run, at: Point) -> int:
+    """Work.energies: kinetic, strain, gravity, spring, bristles [J]; after a velocity stage."""
+    total = run.work.energies
+    for k in range(total.shape[0]):
+        total[k] = 0.0
+    return walk(run.stages.energy, run, at)
+
+
+@kernel
+def put_energies(run, at, work_done, out):
+    """One row (7) of the energy account: kinetic, strain, gravity, spring, and three works.
+
+    The power of friction counts what goes into its bristles too; that is not lost yet.
+    """
+    energies(run, at)
+    total = run.work.energies
+    for k in range(4):
+        out[k] = total[k]
+    for k in range(3):
+        out[4 + k] = work_done[k]
+    out[3] += total[4]
+    out[5] += total[4]
+
+
+@kernel
+def remember(run, at, history):
+    """Write the history of all elements at an accepted state, after its stages."""
+    if history.shape[0] > 0:
+        now = run.work.now
+        walk(run.stages.remember, run, at)
+        history[0] = at.t[0]
+        for i in range(history.shape[0]):
+            now.history[i] = history[i]
+        now.span[0] = 0.0
+
+
+@kernel
+def begin_history(run, at, history):
+    """History at the first state, after its position and velocity stages: bristles free."""
+    if history.shape[0] > 0:
+        now = run.work.now
+        for i in range(history.shape[0]):
+            history[i] = 0.0
+        history[0] = at.t[0]
+        for i in range(history.shape[0]):
+            now.history[i] = history[i]
+        now.span[0] = 0.0
+        walk(run.stages.begin, run, at)
+        for i in range(history.shape[0]):
+            now.history[i] = history[i]
+
+
+@kernel
+def add_matrix(run, at, cv, cp):
+    """Tangents of all kinds, into the iteration matrix."""
+    units, tables = run.stages.matrix.units, run.stages.matrix.tables
+    for k in range(len(units)):
+        call_matrix(units[k], run, tables[k], at, cv, cp)
+
+
+@kernel
+def add_couplings(run, at, cv, cp):
+    """Unsymmetric terms beside the constraint rows."""
+    units, tables = run.stages.coupling.units, run.stages.coupling.tables
+    for k in range(len(units)):
+        call_matrix(units[k], run, tables[k], at, cv, cp)

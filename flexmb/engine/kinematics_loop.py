@@ -1,0 +1,186 @@
+"""Kinematic analysis: the motion that joints and drivers fix, point by point, in compiled code.
+
+At every time q from C(q, t) = 0 by Newton's method, then v and v̇ from Cq v = −C_t and Cq v̇ = γ,
+all with one factor of [[W, Cqᵀ], [Cq, 0]], W a diagonal metric: masses play no part, and rows that
+repeat others do no harm. The factor of one point begins the next; reactions follow from
+Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ + h³/6 j), j the last difference of v̇. An
+increment is halved where Newton's method fails or the new point does not continue the motion
+(`engine.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmb.engine import continuity
+from flexmb.engine.inverse import solve_reactions
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.ldl import solve_refined
+from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.joints.constraint import constraint_rates, evaluate_constraints
+from flexmb.engine.kernels.joints.reaction import read_reactions
+from flexmb.engine.kernels.kkt import factorise_metric
+from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
+from flexmb.engine.kernels.stages import (
+    begin_history,
+    begin_run,
+    complete_poses,
+    pose_stage,
+    powers,
+    put_energies,
+    remember,
+    velocity_stage,
+    walk,
+)
+from flexmb.engine.kinematics_state import MOVED, NEXT, KinematicsSettings, Path
+from flexmb.engine.method import FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS
+from flexmb.engine.point import solve_positions, solve_velocities_accelerations
+from flexmb.engine.state import Run
+
+# What the loop is asked for.
+POINTS, CORRECT, EVALUATE = 0, 1, 2
+# An increment is at least this share of the interval between outputs.
+_LEAST_INCREMENT = 2.0**-22
+_MAX_CORRECTION = 0.3  # a correction of first positions is cut to this
+
+
+@unit
+def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
+    """Go to the next output time in one increment, or in several; returns the status."""
+    st, tr, at, w = run.state, run.work.trial, run.trial_point, run.system.weights
+    memory, count = path.memory, st.count
+    target = settings.start + count[OUTPUTS] * settings.interval
+    first = count[OUTPUTS] == 0
+    while first or st.t[0] < target:
+        left = target - st.t[0]
+        h = left
+        if not first:
+            speed = weighted_size(st.v, w)
+            most = min(memory[NEXT], settings.interval)
+            h = continuity.next_increment(left, most, speed)
+        last = h <= _LEAST_INCREMENT * settings.interval
+        tr.t[0] = st.t[0] + h
+        walk(run.stages.functions, run, at)
+        continuity.predict(run, path, h)
+        if memory[MOVED] >= 0.0:
+            memory[MOVED] += weighted_size(tr.dq, w)
+        move(run.system.parts, st.q, tr.dq, tr.q)
+        status = _solve_point(run, path, settings)
+        if status == FINE and not first:
+            status = continuity.check_branch(run, path, h, 1 if last else 0)
+        if status == FINE:
+            if not first:
+                continuity.note_singular_pose(run, path)
+            continuity.remember_point(run, path, h)
+            st.t[0] = target if h == left else tr.t[0]
+            copy(tr.q, st.q)
+            copy(tr.v, st.v)
+            copy(tr.vd, st.vd)
+            count_turns(run, run.state_point, st.angles)
+            count[STEPS] += 1
+            memory[NEXT] = max(2.0 * h, memory[NEXT])
+            first = False
+            continue
+        if last:
+            return status
+        memory[MOVED] = -1.0
+        memory[NEXT] = 0.5 * h
+        count[FAILED] += 1
+    return FINE
+
+
+@kernel
+def _solve_point(run, path, settings):
+    """Trial positions, velocities and accelerations from their predictions; returns the status."""
+    if not continuity.are_finite(run.system.functions, run.work.con.fun):
+        return NOT_FINITE
+    status = solve_positions(run, path, settings)
+    if status == FINE:
+        status = solve_velocities_accelerations(run, path, settings)
+    return walk(run.stages.limits, run, run.trial_point) if status == FINE else status
+
+
+@unit
+def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
+    """Write the present point, with reactions and energies; returns the status."""
+    st, out, con, at = run.state, run.output, run.work.con, run.state_point
+    row = out.rows[0]
+    if st.count[OUTPUTS] == 0:
+        begin_history(run, at, st.history)
+    status = solve_reactions(run)
+    if status != FINE:
+        return status
+    read_reactions(run, at, out.reactions[row])
+    out.t[row] = st.t[0]
+    copy(st.q, out.q[row])
+    copy(st.v, out.v[row])
+    copy(st.vd, out.vd[row])
+    copy(st.lam, out.lam[row])
+    out.drift[row, 0] = largest(con.C)
+    out.drift[row, 1] = largest(con.rate)
+    powers(run, at)
+    copy(run.work.powers, st.power)
+    continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
+    put_energies(run, at, st.work_done, out.energy[row])
+    remember(run, at, st.history)
+    read_channels(run, at, out.energy[row], st.angles, out.sensors[row])
+    if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(st.lam))):
+        return NOT_FINITE
+    out.rows[0] += 1
+    st.count[OUTPUTS] += 1
+    return FINE
+
+
+@unit
+def evaluate_state(run: Run, path: Path) -> int:
+    """C, Cq, markers and rates at the state, and the factor of its pose."""
+    at = run.state_point
+    walk(run.stages.functions, run, at)
+    pose_stage(run, at)
+    evaluate_constraints(run)
+    factorise_metric(run, at, path.metric)
+    velocity_stage(run, at)
+    constraint_rates(run)
+    count_turns(run, at, run.state.angles)
+    return complete_poses(run, at)
+
+
+@unit
+def correct_state(run: Run) -> float:
+    """One Gauss–Newton correction of q with least change; returns its weighted size."""
+    fac, place, dq, weights, q = (
+        run.work.factor, run.system.kkt.place, run.work.trial.dq, run.system.weights, run.state.q
+    )  # fmt: skip
+    C, nv = run.work.con.C, run.work.trial.dq.shape[0]
+    for i in range(nv):
+        fac.rhs[place[i]] = 0.0
+    for i in range(C.shape[0]):
+        fac.rhs[place[nv + i]] = -C[i]
+    solve_refined(run.system.kkt, fac, 2)
+    size = 0.0
+    for i in range(nv):
+        dq[i] = fac.sol[place[i]]
+        size = max(size, abs(dq[i]) * weights[i])
+    if size > _MAX_CORRECTION:
+        for i in range(nv):
+            dq[i] *= _MAX_CORRECTION / size
+    move(run.system.parts, q, dq, q)
+    return size
+
+
+@unit
+def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: int, n: int) -> float:
+    """See `entries.analyse_kinematics`."""
+    begin_run(run, run.state_point)
+    if what == POINTS:
+        st, out = run.state, run.output
+        out.rows[0] = 0
+        status = FINE
+        while status == FINE and out.rows[0] < n and st.count[OUTPUTS] <= settings.outputs:
+            status = reach_output(run, path, settings)
+            if status == FINE:
+                status = write_point(run, path, settings)
+        return float(status)
+    evaluate_state(run, path)
+    return correct_state(run) if what == CORRECT else 0.0

@@ -1,0 +1,226 @@
+"""The cache of compiled units: keys, folders, and the files that hold their machine code.
+
+A unit is compiled once a machine: its file is named by the hash of the sources of the engine that
+it reaches, in a folder for this processor and these versions of Numba and LLVM. So after an edit
+only the units that reach the edited file are compiled again, machines of different kinds share a
+home folder, and another version's files are not in the way. A file holds a line of JSON (checksum,
+names of the units that it calls), then the machine code; it is written whole or not at all, and
+what is damaged counts as missing. A cache folder that other users may write to is not used.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import hashlib
+import json
+import os
+import platform
+import re
+import shutil
+import stat
+import tempfile
+import time
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from flexmb.cache import cache_root, writable
+from flexmb.errors import FlexmbWarning
+
+__all__ = [
+    "Stored", "cache_folders", "engine_hash", "file_of", "leave_cache", "read_stored", "read_unit",
+    "sources_of", "unit_file", "write_unit",
+]  # fmt: skip
+
+_ENGINE = Path(__file__).parent
+_IMPORT = re.compile(
+    r"^\s*(?:from\s+(flexmb\.engine[\w.]*)\s+import\s+(\([^)]*\)|[^\n]*)"
+    r"|import\s+(flexmb\.engine[\w.]*))",
+    re.MULTILINE,
+)
+_UNUSED_DAYS = 30.0
+_FORMAT = "flexmb unit 1"
+
+Stored = tuple[bytes, tuple[str, ...]]
+"""Machine code of a unit, and the names of the units that it calls."""
+
+
+def file_of(module: str) -> Path | None:
+    """Source file of a module of the engine."""
+    parts = module.split(".")[2:]
+    path = _ENGINE.joinpath(*parts)
+    for file in (path.with_suffix(".py"), path / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
+
+
+@functools.cache
+def _source(file: Path) -> tuple[str, tuple[str, ...]]:
+    """Hash of a source file, and the modules of the engine that it imports."""
+    data = file.read_bytes()
+    modules: set[str] = set()
+    for package, names, plain in _IMPORT.findall(data.decode()):
+        modules.add(package or plain)
+        for name in re.findall(r"\w+", names):
+            if package and file_of(f"{package}.{name}") is not None:
+                modules.add(f"{package}.{name}")
+    return hashlib.sha256(data).hexdigest(), tuple(sorted(modules))
+
+
+@functools.cache
+def sources_of(module: str) -> tuple[Path, ...]:
+    """Source files of the engine that a module reaches, its own among them."""
+    compiler = file_of("flexmb.engine.compiler")
+    assert compiler is not None  # it is part of the package
+    reached = {compiler}
+    waiting = [module, "flexmb.engine.jit", "flexmb.engine.records"]
+    while waiting:
+        file = file_of(waiting.pop())
+        if file is not None and file not in reached:
+            reached.add(file)
+            waiting.extend(_source(file)[1])
+    return tuple(sorted(reached))
+
+
+@functools.cache
+def _key(module: str) -> str:
+    """Hash of all that a module reaches."""
+    digest = hashlib.sha256()
+    for file in sources_of(module):
+        digest.update(f"{file.relative_to(_ENGINE).as_posix()}={_source(file)[0]};".encode())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def engine_hash() -> str:
+    """Hash of all sources of the engine, names and contents (16 hex digits)."""
+    digest = hashlib.sha256()
+    for path in sorted(_ENGINE.rglob("*.py")):
+        digest.update(path.relative_to(_ENGINE).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def _machine() -> str:
+    """What machine code depends on beside its source: processor, and versions of the compilers."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    cpu = hashlib.sha256(f"{llvm.get_host_cpu_name()} {features}".encode()).hexdigest()[:8]
+    return f"{platform.machine()}-{cpu}-numba{version('numba')}-llvmlite{version('llvmlite')}"
+
+
+def _private(folder: Path) -> bool:
+    """Whether no other user may write into a folder; always so where there are no such rights."""
+    user = getattr(os, "getuid", None)
+    if user is None:
+        return True
+    state = folder.stat()
+    return state.st_uid in (user(), 0) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def cache_folders() -> tuple[Path, ...]:
+    """Folders that hold compiled units; the first is where new ones are written.
+
+    A cache that other users may write to is not used. Where it cannot be written, new units go to a
+    folder of this process.
+    """
+    return (_scratch_folder(), *_shared_folders()) if _full else _shared_folders()
+
+
+_full: list[Path] = []  # caches that took no more
+
+
+def leave_cache(folder: Path, why: str) -> bool:
+    """Write no more to a cache folder, and say so; False if it is the last resort."""
+    if folder == _scratch_folder():
+        return False
+    _full.append(folder)
+    what = "compiled parts of flexmb are kept for this run only; free it or set FLEXMB_CACHE_DIR"
+    warnings.warn(f"{folder}: cannot be written ({why}); {what}", FlexmbWarning, stacklevel=2)
+    return True
+
+
+@functools.cache
+def _shared_folders() -> tuple[Path, ...]:
+    folder, shared = cache_root() / "units" / _machine(), False
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        shared = not _private(folder)
+        if not shared and writable(folder):
+            _forget_unused(folder)
+            return (folder,)
+    why = "other users may write to it" if shared else "it is read-only or full"
+    what = "compiled parts of flexmb are kept for this run only; set FLEXMB_CACHE_DIR to a folder"
+    warnings.warn(
+        f"{folder}: not used as cache, for {why}: {what} of your own", FlexmbWarning, stacklevel=2
+    )
+    readable = not shared and folder.is_dir()
+    return (_scratch_folder(), folder) if readable else (_scratch_folder(),)
+
+
+def _forget_unused(folder: Path) -> None:
+    """Remove units, and folders of other versions, that were not used for a month."""
+    limit = time.time() - _UNUSED_DAYS * 86400.0
+    with suppress(OSError):  # a network disk may not keep times, another process may be faster
+        os.utime(folder)
+        for other in folder.parent.iterdir():
+            if other != folder and other.is_dir() and other.stat().st_mtime < limit:
+                shutil.rmtree(other, ignore_errors=True)
+
+
+@functools.cache
+def _scratch_folder() -> Path:
+    folder = tempfile.mkdtemp(prefix="flexmb-units-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def unit_file(name: str) -> str:
+    """Name of the file of a unit in the cache."""
+    return f"{name.removeprefix('flexmb.engine.')}-{_key(name.rpartition('.')[0])}.unit"
+
+
+def read_stored(name: str) -> Stored | None:
+    """Machine code of a unit and the names of the units that it calls; None if it is missing."""
+    for folder in cache_folders():
+        stored = read_unit(folder / unit_file(name))
+        if stored is not None:
+            return stored
+    return None
+
+
+def write_unit(path: Path, code: bytes, called: Sequence[str]) -> None:
+    """Write the machine code of a unit and the names of the units that it calls.
+
+    Raises
+    ------
+    OSError
+        The folder is gone, read-only or full.
+    """
+    head = {"format": _FORMAT, "sha256": hashlib.sha256(code).hexdigest(), "calls": list(called)}
+    handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(json.dumps(head).encode() + b"\n" + code)
+        os.replace(name, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+
+
+def read_unit(path: Path) -> Stored | None:
+    """What a file of the cache holds; None if there is no such file or it is damaged."""
+    try:
+        line, _, code = path.read_bytes().partition(b"\n")
+        head = json.loads(line)
+        whole = head["format"] == _FORMAT and head["sha256"] == hashlib.sha256(code).hexdigest()
+        return (code, tuple(map(str, head["calls"]))) if whole else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

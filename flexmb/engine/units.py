@@ -1,0 +1,269 @@
+"""Compiled units in this process: loading them, and calling them.
+
+Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
+never imports Numba; what is missing is compiled first (`engine.compilation`). Where nothing may be
+compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain Python.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from threading import RLock
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from flexmb.engine.compilation import compile_units
+from flexmb.engine.jit import UNITS, Unit, reached
+from flexmb.engine.records import Packed, array_ndim, pack, units_in
+from flexmb.engine.unit_cache import Stored, read_stored
+from flexmb.progress import Progress, silent
+
+__all__ = [
+    "call", "call_ready", "hand_over", "interpretation", "interpreted", "load_units",
+    "missing_units", "prepare_units",
+]  # fmt: skip
+
+_in_python = ContextVar("_in_python", default=False)
+_ENGINE = "flexmb.engine."
+
+
+def interpreted() -> bool:
+    """Whether units run as plain Python: NUMBA_DISABLE_JIT=1, or within `interpretation`."""
+    return _in_python.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+@contextmanager
+def interpretation() -> Iterator[None]:
+    """Let units that this thread calls run as plain Python, from the same source.
+
+    As in compiled code, a division by zero of array elements gives what is not finite; one of
+    Python's own numbers may still raise ArithmeticError, a function out of its domain ValueError.
+    """
+    before = _in_python.set(True)
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    finally:
+        _in_python.reset(before)
+
+
+class _Loader:
+    """The units that this process has loaded."""
+
+    def __init__(self) -> None:
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        target = llvm.Target.from_triple(llvm.get_process_triple())
+        machine = target.create_target_machine(reloc="pic", codemodel="default", jit=True)
+        self._llvm = llvm
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self.addresses: dict[str, int] = {}
+
+    def add(self, codes: dict[str, bytes]) -> None:
+        """Load machine code; what it calls is among it or was loaded before."""
+        for code in codes.values():
+            self._engine.add_object_file(self._llvm.object_file.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+        for name in codes:
+            symbol = name.replace(".", "_")
+            self.addresses[name] = self._engine.get_function_address(symbol)
+
+
+_lock = RLock()
+
+
+@functools.cache
+def _loader() -> _Loader:
+    return _Loader()
+
+
+def _collect(
+    names: Iterable[str], stored: dict[str, Stored], known: Callable[[str], bool]
+) -> list[str]:
+    """Add units and all they call to `stored`; returns the names of those that are missing."""
+    missing, seen = [], set()
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        if name in seen or known(name):
+            continue
+        seen.add(name)
+        if name not in stored and (file := read_stored(name)) is not None:
+            stored[name] = file
+        if name in stored:
+            waiting.extend(stored[name][1])
+        else:
+            missing.append(name)
+            waiting.extend(reached(UNITS[name]).units)
+    return missing
+
+
+def missing_units(units: Iterable[Unit]) -> list[str]:
+    """Names of the units that would have to be compiled."""
+    return _collect([unit.name for unit in units], {}, lambda name: False)
+
+
+def load_units(units: Iterable[Unit], progress: Progress = silent) -> bool:
+    """Load units and all they call, unless some would have to be compiled; whether none would.
+
+    Parameters
+    ----------
+    units : iterable of Unit
+        What will be called.
+    progress : Progress
+        Told the phase `load` if anything is loaded.
+    """
+    if interpreted():
+        return True
+    with _lock:
+        names = frozenset(unit.name for unit in units)
+        loaded = _loader().addresses
+        if names <= loaded.keys():
+            return True
+        stored: dict[str, Stored] = {}
+        if names in _incomplete or _collect(names, stored, loaded.__contains__):
+            _incomplete.add(names)
+            return False
+        progress("load", 0.0)
+        _loader().add({name: code for name, (code, _) in stored.items()})
+        progress("load", 1.0)
+        return True
+
+
+_incomplete: set[frozenset[str]] = set()
+"""Units of which some were missing when they were asked for; emptied when units are compiled."""
+
+
+def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
+    """Load units and all they call; compile what is missing. Returns how many were compiled.
+
+    Parameters
+    ----------
+    units : iterable of Unit
+        What will be called.
+    progress : Progress
+        Told the phase `compile` where anything is compiled, else `load`.
+
+    Raises
+    ------
+    CompilationError
+        A unit does not compile, or its compiler cannot be started.
+    """
+    if interpreted():
+        return 0
+    with _lock:
+        names = [unit.name for unit in units]
+        loaded = _loader().addresses
+        if all(name in loaded for name in names):
+            return 0
+        compiled = 0
+        stored: dict[str, Stored] = {}
+        progress("load", 0.0)
+        while missing := _collect(names, stored, loaded.__contains__):
+            compiled += compile_units(missing, progress)
+            _incomplete.clear()
+        _loader().add({name: code for name, (code, _) in stored.items()})
+        progress("compile" if compiled else "load", 1.0)
+        return compiled
+
+
+def _address(unit: Unit) -> int:
+    addresses = _loader().addresses
+    if unit.name not in addresses:
+        prepare_units([unit])
+    return addresses[unit.name]
+
+
+_C_TYPES: dict[Any, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
+
+
+@functools.cache
+def _parameters(name: str) -> tuple[Any, ...]:
+    """Annotations of the parameters of a unit."""
+    hints = get_type_hints(UNITS[name].function, include_extras=True)
+    return tuple(hint for word, hint in hints.items() if word != "return")
+
+
+@functools.cache
+def _c_function(name: str, address: int) -> Any:
+    result = _C_TYPES[get_type_hints(UNITS[name].function)["return"]]
+    types: list[Any] = []
+    for hint in _parameters(name):
+        words = 5 + 2 * array_ndim(hint) if array_ndim(hint) else 1
+        types += [_C_TYPES[hint]] if hint in _C_TYPES else [ctypes.c_int64] * words
+    return ctypes.CFUNCTYPE(result, *types)(address)
+
+
+def call(unit: Unit, *arguments: Any) -> Any:
+    """Run a unit on records, arrays and numbers, as machine code unless `interpreted`.
+
+    Parameters
+    ----------
+    unit : Unit
+        What to run; it is compiled if need be.
+    arguments : records, arrays and numbers
+        As its annotations say, records also as `hand_over` gives them; arrays and the arrays of
+        records are changed in place.
+
+    Raises
+    ------
+    TypeError
+        An array of another dtype or number of dimensions than annotated, or not contiguous.
+    """
+    if interpreted():
+        return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
+    prepare_units(_needed(unit, arguments))
+    owned, words = [], []
+    for value, hint in zip(arguments, _parameters(unit.name), strict=True):
+        if isinstance(value, tuple):
+            owned.append(pack(value, _address))
+            words.append(owned[-1].address)
+        elif isinstance(value, Packed):
+            owned.append(value if value.address else pack(value.record, _address))
+            words.append(owned[-1].address)
+        else:
+            words += _array_words(value, hint) if array_ndim(hint) else [value]
+    return _c_function(unit.name, _address(unit))(*words)
+
+
+def hand_over(record: Any) -> Packed:
+    """A record for many calls: laid out in memory once.
+
+    Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need
+    be.
+    """
+    if interpreted():
+        return Packed(0, record, ())
+    prepare_units(units_in(record))
+    return pack(record, _address)
+
+
+def call_ready(unit: Unit, *arguments: Any) -> Any:
+    """As `call`, but nothing is compiled: if a unit is missing, all of them run as plain Python."""
+    with nullcontext() if load_units(_needed(unit, arguments)) else interpretation():
+        return call(unit, *arguments)
+
+
+def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:
+    """A unit, and those that stand in the tables of the records that it is handed."""
+    records = [value for value in arguments if isinstance(value, tuple)]
+    return [unit, *(other for record in records for other in units_in(record))]
+
+
+def _array_words(array: np.ndarray, hint: Any) -> list[int]:
+    """An array as compiled code is handed it: owner, parent, sizes, data, shape, strides."""
+    kind = hint.__metadata__[0]
+    fits = array.dtype == kind.dtype and array.ndim == kind.ndim and array.flags.c_contiguous
+    if not fits:
+        what = f"{array.dtype}{array.shape}, strides {array.strides}"
+        raise TypeError(f"the array must be a contiguous {kind}, not {what}")
+    data = array.__array_interface__["data"][0]
+    return [0, 0, array.size, array.itemsize, data, *array.shape, *array.strides]

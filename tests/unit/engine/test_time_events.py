@@ -1,0 +1,162 @@
+"""Jumps of functions of time as events: steps end at them, and begin again on the far side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.run import Run
+from flexmb.engine.compile import compile_system
+from flexmb.engine.method import FINE
+from flexmb.engine.work import new_state
+from flexmb.model import Model
+
+PULSE = {
+    "type": "table",
+    "points": [[0, 0], [1, 0], [1.001, 1000], [1.002, 0], [1.4, 0]],
+    "beyond": "hold",
+}
+SAW = {"type": "table", "points": [[0, 0], [0.2, 50]], "beyond": "repeat"}
+LED = {"type": "table", "points": [[0, 0], [0.5, 0.2], [1, 0.1], [1.5, 0.5]]}
+
+
+def cart(force=None, stroke=None):
+    """A cart of 1 kg on a spring, pushed; or led."""
+    model = Model("cart")
+    model.add_body("cart", mass=1.0, inertia=[1, 1, 1])
+    model.add_joint("rail", "prismatic", between=["ground", "cart"], axis="x")
+    if stroke is not None:
+        model.add_driver("lead", joint="rail", stroke=stroke)
+    else:
+        model.add_force("push", "force", at="cart.origin", value=[force, 0, 0])
+        model.add_force("spring", "translational-spring-damper", joint="rail", stiffness=40.0)
+    model.add_sensor("place", "position", of="cart.origin")
+    return model
+
+
+def ready(model, events=True, **dynamics):
+    model.set_dynamics(**dynamics)
+    made = compile_system(model)
+    if not events:
+        none = made.system.time_events[:0].copy()
+        made = replace(made, system=made.system._replace(time_events=none))
+    return prepare(made, model).run
+
+
+def whole(run):
+    """All times and places of the cart of a run, and the balance of its energy."""
+    rows = []
+    while not run.finished:
+        assert run.march(40) == FINE
+        rows.append(run.block())
+    t, x = (np.concatenate([getattr(b, name) for b in rows]) for name in ("t", "sensors"))
+    return t, x[:, 0], run.balance.relative
+
+
+def stepped(n):
+    """All times and the last state of a run in chunks of n steps, each from a copied state."""
+    run, times = saw(), []
+    while not run.finished:
+        before = [part.copy() for part in run.state]
+        run = Run(run.compiled, run.method, run.settings, new_state(run.compiled.system, 3))
+        for part, value in zip(run.state, before, strict=True):
+            part[:] = value
+        assert run.march(n) == FINE
+        times.append(run.state.t[0])
+    return times, flat(run.state)
+
+
+def saw():
+    return ready(cart(SAW), duration=0.5, outputs=10, accuracy=1e-2)
+
+
+def flat(state):
+    return np.concatenate([part.ravel() for part in state])
+
+
+def pulse_answer(t):
+    """Spring and mass under a triangle of force: Duhamel's integral over its corners."""
+    w, top, rise = np.sqrt(40.0), 1000.0, 0.001
+
+    def ramp(s):  # answer to a force that grows by 1 N/s from s = 0 on
+        s = np.maximum(s, 0.0)
+        return (s - np.sin(w * s) / w) / w**2
+
+    return top / rise * (ramp(t - 1) - 2 * ramp(t - 1.001) + ramp(t - 1.002))
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_a_pulse_is_met_however_short(method):
+    """Without its jumps as events the steps of a scene at rest pass over it."""
+    asked = {"duration": 1.4, "outputs": 28, "accuracy": 1e-2, "method": method}
+    t, x, _ = whole(ready(cart(PULSE), **asked))
+    wanted = pulse_answer(t)
+    assert np.abs(x - wanted).max() < 1e-2 * np.ptp(wanted)
+    asked["method"] = "generalized-alpha"
+    assert not whole(ready(cart(PULSE), events=False, **asked))[1].any()
+
+
+def test_a_step_ends_just_before_each_jump_and_the_next_begins_after_it():
+    times, events = stepped(1)[0], saw().compiled.system.time_events
+    np.testing.assert_allclose(events.mean(axis=1), [0.2, 0.4], rtol=1e-14)
+    lengths = np.diff(np.concatenate([[0.0], times]))
+    for before, after in events:
+        assert before in times and before < after
+        k = int(np.flatnonzero(times == before)[0])
+        assert lengths[k + 1] < 0.5 * lengths[: k + 1].max()
+
+
+def test_a_run_in_pieces_is_the_same_to_the_bit():
+    run = saw()
+    while not run.finished:
+        run.march(7)
+    np.testing.assert_array_equal(stepped(7)[1], flat(run.state))
+
+
+def test_a_jump_of_a_prescribed_speed_is_an_impulse_that_does_work():
+    t, x, balance = whole(ready(cart(stroke=LED), duration=1.5, outputs=10, accuracy=1e-2))
+    wanted = np.interp(t, [0, 0.5, 1, 1.5], [0, 0.2, 0.1, 0.5])
+    np.testing.assert_allclose(x, wanted, atol=1e-12)
+    assert balance < 1e-10
+
+
+def pushed(value, **dynamics):
+    model = Model("box")
+    model.add_body("b", mass=1.0, inertia=[1, 1, 1])
+    model.add_force("push", "force", at="b.origin", value=[value, 0, 0])
+    model.set_dynamics(duration=2.0, **dynamics)
+    return compile_system(model)
+
+
+def test_only_error_control_and_functions_that_jump_have_the_table():
+    assert len(pushed("sin(t)").system.time_events) == 0
+    assert len(pushed("step(t, 0, 0, 1, 1)", step=1e-3).system.time_events) == 0
+    events = pushed("step(t, 0, 0, 1, 1)").system.time_events
+    assert events.shape == (1, 2) and events[0, 0] < 1.0 < events[0, 1]
+
+
+def test_jumps_at_one_time_or_at_the_ends_are_no_events():
+    text = "step(t, 0, 0, 0.7, 1) + step(t, 0.7*(1 + 1e-13), 0, 2, 1)"
+    assert len(pushed(text).system.time_events) == 1
+
+
+def test_how_long_a_run_is_does_not_change_the_fingerprint_of_its_tables():
+    long, short = pushed("step(t, 0, 0, 1, 1)"), pushed("step(t, 0, 0, 1, 1)", step=1e-3)
+    assert long.layout.fingerprint == short.layout.fingerprint
+
+
+def test_a_speed_integrated_over_the_run_leaves_the_fingerprint_for_a_longer_one():
+    def spun(duration):
+        model = Model("wheel")
+        model.add_body("b", mass=1.0, inertia=[1, 1, 1])
+        model.add_joint("axle", "revolute", between=["ground", "b"], axis="z")
+        model.add_driver("motor", joint="axle", angle="9*sin(t**2)", prescribes="velocity")
+        model.set_dynamics(duration=duration)
+        return compile_system(model)
+
+    short, long = spun(2.0), spun(7.0)
+    assert len(short.system.functions.data) < len(long.system.functions.data)
+    assert short.layout.fingerprint == long.layout.fingerprint

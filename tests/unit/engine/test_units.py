@@ -1,0 +1,374 @@
+"""Compiled units: never stale, never compiled for a combination, cached whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from enginekit import STAGES, Bench, interpreted
+from generators import Mechanism
+
+from flexmb.engine import compilation, unit_cache, units
+from flexmb.engine.entries import all_units
+from flexmb.engine.jit import UNITS
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.kernels.bodies import motion
+from flexmb.engine.kernels.functions import time_function
+from flexmb.engine.units import call, missing_units, prepare_units
+from flexmb.engine.work import new_run, new_state, new_work, stages_of
+from flexmb.errors import FlexmbWarning
+
+SOLVE, MOVE = ldl.solve.name, motion.move.name
+SMALL = (SOLVE, MOVE, ldl.multiply.name)
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache of this test alone."""
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(unit_cache, "_full", [])
+    unit_cache._shared_folders.cache_clear()
+    yield tmp_path / "cache"
+    unit_cache._shared_folders.cache_clear()
+
+
+def run_python(code, path, **environment):
+    """Run code in a process of its own; what it prints."""
+    env = {**os.environ, "PYTHONPATH": str(path), **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, cwd=path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+# --- nothing is compiled for a combination ------------------------------------------------------
+
+
+def test_types_of_all_units_are_the_same_for_all_scenes():
+    """A signature holds classes of records, arrays and numbers, nothing of a scene."""
+    for unit in all_units():
+        hints = {name: str(hint) for name, hint in unit.function.__annotations__.items()}
+        assert "return" in hints, unit
+        assert not any("None" in hint or "object" in hint for hint in hints.values()), unit
+
+
+@pytest.mark.parametrize("topology", ["chain", "loop", "star"])
+def test_a_new_combination_of_known_kinds_compiles_nothing(topology):
+    """All units once, then mechanisms of any kind: only what is loaded changes."""
+    prepare_units(all_units())
+    for bodies in ("rigid", "mixed", "flexible"):
+        system = Bench(Mechanism(5, topology, bodies).model).sys
+        run = new_run(system, new_state(system), new_work(system))
+        for stage in stages_of(system):
+            assert prepare_units(stage.units) == 0
+        assert not missing_units(units.units_in(run))
+
+
+# --- keys ---------------------------------------------------------------------------------------
+
+NAMES = """
+import json
+from flexmb.engine.entries import all_units
+from flexmb.engine.unit_cache import sources_of, unit_file
+print(json.dumps({u.name: [unit_file(u.name), [p.name for p in sources_of(u.module)]]
+                  for u in all_units()}))
+"""
+
+
+def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
+    """An edited kernel of one kind leaves all others in the cache; one of rotations does not."""
+    shutil.copytree(
+        project / "flexmb", tmp_path / "flexmb", ignore=shutil.ignore_patterns("__pycache__")
+    )
+
+    def changed(file):
+        before = json.loads(run_python(NAMES, tmp_path))
+        path = tmp_path / "flexmb/engine/kernels" / file
+        path.write_text(path.read_text() + "\n# edited\n")
+        after = json.loads(run_python(NAMES, tmp_path))
+        edited = {name for name in before if before[name][0] != after[name][0]}
+        assert edited == {name for name in before if path.name in before[name][1]}
+        return edited, len(before)
+
+    spring, count = changed("forces/spring_damper.py")
+    assert 3 <= len(spring) <= 8 < count
+    assert all("spring_damper" in name for name in spring)
+    rotation, _ = changed("algebra/rotation.py")
+    assert len(spring) < len(rotation) < count
+
+
+def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cache):
+    """The unit's file stays as it is; only a kernel that it calls, in another file, changes."""
+    shutil.copytree(
+        project / "flexmb", tmp_path / "flexmb", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    code = """
+import numpy as np
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.tables import PANEL, UPDATE, LINK, Kkt
+from flexmb.engine.state import Factor
+from flexmb.engine.units import call
+panels = np.zeros(1, PANEL); panels["nc"] = 4; panels["sign"] = 1.0
+low = np.eye(4).ravel(); low[12] = 0.5
+kkt = Kkt(panels, np.zeros(0, np.int64), np.zeros(0, UPDATE), np.zeros(0, LINK),
+          np.arange(4), np.arange(4))
+z = lambda n=5: np.zeros(n)
+fac = Factor(low, low, low, low, z(), z(), np.ones(5), z(), z(), np.ones(1, np.int64),
+             np.zeros(1, np.int64), z(), z(), z())
+b = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+call(ldl.solve, kkt, fac, b)
+print(b[3])
+"""
+    assert float(run_python(code, tmp_path)) == -0.5
+    path = tmp_path / "flexmb/engine/kernels/algebra/vector.py"
+    text = path.read_text()
+    assert "    s = 0.0\n    for k in range(n):\n        s += a[i + k] * b[j + k]" in text
+    path.write_text(text.replace("s += a[i + k] * b[j + k]", "s += 3.0 * a[i + k] * b[j + k]"))
+    assert float(run_python(code, tmp_path)) == -1.5
+    folder = next((cache / "units").iterdir())
+    assert len(list(folder.glob("*ldl.solve-*.unit"))) == 2
+
+
+def test_other_processors_and_versions_have_folders_of_their_own(cache, monkeypatch):
+    """Machines that share a home folder do not share machine code."""
+    import llvmlite.binding as llvm
+
+    here = unit_cache.cache_folders()[0]
+    monkeypatch.setattr(llvm, "get_host_cpu_name", lambda: "another-processor")
+    unit_cache._machine.cache_clear()
+    unit_cache._shared_folders.cache_clear()
+    there = unit_cache.cache_folders()[0]
+    monkeypatch.undo()
+    unit_cache._machine.cache_clear()
+    assert here != there and here.parent == there.parent
+    assert unit_cache.version("numba") in here.name and unit_cache.version("llvmlite") in here.name
+
+
+def test_hash_of_the_engine_knows_names_and_contents(tmp_path, monkeypatch):
+    monkeypatch.setattr(unit_cache, "_ENGINE", tmp_path)
+    engine_hash = unit_cache.engine_hash.__wrapped__
+    (tmp_path / "a.py").write_text("x = 1\n")
+    first = engine_hash()
+    (tmp_path / "a.py").write_text("x = 2\n")
+    second = engine_hash()
+    (tmp_path / "a.py").rename(tmp_path / "b.py")
+    assert len({first, second, engine_hash()}) == 3
+
+
+# --- files --------------------------------------------------------------------------------------
+
+
+def test_damaged_files_are_compiled_again(cache):
+    compilation.compile_units([SOLVE])
+    file = unit_cache.cache_folders()[0] / unit_cache.unit_file(SOLVE)
+    whole = file.read_bytes()
+    for damaged in (b"", whole[:100], whole[:-50], whole[:-1] + b"x", b"{}\n", b"\0" * 400):
+        file.write_bytes(damaged)
+        assert unit_cache.read_stored(SOLVE) is None
+    assert compilation.compile_units([SOLVE]) == 1
+    assert unit_cache.read_stored(SOLVE) is not None
+    assert compilation.compile_units([SOLVE]) == 0
+
+
+def test_a_killed_compilation_leaves_a_usable_cache(cache, project):
+    """Killed at several moments; then everything is there, and nothing broken."""
+    code = f"""
+from flexmb.engine.compilation import compile_units
+from flexmb.engine.entries import all_units
+compile_units({list(SMALL)!r})
+"""
+    env = {**os.environ, "PYTHONPATH": str(project)}
+    for seconds in (1.0, 2.5):
+        process = subprocess.Popen([sys.executable, "-c", code], env=env)
+        time.sleep(seconds)
+        process.kill()
+        process.wait()
+    compilation.compile_units(SMALL)
+    assert all(unit_cache.read_stored(name) is not None for name in SMALL)
+    folder = unit_cache.cache_folders()[0]
+    assert sum(1 for _ in folder.glob("*.unit")) == len(SMALL)
+
+
+def test_two_processes_on_a_cold_cache_share_the_work(cache, project):
+    code = f"""
+from flexmb.engine.compilation import compile_units
+import flexmb.engine.entries
+print(compile_units({list(SMALL)!r}))
+"""
+    env = {**os.environ, "PYTHONPATH": str(project)}
+    processes = [
+        subprocess.Popen([sys.executable, "-c", code], env=env, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    counts = [int(process.communicate()[0]) for process in processes]
+    assert sum(counts) == len(SMALL)
+    assert all(unit_cache.read_stored(name) is not None for name in SMALL)
+
+
+def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(cache, monkeypatch):
+    compilation.compile_units([SOLVE])
+    folder = unit_cache.cache_folders()[0]
+    unit_cache._shared_folders.cache_clear()
+    monkeypatch.setattr(unit_cache, "writable", lambda path: False)  # tests may run as root
+    with pytest.warns(FlexmbWarning, match="read-only or full"):
+        folders = unit_cache.cache_folders()
+    assert folders[1] == folder != folders[0]
+    assert unit_cache.read_stored(SOLVE) is not None
+    assert compilation.compile_units([MOVE]) == 1
+    assert (folders[0] / unit_cache.unit_file(MOVE)).is_file()
+    assert not (folder / unit_cache.unit_file(MOVE)).exists()
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on(cache, monkeypatch):
+    folder = unit_cache.cache_folders()[0]
+    shutil.rmtree(folder)
+    folder.parent.mkdir(exist_ok=True)
+    folder.write_text("a file where the folder was: nothing can be written into it")
+    with pytest.warns(FlexmbWarning, match="cannot be written"):
+        assert compilation.compile_units([SOLVE]) == 1
+    assert unit_cache.read_stored(SOLVE) is not None
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no rights of groups and others here")
+def test_a_cache_that_others_may_write_to_is_not_used(cache):
+    folder = unit_cache.cache_folders()[0]
+    folder.chmod(0o777)
+    unit_cache._shared_folders.cache_clear()
+    with pytest.warns(FlexmbWarning, match="other users may write to it"):
+        assert folder not in unit_cache.cache_folders()
+
+
+def test_an_import_leaves_numba_alone(project):
+    """Neither the modules of Numba nor its settings, such as the user's own cache, are touched."""
+    code = """
+import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.analysis
+assert not any(name.split(".")[0] == "numba" for name in sys.modules)
+import numba
+print(numba.config.CACHE_DIR)
+"""
+    assert run_python(code, project, NUMBA_CACHE_DIR="/mine").strip() == "/mine"
+
+
+# --- what the code does ---------------------------------------------------------------------------
+
+
+def test_units_in_the_registry_are_found_by_their_names():
+    assert UNITS[SOLVE] is ldl.solve
+    assert UNITS[time_function.evaluate_functions.name] is time_function.evaluate_functions
+    assert len({unit.symbol for unit in UNITS.values()}) == len(UNITS)
+
+
+def test_nan_stays_visible():
+    """The compiler may not assume that there is none."""
+    bench = Bench(Mechanism(3, "chain", "rigid").model)
+    bench.randomise(1)
+    bench.q[0] = np.nan
+    bench.run(STAGES)
+    assert np.isnan(bench.C).any()
+
+
+ALLOCATES = """
+import numpy as np
+from numba.core.errors import NumbaError
+from flexmb.engine import compiler, jit
+
+jit.compile_with(compiler._mark_kernel, compiler._mark_unit)
+
+@jit.kernel
+def first(n, made):
+    return made[n]
+
+@jit.unit
+def allocates(n: int) -> float:
+    return first(n, np.empty(n + 1))
+
+@jit.unit
+def does_not(n: int) -> float:
+    return 2.0 * n
+
+for name, unit in jit.UNITS.items():
+    try:
+        print(name, len(compiler.compile_unit(unit)[0]) > 100)
+    except NumbaError:
+        print(name, "refused")
+"""
+
+
+def test_code_that_allocates_does_not_compile(project):
+    lines = run_python(ALLOCATES, project).splitlines()
+    assert lines == ["__main__.allocates refused", "__main__.does_not True"]
+
+
+WITHOUT = """
+from enginekit import STAGES, Bench
+from generators import Mechanism
+from flexmb.engine.units import interpreted
+
+assert interpreted()
+for acting in (True, False):
+    bench = Bench(Mechanism(3, "loop", "mixed", acting=acting).model)
+    bench.randomise(4)
+    bench.run(STAGES)
+    found[f"residual{acting}"] = bench.residual
+    found[f"gamma{acting}"] = bench.gamma
+    found[f"Cq{acting}"] = bench.Cq
+    found[f"out{acting}"] = bench.out
+    found[f"S{acting}"] = bench.matrix(0.3, 0.02)
+    found[f"x{acting}"] = bench.solve(np.ones(len(found[f"S{acting}"])), 2)
+"""
+
+
+def test_interpreted_and_compiled_code_agree(tmp_path):
+    """Every kernel of the residual and of the iteration matrix, and with all features left out."""
+    found = interpreted(WITHOUT, tmp_path)
+    for acting in (True, False):
+        bench = Bench(Mechanism(3, "loop", "mixed", acting=acting).model)
+        bench.randomise(4)
+        bench.run(STAGES)
+        S = bench.matrix(0.3, 0.02)
+        compiled = {
+            "residual": bench.residual,
+            "gamma": bench.gamma,
+            "Cq": bench.Cq,
+            "out": bench.out,
+            "S": S,
+            "x": bench.solve(np.ones(len(S)), 2),
+        }
+        for name, value in compiled.items():
+            wanted = found[f"{name}{acting}"]
+            # Sums in another order: the last digits of the largest number.
+            atol = (1e-8 if name == "x" else 1e-13) * np.nanmax(np.abs(value))
+            np.testing.assert_allclose(wanted, value, atol=atol, err_msg=name)
+
+
+def test_calls_take_arrays_as_they_are():
+    """An array is handed over in place, whatever its place in memory."""
+    bench = Bench(Mechanism(3, "chain", "rigid").model)
+    q, dq = bench.q.copy(), np.linspace(-0.1, 0.1, bench.layout.nv)
+    moved = np.full_like(q, np.nan)
+    call(motion.move, bench.sys.parts, q, dq, moved)
+    np.testing.assert_allclose(moved, bench.moved(q, dq), rtol=0, atol=1e-14)
+    again = np.full_like(q, np.nan)
+    motion.move(bench.sys.parts, q, dq, again)  # in Python it is a plain function
+    np.testing.assert_allclose(again, moved, rtol=0, atol=1e-15)
+
+
+def test_arrays_of_another_kind_are_refused():
+    """Compiled code would read them as what they are not."""
+    bench = Bench(Mechanism(3, "chain", "rigid").model)
+    q, n = bench.q.copy(), bench.layout.nv
+    for dq in (np.zeros(2 * n)[::2], np.zeros(n, np.int64), np.zeros((1, n))):
+        with pytest.raises(TypeError, match="must be a contiguous"):
+            call(motion.move, bench.sys.parts, q, dq, q)
+
+
+def test_folder_of_tests_is_not_the_users(project):
+    assert Path(os.environ["FLEXMB_CACHE_DIR"]).resolve() != Path.home() / ".cache" / "flexmb"
