@@ -6,12 +6,14 @@ from tests.benchmarks import models, timing
 
 
 def main():
-    print("Rigid chain, spherical joints, generalized-alpha, h = 1 ms, no output")
-    print(f"{'bodies':>8} {'us/step':>10} {'us/body':>9} {'iterations':>11} {'factors':>8}")
-    for n, count in ((1, 20000), (10, 5000), (100, 1000), (1000, 200)):
-        seconds, iterations, factors = timing.per_step(*models.chain(n), 1e-3, count)
-        micro = 1e6 * seconds
-        print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
+    chains = {"spherical joints": models.chain, "in a plane, revolute joints": models.planar_chain}
+    for name, make in chains.items():
+        print(f"Rigid chain, {name}, generalized-alpha, h = 1 ms, no output")
+        print(f"{'bodies':>8} {'us/step':>10} {'us/body':>9} {'iterations':>11} {'factors':>8}")
+        for n, count in ((1, 20000), (10, 5000), (100, 1000), (1000, 200)):
+            seconds, iterations, factors = timing.per_step(*make(n), 1e-3, count)
+            micro = 1e6 * seconds
+            print(f"{n:8} {micro:10.2f} {micro / n:9.3f} {iterations:11.2f} {factors:8.2f}")
     print("\nSet-up of a rigid chain [s]: model, tables, first state, result file")
     print(f"{'joints':>12} {'bodies':>8} {'seconds':>9}  by stage")
     for joint, axis in (("spherical", None), ("revolute", "y")):
