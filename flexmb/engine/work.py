@@ -67,17 +67,10 @@ def stages_of(system: System) -> Stages:
         units = tuple(kind.units[name] for kind in acting)
         return Stage(units, tuple(system.kinds[kind.name] for kind in acting))
 
-    moving = any(kind.uses_velocity for kind in kinds)
-    return Stages(
-        **{
-            name: stage(name)
-            if name != "force_velocity"
-            else stage("velocity")
-            if moving
-            else Stage((), ())
-            for name in Stages._fields
-        }
-    )
+    stages = {name: stage(name) for name in Stages._fields}
+    if any(kind.uses_velocity for kind in kinds):
+        stages["force_velocity"] = stages["velocity"]
+    return Stages(**stages)
 
 
 def new_state(system: System, channels: int = 0) -> State:

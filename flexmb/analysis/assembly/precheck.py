@@ -17,8 +17,8 @@ from flexmb.progress import Progress, silent
 
 __all__ = ["precheck"]
 
-# Sizes up to which plain Python takes below two seconds: 600 coordinates of rigid bodies 0.3 to
-# 1.4 s, a body of 80 modes 2.1 s with a quasi-static start and 0.5 s without.
+# Sizes up to which plain Python takes about two seconds, as measured: 600 coordinates of rigid
+# bodies 0.5 to 1.4 s, a body of 86 modes with a quasi-static start 2.1 s.
 _MAX_COORDINATES = 600
 _MAX_MODES_SQUARED = 6000  # summed over the bodies
 
