@@ -92,7 +92,7 @@ def swing(planar, away, size):
 
 
 # Explicit steps differ by round-off. With fixed steps Newton's method leaves 1e-8 of v̇, which the
-# swing makes some ten times larger; a kilometre away positions round off at 1e-13 m in place of 1e-16.
+# swing makes some ten times larger; a kilometre away positions round off at 1e-13 m, not 1e-16.
 @pytest.mark.parametrize(
     ("method", "away", "size", "off"),
     [
