@@ -225,7 +225,8 @@ class _Worker:
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the worker
         try:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "flexmb.engine.compiler", str(folder)],
+                # -P: what lies in the present folder is not imported
+                [sys.executable, "-P", "-m", "flexmb.engine.compiler", str(folder)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
                 encoding="utf-8", env=environment, start_new_session=True,
             )  # fmt: skip

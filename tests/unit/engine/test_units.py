@@ -197,6 +197,15 @@ compile_units({list(SMALL)!r})
     assert sum(1 for _ in folder.glob("*.unit")) == len(SMALL)
 
 
+def test_what_lies_in_the_present_folder_is_not_compiled(cache, tmp_path, monkeypatch):
+    """Another version of flexmb there would be cached under the name of this one."""
+    for name in ("flexmb/__init__.py", "numba.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise ImportError('from here')")
+    monkeypatch.chdir(tmp_path)
+    assert compilation.compile_units([MOVE]) == 1
+
+
 def test_two_processes_on_a_cold_cache_share_the_work(cache, project):
     code = f"""
 from flexmb.engine.compilation import compile_units
