@@ -45,6 +45,9 @@ class Memory:
     def save_state(self, state):
         pass
 
+    def restart(self):
+        self.blocks.clear()
+
     def tables(self):
         return [np.concatenate(parts) for parts in zip(*self._rows(), strict=True)]
 

@@ -1,17 +1,20 @@
 """Which step to try next: fixed steps with halving where one fails, or error control.
 
 Fixed: a step that fails is repeated in halves, quarters, ... until the next grid point is reached.
-Error control: the local error of a step, relative to the motion so far, is kept below a tolerance.
-Its third root rules the step, as the error of both methods is of order h³; the step grows only by a
-quarter at least, because each change costs a factorisation, and not right after a rejection, while
-estimates still ring. Steps under error control end at known kinks of functions of time (`kinks`).
+Error control: the local error of a step, of every body, mode and scalar coordinate relative to its
+motion so far, is kept below a tolerance; the step follows by the order of the estimate. Where a
+change costs a factorisation and lets the estimate ring, steps grow by a quarter at least, and not
+right after a rejection. Steps under error control end at known kinks of functions of time, and
+never turn a body by more than a radian, so that turns can be counted. A run that follows the plan of
+another one takes as many times more steps as it is told, spread alike, and shorter ones where its
+own estimate asks for that.
 """
 
 from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.method import (
     AGE,
@@ -30,12 +33,13 @@ from flexmb.engine.method import (
     PART,
     REJECTED,
     REPEAT,
-    SHARE,
     SINCE,
     SPEED,
     STEP,
     TOO_SMALL,
+    TURNING,
 )
+from flexmb.engine.state import Run
 from flexmb.engine.time_events import next_end
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
@@ -45,47 +49,49 @@ _SMALLEST_SHARE = 1e-12
 _JUMP_SHARE = 1e-9
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
-_LONGEST_SHARE = 0.01
+_LONGEST_SHARE = 0.1
 _ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
 _SAFETY = 0.9
-_LEAST, _MOST, _KEEP, _SHRINK = 0.2, 2.0, 1.25, 0.8
+_LEAST, _MOST = 0.2, 5.0
+# Where a change of the step is dear: most that it grows, and what is not worth a change.
+_MOST_KEPT, _KEEP, _SHRINK = 2.0, 1.25, 0.8
+# Largest angle that a body turns in a step, rad.
+_TURN = 1.0
 # Velocities, whose estimate rings after a change of the step, may be off by this many times more
 # before a step is rejected; the next one is shorter anyhow.
 _PATIENCE = 4.0
 # Steps after a rejection before the step grows again: until estimates have stopped to ring.
 _REST = 10.0
-# Error of the order-3 method over the 4/3 power of the measured one (oscillator, pendulum: 3 to 7).
-_THIRD = 4.0
-# From this share of the run on the error in the end is extrapolated; it reduces the tolerance to
-# this share at most.
-_LOOK_AHEAD = 0.02
-_LEAST_SHARE = 1e-6
-# Motion of the model below which it counts as at rest, over its size.
-_AT_REST = 1e-6
+# What is left of a step of the plan and not worth a step of its own.
+_NEARLY = 0.1
+# Motion of a body counts as this share at least of the largest motion in the model.
+_LEAST_SHARE = 1e-3
 
 
 @kernel
 def begin(sys, settings, st):
-    """Before the first step: step to try, and motion so far at least that of nothing."""
+    """Before the first step: the step to try, and motion so far at least that of nothing."""
     if st.memory[STEP] > 0.0:
         return
     st.memory[STEP] = settings.step
-    st.memory[MOTION] = _AT_REST
-    speed = weighted_size(st.v, sys.weights)
-    st.memory[SPEED] = speed
+    speed, least = weighted_size(st.v, sys.weights), settings.least_motion
     if settings.step == 0.0:
         change = weighted_size(st.vd, sys.weights)
         h = 0.1 * settings.interval
         if speed > 0.0:
             h = min(h, 0.01 / speed)
         if change > 0.0:
-            h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * _AT_REST) / change))
+            h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * least) / change))
         st.memory[STEP] = max(h, _SMALLEST_SHARE * (settings.end - settings.start))
+        if settings.refinement > 0.0:
+            st.memory[STEP] = settings.end - settings.start
 
 
 @kernel
-def at_end(settings, st):
-    """Whether the run has reached its end."""
+def at_end(settings, plan, st):
+    """Whether the run has reached its end, or that of the plan that it follows."""
+    if settings.refinement > 0.0:
+        return st.t[0] >= plan.knots[plan.used[0] - 1]
     return st.t[0] >= settings.end - 1e-9 * _least_interval(settings)
 
 
@@ -95,38 +101,72 @@ def _least_interval(settings):
 
 
 @kernel
-def proposed(settings, time_events, st, room):
+def proposed(settings, plan, time_events, st, room):
     """The step to try; `room` is how many more outputs there is space for."""
     h = st.memory[STEP]
     if settings.step > 0.0:
         return h
     h = min(h, max(room - 2, 1) * settings.interval)
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
+    if st.memory[TURNING] > 0.0:
+        h = min(h, _TURN / st.memory[TURNING])
     if settings.determined == 1 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
+    if settings.refinement > 0.0:
+        return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])
     if h >= left * (1.0 - 1e-9):
         return left
     return 0.5 * left if h > 0.5 * left else h
 
 
 @kernel
-def rejected(settings, st, error, status, h):
+def write_plan(settings, plan, st):
+    """Keep the time, if there is room for a plan and the run follows none."""
+    if settings.refinement == 0.0 and plan.used[0] < plan.knots.shape[0]:
+        plan.knots[plan.used[0]] = st.t[0]
+        plan.used[0] += 1
+
+
+@kernel
+def _planned(settings, plan, t):
+    """Time at which a step from t ends by the plan."""
+    knots, n = plan.knots, plan.used[0] - 1
+    m = max(math.ceil(n * settings.refinement - 1e-9), 1)
+    low, high = 0, n
+    while high - low > 1:
+        middle = (low + high) // 2
+        if knots[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    place = (low + (t - knots[low]) / (knots[low + 1] - knots[low])) * m / n
+    j = math.floor(place + _NEARLY) + 1.0
+    if j >= m:
+        return knots[n]
+    place = j * n / m
+    k = min(int(place), n - 1)
+    return knots[k] + (place - k) * (knots[k + 1] - knots[k])
+
+
+@kernel
+def rejected(method, settings, st, error, status, h):
     """FINE: accept it; REPEAT it with the step in memory; TOO_SMALL: there is no such step."""
     memory, count = st.memory, st.count
     if status != FINE:
         count[FAILED] += 1
         memory[STEP] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
-        ratio = _ratio(settings, memory, error, _PATIENCE)
+        patience = _PATIENCE if method.keeps_step == 1 else 1.0
+        ratio = _ratio(settings, error, patience)
         if ratio <= 1.0 or (h <= _JUMP_SHARE * (settings.end - settings.start) and ratio < 1e9):
             return FINE
         count[REJECTED] += 1
-        memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / 3.0))
+        memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / method.error_order))
     memory[AGE] = -1.0
     memory[CONTRACTION] = 1.0
-    memory[CALM] = _REST
+    memory[CALM] = _REST if method.keeps_step == 1 else 1.0
     smallest = _SMALLEST_PART * settings.step
     if settings.step == 0.0:
         smallest = _SMALLEST_SHARE * max(settings.end - settings.start, abs(st.t[0]))
@@ -134,24 +174,16 @@ def rejected(settings, st, error, status, h):
 
 
 @kernel
-def _ratio(settings, memory, error, patience):
+def _ratio(settings, error, patience):
     """Error over what is allowed; that of velocities over `patience` times as much."""
     if settings.step > 0.0:
         return 0.0
-    ratio = _size(memory, error, patience) / (settings.tolerance * memory[SHARE] * memory[MOTION])
+    ratio = max(error[0], error[1] / patience) / settings.tolerance
     return ratio if math.isfinite(ratio) else 1e9
 
 
 @kernel
-def _size(memory, error, patience):
-    """Local error of positions, or as much of the motion as that of velocities is of the speed."""
-    if memory[SPEED] > 0.0:
-        return max(error[0], error[1] / (patience * memory[SPEED]) * memory[MOTION])
-    return error[0]
-
-
-@kernel
-def exact_time(settings, time_events, st, h):
+def exact_time(settings, plan, time_events, st, h):
     """Time after the step: grid points, kinks and the end without the round-off of a sum."""
     if settings.step > 0.0 and st.memory[PART] + h / settings.step >= 1.0 - _ROUND_OFF:
         return settings.start + (st.count[GRID] + 1) * settings.step
@@ -159,11 +191,15 @@ def exact_time(settings, time_events, st, h):
         end = next_end(time_events, st.t[0], settings.end)
         if h == end - st.t[0]:
             return end
+        if settings.refinement > 0.0:
+            end = _planned(settings, plan, st.t[0])
+            if h == end - st.t[0]:
+                return end
     return st.t[0] + h
 
 
 @kernel
-def accepted(settings, st, error, h):
+def accepted(method, settings, st, error, h):
     """After an accepted step: the next one, the place in the grid, statistics."""
     memory, count = st.memory, st.count
     if memory[LAST_STEP] == 0.0:
@@ -180,54 +216,67 @@ def accepted(settings, st, error, h):
             count[GRID] += 1
         return
     memory[JERK_ERROR] = error[1] / h**3
-    _add_up(settings, st, error)
-    ratio = max(_ratio(settings, memory, error, 1.0), 1e-9)
-    factor = min(_MOST, _SAFETY * ratio ** (-1.0 / 3.0))
+    memory[ERROR_SUM] += error[0]
+    ratio = max(_ratio(settings, error, 1.0), 1e-12)
+    factor = _SAFETY * ratio ** (-1.0 / method.error_order)
+    calm = memory[CALM] == 0.0
     memory[CALM] = max(memory[CALM] - 1.0, 0.0)
-    if factor > _KEEP and memory[CALM] == 0.0:
-        memory[STEP] = max(memory[STEP], h * factor)
+    if method.keeps_step == 0:
+        memory[STEP] = h * (min(factor, _MOST) if calm else min(factor, 1.0))
+    elif factor > _KEEP and memory[CALM] == 0.0:
+        memory[STEP] = max(memory[STEP], h * min(factor, _MOST_KEPT))
     elif factor < _SHRINK:
         memory[STEP] = h * factor
 
 
-@kernel
-def _add_up(settings, st, error):
-    """Sum of the local errors: the error in the end, unless errors grow or decay by themselves.
+@unit
+def follow_motion(run: Run) -> int:
+    """The largest motion from the first position and the largest speed of every coordinate so far.
 
-    Where it would exceed the accuracy by then, the tolerance of the steps to come is reduced. A
-    method of order 3 leaves the 4/3 power of the local error that is measured, which is that of a
-    formula of order 2.
+    The coordinates of a translation, of a rotation, and the modes of a body count together.
     """
-    memory = st.memory
-    size = _size(memory, error, 1.0)
-    if settings.order == 3:
-        size = _THIRD * memory[MOTION] * (size / memory[MOTION]) ** (4.0 / 3.0)
-    memory[ERROR_SUM] += size
-    done = (st.t[0] - settings.start) / (settings.end - settings.start)
-    if done > _LOOK_AHEAD:
-        ahead = memory[ERROR_SUM] / (memory[MOTION] * done)
-        if ahead > settings.accuracy:
-            memory[SHARE] = max((settings.accuracy / ahead) ** 3, _LEAST_SHARE)
-        else:
-            memory[SHARE] = 1.0
+    st, settings, w = run.state, run.settings, run.system.weights
+    bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
+    q, q_first, v, memory = st.q, st.q_first, st.v, st.memory
+    memory[TURNING] = 0.0
+    for k in range(bodies.shape[0]):
+        iq, iv, m = bodies[k]["iq"], bodies[k]["iv"], bodies[k]["m"]
+        _follow(st, w, iq, iv, 3)
+        turn = 0.0
+        for i in range(3, 7):  # Euler parameters change by half the angle
+            turn = max(turn, 2.0 * abs(q[iq + i] - q_first[iq + i]))
+        rate = max(abs(v[iv + 3]), abs(v[iv + 4]), abs(v[iv + 5]))
+        _raise(st, iv + 3, 3, turn, rate)
+        memory[TURNING] = max(memory[TURNING], rate)
+        _follow(st, w, iq + 7, iv + 6, m)
+    for k in range(coordinates.shape[0]):
+        _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
+    motion, speed = 0.0, 0.0
+    for i in range(v.shape[0]):
+        motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
+    memory[MOTION] = max(motion, settings.least_motion)
+    memory[SPEED] = max(speed, settings.least_motion / (settings.end - settings.start))
+    for i in range(v.shape[0]):
+        st.motion[i] = max(st.motion[i], _LEAST_SHARE * memory[MOTION])
+        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory[SPEED])
+    return FINE
 
 
 @kernel
-def follow_motion(sys, st):
-    """The largest speed, and motion from the first position over the model size, at most one."""
-    st.memory[SPEED] = max(st.memory[SPEED], weighted_size(st.v, sys.weights))
-    if st.memory[MOTION] >= 1.0:
-        return
-    size = st.memory[MOTION]
-    bodies, weights = sys.parts.bodies, sys.weights
-    q, q_first = st.q, st.q_first
-    for k in range(bodies.shape[0]):
-        iq, iv = bodies[k]["iq"], bodies[k]["iv"]
-        for i in range(7 + bodies[k]["m"]):
-            # Euler parameters change by half the angle.
-            w = weights[iv + i] if i < 3 else 2.0 if i < 7 else weights[iv + i - 1]
-            size = max(size, w * abs(q[iq + i] - q_first[iq + i]))
-    st.memory[MOTION] = min(size, 1.0)
+def _follow(st, weights, iq, iv, n):
+    """Motion and speed of n coordinates that count together."""
+    motion, speed = 0.0, 0.0
+    for i in range(n):
+        motion = max(motion, weights[iv + i] * abs(st.q[iq + i] - st.q_first[iq + i]))
+        speed = max(speed, weights[iv + i] * abs(st.v[iv + i]))
+    _raise(st, iv, n, motion, speed)
+
+
+@kernel
+def _raise(st, iv, n, motion, speed):
+    """Let the scales of n coordinates be these at least."""
+    for i in range(iv, iv + n):
+        st.motion[i], st.speed[i] = max(st.motion[i], motion), max(st.speed[i], speed)
 
 
 @kernel

@@ -68,7 +68,7 @@ def _solve(run, at, level):
     run.work.factor.symmetric[0] = 1
     factorise(run, at, 0.0, 0.0)
     if level == VELOCITIES:
-        project_velocity(run, at)
+        project_velocity(run, at, 0.0)
         return 0.0
     return _correct_positions(run)
 

@@ -13,7 +13,6 @@ import numpy as np
 from flexmb.engine import control
 from flexmb.engine.events import accept_events, begin_events, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
-from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate
 from flexmb.engine.kernels.algebra.vector import copy, largest, store
 from flexmb.engine.kernels.joints.constraint import evaluate_constraints
 from flexmb.engine.kernels.joints.reaction import read_reactions
@@ -67,7 +66,10 @@ def accept_step(run: Run, h: float) -> int:
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
-            st.work_done[k] += 0.5 * h * (st.power[k] + run.work.powers[k])
+            if run.method.stages + run.method.collocation > 0:
+                st.work_done[k] = tr.work[k]
+            else:
+                st.work_done[k] += 0.5 * h * (st.power[k] + run.work.powers[k])
             st.power[k] = run.work.powers[k]
     remember(run, at, st.history)
     if angles:
@@ -85,7 +87,8 @@ def accept_step(run: Run, h: float) -> int:
     store(tr.lam, st.lam)
     st.count[STEPS] += 1
     if controlled:
-        control.follow_motion(run.system, st)
+        control.follow_motion(run)
+        control.write_plan(settings, run.plan, st)
     return FINE
 
 
@@ -99,17 +102,17 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = control.proposed(settings, time_events, st, room)
+        h = control.proposed(settings, run.plan, time_events, st, room)
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
-        verdict = control.rejected(settings, st, error, status, h)
+        verdict = control.rejected(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:
                 continue
-            run.work.trial.t[0] = control.exact_time(settings, time_events, st, h)
+            run.work.trial.t[0] = control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
-            control.accepted(settings, st, error, h)
+            control.accepted(run.method, settings, st, error, h)
             accept_events(run, h)
             return FINE
         if verdict == TOO_SMALL:
@@ -127,29 +130,25 @@ def _due(settings, st):
 
 @kernel
 def _place_output(run):
-    """Put the state at the next output time into the trial state; returns what to project."""
+    """Put the state at the next output time into the trial state; returns the status."""
     st, tr, settings, history = run.state, run.work.trial, run.settings, run.work.now.history
     before, now = tr.before, control.next_output(settings, st)
-    copy(st.vd, tr.vd)
-    copy(st.lam, tr.lam)
     copy(st.angles, tr.angles)
-    copy(st.history, history)
     if settings.step > 0.0 or now >= st.t[0] - 1e-12 * settings.interval:
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
         copy(st.work_done, tr.work_done)
-        return VELOCITIES if settings.step > 0.0 else POSITIONS
-    h = st.t[0] - before.t[0]
-    share = (now - before.t[0]) / h
-    tr.t[0] = now
-    copy(before.history, history)
-    interpolate(run.system.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
-    for k in range(3):
-        tr.work_done[k], _ = hermite(
-            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
-        )
-    return POSITIONS
+        copy(st.history, history)
+        status = FINE
+    else:
+        copy(before.history, history)
+        share = (now - before.t[0]) / (st.t[0] - before.t[0])
+        status = call_step(run.method.interpolate[0], run, run.method.coefficients[0], share)
+        tr.t[0] = now
+    copy(st.vd, tr.vd)
+    copy(st.lam, tr.lam)
+    return status
 
 
 @unit
@@ -157,7 +156,10 @@ def write_output(run: Run) -> int:
     """Write the next output row, with projected accelerations and multipliers."""
     st, tr, out, con, at = run.state, run.work.trial, run.output, run.work.con, run.trial_point
     row = out.rows[0]
-    project = _place_output(run)
+    status = _place_output(run)
+    if status != FINE:
+        return status
+    project = VELOCITIES if run.settings.step > 0.0 else POSITIONS
     st.count[FACTORISATIONS] += 1
     st.memory[AGE] = -1.0
     status = accelerations(run, at, _filter(run), project)
@@ -205,17 +207,23 @@ def march(run: Run, n_steps: int) -> int:
     done = 0
     status = FINE
     st.memory[AGE] = -1.0
+    run.work.collocation.span[1] = 0.0
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
     control.begin(run.system, settings, st)
+    if settings.step == 0.0:
+        control.follow_motion(run)
     begin_events(run)
+    if settings.refinement == 0.0:
+        run.plan.used[0] = 0
+        control.write_plan(settings, run.plan, st)
     while status == FINE:
         if _due(settings, st):
             status = write_output(run)
             continue
         room = out.t.shape[0] - out.rows[0]
-        if done == n_steps or control.at_end(settings, st) or (done > 0 and room < 3):
+        if done == n_steps or control.at_end(settings, run.plan, st) or (done > 0 and room < 3):
             break
         status = advance(run, room)
         done += 1

@@ -2,8 +2,9 @@
 
 The step contract. A method is one file in `integrators` with a unit `step(run, coefficients, h) ->
 status` that reads `State` and leaves the trial state at t + h in `Work.trial`, with its estimate of
-the local error in `trial.error` if steps are controlled; the loop alone accepts, rejects, chooses
-the next step, stores and reports. Memory that a method carries from step to step (previous
+the local error, over the motion so far, in `trial.error` if steps are controlled; the loop alone
+accepts, rejects, chooses the next step, stores and reports. A second unit, `interpolate(run,
+coefficients, share) -> status`, gives positions and velocities inside the last accepted step. Memory that a method carries from step to step (previous
 accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a multi-stage
 method and an explicit one fit alike; and because a step is only proposed, an event found between
 `State` and the trial state can still shorten or reject it. The words of methods are
@@ -21,12 +22,15 @@ class Method(NamedTuple):
     """A method for a scene."""
 
     step: Units  # its unit `step`, alone
+    interpolate: Units  # its unit for the state inside an accepted step, alone
     coefficients: Records  # its coefficients, alone
-    order: int
-    stages: int  # explicit stages that need memory
+    order: int  # of the error in the end
+    error_order: int  # power of the step that its estimate of the local error is of
+    stages: int  # rows of slopes that it needs memory for
     filter: float  # over h²: factor of the tangent beside M in reported accelerations
-    tolerance_factor: float  # local error of a step over accuracy to the power below: what leaves
-    tolerance_power: float  # the accuracy in the end, by the errors achieved
+    keeps_step: int  # 1: a change of the step is dear, or its estimate rings after one
+    collocation: int  # implicit stages that it needs memory for
+    loosest: float  # local tolerance from which on errors fall with the steps as the order says
 
 
 class Settings(NamedTuple):
@@ -38,7 +42,8 @@ class Settings(NamedTuple):
     step: float  # s, a whole share of the interval; 0: steps by error control
     tolerance: float  # local error of a step over motion and speed so far, with error control
     accuracy: float  # error over motion in the end, with error control
-    order: int  # of the method
+    refinement: float  # steps for each step of the plan; 0: the plan is not followed but written
+    least_motion: float  # motion over the size of the model below which it counts as at rest
     newton_tolerance: float  # remaining Newton correction over h² v̇; 0: a share of `tolerance`
     max_iterations: int
     works: int  # 1: something does work (drivers, dampers, applied forces)
@@ -57,15 +62,16 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 
 # Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
-# fixed step that is done; the largest motion and speed so far, sum of the local errors, weighted;
-# least and greatest step accepted; steps since the size changed, error of velocities over h³ then;
-# the share of the tolerance that leaves the accuracy in the end; steps to go before it may grow;
-# the step before it was shortened to end at an event (0: it was not), how often it was, and
-# steps to go after an event before the next one is looked for.
+# fixed step that is done; the largest motion and speed so far, weighted; least and greatest step
+# accepted; steps since the size changed, error of velocities over h³ then; steps to go before it may
+# grow; the step before it was shortened to end at an event (0: it was not), how often it was, and
+# steps to go after an event before the next one is looked for; the largest present angular velocity;
+# sum of the local errors over the motion.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
-PART, MOTION, SPEED, ERROR_SUM, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10, 11
-SINCE, JERK_ERROR, SHARE, CALM = 12, 13, 14, 15
-EVENT_STEP, EVENT_TRIES, EVENT_REST = 16, 17, 18
+PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
+SINCE, JERK_ERROR, CALM = 11, 12, 13
+EVENT_STEP, EVENT_TRIES, EVENT_REST = 14, 15, 16
+TURNING, ERROR_SUM = 17, 18
 MEMORY = 19
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)

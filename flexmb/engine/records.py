@@ -19,7 +19,7 @@ import numpy as np
 from flexmb.engine.jit import Unit
 
 __all__ = [
-    "Array", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector", "array_ndim",
+    "Array", "Complexes", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector", "array_ndim",
     "array_of", "is_record", "layout", "pack", "units_in",
 ]  # fmt: skip
 
@@ -45,6 +45,7 @@ def array_of(dtype: Any, ndim: int = 1) -> Any:
 
 
 Vector = array_of("f8")
+Complexes = array_of("c16")
 Matrix = array_of("f8", 2)
 Integers = array_of("i8")
 Units = Annotated[tuple, _UnitTable]

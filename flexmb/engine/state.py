@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.method import Method, Settings
-from flexmb.engine.records import Integers, Matrix, Records, Units, Vector, array_of
+from flexmb.engine.records import Complexes, Integers, Matrix, Records, Units, Vector, array_of
 from flexmb.engine.tables import System
 
 _F = "f8"
@@ -68,6 +68,8 @@ class State(NamedTuple):
     power: Vector  # (3,) their power at t, W
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for the motion so far
+    motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted
+    speed: Vector  # (nv,) largest speed of it so far, weighted
     memory: Vector  # integrator memory, places in `method`
     count: Integers  # counters, places in `method`
     history: Vector  # of the elements: time of the last accepted step, then their own
@@ -138,6 +140,37 @@ class Factor(NamedTuple):
     tmp: Vector  # (n,)
 
 
+class ComplexFactor(NamedTuple):
+    """A complex matrix of the same structure, its factor, and a vector in elimination order."""
+
+    low: Complexes  # panels: rows of the lower triangle
+    up: Complexes  # panels: columns of the upper triangle
+    Wl: Complexes  # one panel, times its pivots
+    Wu: Complexes
+    d: Complexes  # (n,) pivots
+    sol: Complexes  # (n,)
+    symmetric: Integers  # (1,) 1: LDL^T on `low`; 0: LDU on both
+
+
+class Collocation(NamedTuple):
+    """Stages of an implicit Runge–Kutta method."""
+
+    u: Matrix  # (stages, nv) motions from the start of the step
+    v: Matrix  # (stages, nv)
+    a: Matrix  # (stages, nv) accelerations
+    lam: Matrix  # (stages, nc)
+    next_a: Matrix  # (stages, nv) predicted
+    next_lam: Matrix  # (stages, nc)
+    res: Matrix  # (stages, nv) forces out of balance
+    gap: Matrix  # (stages, nc) constraint values
+    change: Matrix  # (stages, nv) last correction
+    power: Matrix  # (stages, 3)
+    share: Matrix  # (stages, stages) of the stages of the last step in the predicted ones
+    span: Vector  # (2,) start and length of the step that the stages are of, s; 0: of none
+    real: Factor  # of the real eigenvalue
+    pair: ComplexFactor  # of the pair of complex ones
+
+
 class Before(NamedTuple):
     """What the dense output needs of the start of the last accepted step."""
 
@@ -171,12 +204,17 @@ class Trial(NamedTuple):
     lam: Vector
     dq: Vector  # (nv,) motion of the step
     res: Vector  # (nv,) M vd - Q + Cq^T lam
+    spare: Vector  # (nv,)
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
     angles: Vector  # (channels,) joint angles at an output
     before: Before  # the state that the last accepted step began with
-    stages: Matrix  # (stages, nq + nv) slopes of an explicit method
-    error: Vector  # (2,) estimated local error of positions and velocities, weighted
+    stages: Matrix  # (stages, nq + nv + 3) slopes and powers of an explicit method
+    work: Vector  # (3,) work_done at its end, of a method with stages
+    rate: Vector  # (nq,) sum of slopes
+    shares: Vector  # (stages,) weights of the slopes in the dense output
+    extended: Integers  # (1,) 1: the stages of the dense output of the last step are there
+    error: Vector  # (2,) estimated local error of positions and velocities over their motion
     jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: Matrix  # (depth, 3) of the function evaluator
     variables: Matrix  # (channels, 3) jets of the channels, for functions that name them
@@ -201,6 +239,7 @@ class Work(NamedTuple):
     con: Constraints
     dense: Dense
     factor: Factor
+    collocation: Collocation
     trial: Trial
     feedback: FeedbackWork
     events: Events
@@ -261,6 +300,13 @@ class Output(NamedTuple):
     rows: Integers  # (1,) rows written so far
 
 
+class Plan(NamedTuple):
+    """Steps of one run, for another one to follow with shorter ones."""
+
+    knots: Vector  # (n,) times of the accepted steps, s
+    used: Integers  # (1,) how many of them there are
+
+
 class Run(NamedTuple):
     """All that compiled code is handed."""
 
@@ -272,4 +318,5 @@ class Run(NamedTuple):
     stages: Stages
     method: Method
     settings: Settings
+    plan: Plan
     output: Output

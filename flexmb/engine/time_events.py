@@ -27,7 +27,6 @@ from flexmb.engine.method import (
     FINE,
     JERK_ERROR,
     MOTION,
-    SHARE,
     SINCE,
     STEP,
 )
@@ -72,7 +71,7 @@ def cross_time_event(run: Run, cp: float) -> int:
         return FINE
     st.t[0] = time_events[k, 1]
     status = _accelerate(run, cp)
-    allowed = settings.tolerance * st.memory[SHARE] * st.memory[MOTION]
+    allowed = settings.tolerance * st.memory[MOTION]
     if status == FINE and _jump(run.system.weights, st, run.work.trial) > allowed:
         _restart(run)
     return status

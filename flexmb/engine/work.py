@@ -11,7 +11,6 @@ from flexmb.engine.method import (
     CONTRACTION,
     COUNTS,
     MEMORY,
-    SHARE,
     SYMMETRIC,
     Method,
     Settings,
@@ -21,6 +20,8 @@ from flexmb.engine.state import (
     CURVE_MARKER_NOW,
     MARKER_NOW,
     Before,
+    Collocation,
+    ComplexFactor,
     Constraints,
     Dense,
     Events,
@@ -28,6 +29,7 @@ from flexmb.engine.state import (
     FeedbackWork,
     Now,
     Output,
+    Plan,
     Point,
     Run,
     Stage,
@@ -39,12 +41,16 @@ from flexmb.engine.state import (
 from flexmb.engine.tables import System
 
 __all__ = [
-    "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "sizes", "stages_of",
+    "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state", "new_work", "sizes", "stages_of",
 ]  # fmt: skip
 
-_NO_METHOD = Method((), (), 2, 0, 0.0, 1.0, 1.0)
+_NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
+_NO_FACTOR = Factor(
+    *(np.zeros(0) for _ in range(9)), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
+    *(np.zeros(0) for _ in range(3)),
+)  # fmt: skip
 _SINGULAR_POSES = 8  # of which time and positions are kept
-_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 2, 1.0, 1, 0, 0, 0)
+_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1, 0, 0, 0)
 
 
 def sizes(system: System) -> tuple[int, int, int]:
@@ -79,12 +85,12 @@ def new_state(system: System, channels: int = 0) -> State:
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
     memory = np.zeros(MEMORY)
-    memory[CONTRACTION], memory[AGE], memory[SHARE] = 1.0, -1.0, 1.0
+    memory[CONTRACTION], memory[AGE] = 1.0, -1.0
     unsymmetric = any(kind.is_unsymmetric(system.kinds[kind.name]) for kind in kinds_of(system))
     memory[SYMMETRIC] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
-        np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), memory,
+        np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), np.zeros(nv), np.zeros(nv), memory,
         np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
     )  # fmt: skip
 
@@ -97,8 +103,9 @@ def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:
     return np.full(n * dtype.itemsize // 8, np.nan).view(dtype)
 
 
-def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
-    """Scratch for one run of `system` by a method with `stages` explicit stages."""
+def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> Work:
+    """Scratch for one run of `system` by a method."""
+    stages = method.stages
     nq, nv, nc = sizes(system)
     m, history = system.parts.bodies["m"], system.history
     nfun = len(system.functions.start) - 1
@@ -114,15 +121,17 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
-        lam=_nan(nc), dq=_nan(nv), res=_nan(nv), power=_nan(3),
+        lam=_nan(nc), dq=_nan(nv), res=_nan(nv), spare=_nan(nv), power=_nan(3),
         work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
-        stages=_nan(stages, nq + nv), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
+        stages=_nan(stages, nq + nv + 3), work=_nan(3), rate=_nan(nq), shares=_nan(stages),
+        extended=np.zeros(1, dtype=np.int64), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     return Work(
-        now, con, _new_dense(system), _new_factor(system), trial, _new_feedback(system),
+        now, con, _new_dense(system), _new_factor(system),
+        _new_collocation(system, method.collocation), trial, _new_feedback(system),
         Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64),
     )  # fmt: skip
@@ -161,6 +170,20 @@ def _new_factor(system: System) -> Factor:
     return factor
 
 
+def _new_collocation(system: System, stages: int) -> Collocation:
+    _, nv, nc = sizes(system) if stages else (0, 0, 0)
+    factor = _new_factor(system) if stages else _NO_FACTOR
+    pair = ComplexFactor(
+        *(array.astype(np.complex128) for array in (
+            factor.low, factor.up, factor.Wl, factor.Wu, factor.d, factor.sol)),
+        np.ones(1, dtype=np.int64),
+    )  # fmt: skip
+    return Collocation(
+        *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, 3, stages)),
+        np.zeros(2), factor, pair,
+    )  # fmt: skip
+
+
 def _jac_end(system: System, side: str, field: str) -> int:
     """One past the last entry of the Jacobian rows on one side."""
     rows = system.rows
@@ -179,12 +202,18 @@ def new_output(system: System, rows: int, channels: int) -> Output:
     return Output(np.empty(rows), *tables, np.zeros(1, dtype=np.int64))
 
 
+def new_plan(steps: int) -> Plan:
+    """Room for so many steps."""
+    return Plan(np.zeros(steps + 1 if steps else 0), np.zeros(1, dtype=np.int64))
+
+
 def new_run(
     system: System,
     state: State,
     work: Work,
     method: Method = _NO_METHOD,
     settings: Settings = _NO_SETTINGS,
+    plan: Plan | None = None,
     output: Output | None = None,
 ) -> Run:
     """All that units are handed, of one run; arrays are shared, not copied."""
@@ -193,7 +222,7 @@ def new_run(
         system, state, work,
         Point(state.t, state.q, state.v, state.vd, state.lam),
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
-        stages_of(system), method, settings,
+        stages_of(system), method, settings, new_plan(0) if plan is None else plan,
         new_output(system, 0, len(state.angles)) if output is None else output,
     )  # fmt: skip
 

@@ -56,6 +56,10 @@ class OutputBlock:
         named["time"] = named.pop("t")
         return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
 
+    def part(self, start: int, stop: int) -> OutputBlock:
+        """The rows from start to stop."""
+        return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
+
 
 class ResultWriter:
     """Writes one result file; use it in a ``with`` statement or call :meth:`close`.
@@ -188,6 +192,19 @@ class ResultWriter:
         """
         with uninterrupted():
             self._save_state({name: np.asarray(value) for name, value in state.items()})
+
+    def restart(self) -> None:
+        """Drop all rows: the run makes them again, more accurately.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        with uninterrupted():
+            self._file["progress"][0] = 0
+            self._flush()
+            self._rows = 0
 
     def finish(
         self, statistics: Mapping[str, float | int | str], status: str, message: str = ""

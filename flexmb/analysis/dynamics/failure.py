@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from flexmb.model.model import Model
 from flexmb.model.sensors.signals import live_functions, resolved
 from flexmb.results import OutputBlock
 
-__all__ = ["first_rows", "gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
+__all__ = ["gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
 
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
@@ -92,11 +91,6 @@ def n_kept(compiled: Compiled, rows: OutputBlock) -> int:
     """How many of the first rows keep the constraints."""
     apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))
     return int(apart[0]) if len(apart) else len(rows.t)
-
-
-def first_rows(rows: OutputBlock, n: int) -> OutputBlock:
-    """The first `n` rows of a block."""
-    return OutputBlock(*(getattr(rows, field.name)[:n] for field in fields(rows)))
 
 
 def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float64]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.state import State, Work
+from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
-from flexmb.engine.work import new_output, new_run, new_work
+from flexmb.engine.work import new_output, new_plan, new_run, new_work
 from flexmb.results import OutputBlock
 
 __all__ = ["Balance", "Clock", "Run"]
@@ -44,14 +44,16 @@ class Run:
         chosen: method.Method,
         settings: method.Settings,
         state: State,
+        plan: Plan | None = None,
     ) -> None:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
         channels = len(compiled.layout.channels)
-        self.work: Work = new_work(compiled.system, channels, chosen.stages)
-        self.chunk = max(1, _CHUNK_WORK // compiled.layout.nv)  # steps
+        self.work: Work = new_work(compiled.system, channels, chosen)
+        self.chunk = max(1, _CHUNK_WORK // (compiled.layout.nv * max(chosen.stages, 1)))  # steps
+        self.plan = new_plan(self.chunk) if plan is None else plan
         self.output = new_output(compiled.system, self._rows(), channels)
         self._handed = hand_over(
-            new_run(compiled.system, state, self.work, chosen, settings, self.output)
+            new_run(compiled.system, state, self.work, chosen, settings, self.plan, self.output)
         )
         self.unread = False
         self.largest_drift = np.zeros(2)
@@ -85,6 +87,11 @@ class Run:
         self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
         return entries.integrate(self._handed, steps)
+
+    def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
+        """One chunk, or the first row; returns the status, and its rows."""
+        status = self.march(0 if first else self.chunk)
+        return status, [self.block()]
 
     def block(self) -> OutputBlock:
         """The rows of the last chunk."""

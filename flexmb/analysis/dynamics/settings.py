@@ -13,10 +13,16 @@ from flexmb.engine.integrators import chosen_method
 from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
-__all__ = ["Steps", "local_tolerance", "loop_settings", "time_grid"]
+__all__ = [
+    "Steps", "kept_settings", "local_tolerance", "loop_settings", "refinement", "scout_settings",
+    "time_grid",
+]  # fmt: skip
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
+_LOCAL = 0.2  # local error over what is asked for in the end
+_HIGH_ORDER = 5
+_AT_REST = 1e-6  # motion over the size of the model
 
 
 @dataclass(frozen=True)
@@ -37,19 +43,25 @@ def time_grid(spec: DynamicsSpec) -> Steps:
 
 
 def local_tolerance(spec: DynamicsSpec) -> float:
-    """Local error of a step, over the motion, that leaves the accuracy asked for in the end.
+    """First guess of the local error of a step, over the motion, for the accuracy asked for.
 
-    With a local error of order h³ the steps number h⁻¹, and the error of a method of order 2 is of
-    order h², so it is the 2/3 power of the local error; of a method of order 3 the first.
+    n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
+    estimate of the method is of order hᵉ. It is never so large that errors do not fall with the
+    steps as the order says.
     """
     accuracy, chosen = ACCURACY if spec.accuracy is None else spec.accuracy, chosen_method(spec)
-    return float(chosen.tolerance_factor * accuracy**chosen.tolerance_power)
+    return float(min(_LOCAL * accuracy ** (chosen.error_order / chosen.order), chosen.loosest))
+
+
+def refinement(chosen: method.Method) -> float:
+    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
+    return 2.0 if chosen.order < _HIGH_ORDER else 1.6
 
 
 def loop_settings(
     compiled: Compiled, spec: DynamicsSpec, grid: Steps, determined: bool
 ) -> method.Settings:
-    """The numbers of the loop; `determined` if the constraints alone fix the motion."""
+    """The numbers of the loop of a run alone; `determined` if the constraints alone fix the motion."""
     system, kinds = compiled.system, kinds_of(compiled.system)
     works = bool(
         any(kind.works for kind in kinds)
@@ -64,10 +76,23 @@ def loop_settings(
         step=grid.step,
         tolerance=0.0 if grid.step else local_tolerance(spec),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
-        order=chosen_method(spec).order,
+        refinement=0.0,
+        least_motion=_AT_REST,
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         works=int(works),
         stiff=int(stiff),
         determined=int(determined),
     )
+
+
+def scout_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
+    """Of the scout of a run: the tolerance that its longer steps leave."""
+    factor = refinement(chosen) ** chosen.error_order
+    return settings._replace(tolerance=settings.tolerance * factor)
+
+
+def kept_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
+    """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
+    scout = scout_settings(settings, chosen)
+    return scout._replace(refinement=refinement(chosen))

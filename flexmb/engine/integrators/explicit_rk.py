@@ -1,8 +1,11 @@
-"""Explicit Runge–Kutta pair on the index-1 form, one step.
+"""Explicit Runge–Kutta of high order on the index-1 form, one step.
 
-Every stage solves [[M, Cqᵀ], [Cq, −ε]] (v̇; λ) = (Q; γ) and integrates q̇ = N(q) v, v̇; the Euler
-parameters are normalised after the step, then positions and velocities are put back on the
-constraints. For scenes without stiff forces. The embedded formula gives the error estimate.
+Every stage solves [[M, Cqᵀ], [Cq, −ε]] (v̇; λ) = (Q; γ) and integrates q̇ = N(q) v, v̇ as one vector
+(q, v); the Euler parameters of a stage are normalised before it is evaluated. After the step
+positions and velocities are put on the constraints, and the accelerations there are the first stage
+of the next step. Tableaux, error estimates and dense output are those of SciPy's `DOP853` and
+`RK45`: Dormand & Prince 8(5,3) and 5(4) (Hairer, Nørsett & Wanner, Solving Ordinary Differential
+Equations I, 1993, §II.5, II.6, II.10). For scenes without stiff forces.
 """
 
 from __future__ import annotations
@@ -13,142 +16,204 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.motion import normalise, position_rate
-from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.projection import (
-    NOTHING,
-    accelerations,
-    project_positions,
-    project_velocity,
-)
-from flexmb.engine.kernels.stages import position_stage
-from flexmb.engine.method import (
-    FACTORISATIONS,
-    FINE,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    RESIDUALS,
-    Method,
-)
+from flexmb.engine.kernels.algebra.vector import copy, scaled_size
+from flexmb.engine.kernels.bodies.motion import motion_of_rate, normalise, position_rate
+from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
+from flexmb.engine.kernels.stages import powers
+from flexmb.engine.method import FACTORISATIONS, FINE, NOT_FINITE, RESIDUALS, Method
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.tasks.dynamics import DynamicsSpec
 
-_MAX_PROJECTIONS = 10
+# Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
+_THIRD = 0.1
 
 
 class Tableau(NamedTuple):
-    """Butcher tableau of an explicit pair: y1 from b, error from b - b_hat."""
+    """An explicit method: stages, the end of the step as one more, stages of the dense output."""
 
-    A: Matrix  # (stages, stages)
-    b: Vector
-    c: Vector
-    difference: Vector  # b - b_hat
+    A: Matrix  # (all, all) coefficients; row `stages` gives the end of the step
+    c: Vector  # (all,)
+    stages: int  # of a step
+    errors: Matrix  # (1 or 2, stages + 1): error estimate; beside that of order 5 one of order 3
+    dense: Matrix  # (all, degree): weight of each stage at the share θ, times θ, θ², ...
 
 
 def make_method(spec: DynamicsSpec) -> Method:
-    """The method for a scene; nothing is to choose."""
-    return bogacki_shampine()
+    """The method for a scene, by its `order`."""
+    return dormand_prince_5() if spec.order == 5 else dormand_prince_8()
 
 
-def bogacki_shampine() -> Method:
-    """The explicit 3(2) pair of Bogacki & Shampine (Appl. Math. Lett. 2, 1989, 321)."""
-    A = np.zeros((4, 4))
-    A[1, 0] = 1 / 2
-    A[2, 1] = 3 / 4
-    A[3, :3] = 2 / 9, 1 / 3, 4 / 9
-    b = np.array([2 / 9, 1 / 3, 4 / 9, 0.0])
-    b_hat = np.array([7 / 24, 1 / 4, 1 / 3, 1 / 8])
-    tableau = Tableau(A, b, np.array([0.0, 0.5, 0.75, 1.0]), b - b_hat)
+def dormand_prince_5() -> Method:
+    """The 5(4) pair of Dormand & Prince, with its dense output of order 4."""
+    from scipy.integrate import RK45
+
+    A = np.zeros((7, 7))
+    A[:6, :5] = RK45.A
+    A[6, :6] = RK45.B
+    tableau = Tableau(A, np.array([*RK45.C, 1.0]), 6, RK45.E[None, :].copy(), RK45.P.copy())
+    return _method(tableau, order=5, loosest=1e-5)
+
+
+def dormand_prince_8() -> Method:
+    """The method 8(5,3) of Dormand & Prince, with its dense output of order 7."""
+    from scipy.integrate import DOP853
+
+    A = np.zeros((16, 16))
+    A[:12, :12] = DOP853.A
+    A[12, :12] = DOP853.B
+    A[13:] = DOP853.A_EXTRA
+    c = np.array([*DOP853.C, 1.0, *DOP853.C_EXTRA])
+    tableau = Tableau(A, c, 12, np.array([DOP853.E5, DOP853.E3]), _dense_weights(DOP853))
+    return _method(tableau, order=8, loosest=1e-6)
+
+
+def _dense_weights(method: type) -> np.ndarray:
+    """Weights (16, 7) of the stages in the dense output of DOP853, as powers of the share θ.
+
+    It is nested, θ (F₀ + (1 − θ) (F₁ + θ (F₂ + ...))), with F linear in the stages.
+    """
+    step, first, last = np.zeros(16), np.zeros(16), np.zeros(16)
+    step[:12], first[0], last[12] = method.B, 1.0, 1.0
+    F = [step, first - step, 2.0 * step - last - first, *method.D]
+    weights = np.zeros((16, 7))
+    share, basis = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
+    for k, coefficients in enumerate(F):
+        basis = basis * (share if k % 2 == 0 else 1.0 - share)
+        weights += np.outer(coefficients, np.pad(basis.coef[1:], (0, 7 - basis.degree())))
+    return weights
+
+
+def _method(tableau: Tableau, order: int, loosest: float) -> Method:
     return Method(
-        (step,), (tableau,), order=3, stages=len(b), filter=0.0, tolerance_factor=0.2,
-        tolerance_power=1.0,
+        (step,), (interpolate,), (tableau,), order=order, error_order=order,
+        stages=len(tableau.c), filter=0.0, keeps_step=0, collocation=0, loosest=loosest,
     )  # fmt: skip
 
 
 @unit
 def step(run: Run, tableau: Tableau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`."""
-    st, tr, parts, at = run.state, run.work.trial, run.system.parts, run.trial_point
-    nq = st.q.shape[0]
-    stages = tableau.b.shape[0]
+    st, tr, at, stages = run.state, run.work.trial, run.trial_point, tableau.stages
+    position_rate(run.system.parts, st.q, st.v, tr.stages[0])
+    nq, nv = st.q.shape[0], st.v.shape[0]
+    copy(st.vd, tr.stages[0, nq:])
+    copy(st.power, tr.stages[0, nq + nv :])
     copy(st.lam, tr.lam)
-    for s in range(stages):
-        _combine(st.q, tr.stages, 0, tableau.A[s], s, h, tr.q)
-        _combine(st.v, tr.stages, nq, tableau.A[s], s, h, tr.v)
-        normalise(parts.bodies, tr.q)
-        st.count[RESIDUALS] += 1
-        st.count[FACTORISATIONS] += 1
-        tr.t[0] = st.t[0] + tableau.c[s] * h
-        status = accelerations(run, at, 0.0, NOTHING)
+    for s in range(1, stages):
+        status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], s, h, NOTHING)
         if status != FINE:
             return status
-        position_rate(parts, tr.q, tr.v, tr.stages[s])
-        for i in range(st.v.shape[0]):
-            tr.stages[s, nq + i] = tr.vd[i]
-    copy(tr.vd, tr.aa)
     tr.t[0] = st.t[0] + h
-    _combine(st.q, tr.stages, 0, tableau.b, stages, h, tr.q)
-    _combine(st.v, tr.stages, nq, tableau.b, stages, h, tr.v)
-    normalise(parts.bodies, tr.q)
-    _estimate_error(parts.bodies, run.system.weights, tr.stages, tableau.difference, h, tr.error)
-    if not math.isfinite(tr.error[0] + tr.error[1]):
+    status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
+    copy(tr.vd, tr.aa)
+    tr.extended[0] = 0
+    if run.settings.works == 1:
+        _combine(st.work_done, tr.stages, nq + nv, tableau.A[stages], stages, h, tr.work)
+    _estimate_error(run, tableau.errors, h)
+    if status == FINE and not math.isfinite(tr.error[0] + tr.error[1]):
         return NOT_FINITE
-    return _return_to_constraints(run)
+    return status
+
+
+@kernel
+def _evaluate_stage(run, tableau, q, v, t, s, h, project):
+    """Slopes of stage s of a step h from (t, q, v); leaves its state in the trial state."""
+    tr, parts, count = run.work.trial, run.system.parts, run.state.count
+    nq = q.shape[0]
+    _combine(q, tr.stages, 0, tableau.A[s], s, h, tr.q)
+    _combine(v, tr.stages, nq, tableau.A[s], s, h, tr.v)
+    normalise(parts.bodies, tr.q)
+    tr.t[0] = t + tableau.c[s] * h
+    count[RESIDUALS] += 1
+    count[FACTORISATIONS] += 1
+    status = accelerations(run, run.trial_point, 0.0, project)
+    position_rate(parts, tr.q, tr.v, tr.stages[s])
+    copy(tr.vd, tr.stages[s, nq:])
+    if run.settings.works == 1:
+        powers(run, run.trial_point)
+        copy(run.work.powers, tr.stages[s, nq + tr.vd.shape[0] :])
+    return status
 
 
 @kernel
 def _combine(y, slopes, at, weights, n, h, out):
-    """out = y + h Σ weights_s slope_s."""
+    """out = y + h Σ weights_s slope_s; y may not be out."""
     for i in range(y.shape[0]):
-        s = 0.0
-        for k in range(n):
-            s += weights[k] * slopes[k, at + i]
-        out[i] = y[i] + h * s
+        out[i] = 0.0
+    _add_slopes(slopes, at, weights, n, out)
+    for i in range(y.shape[0]):
+        out[i] = y[i] + h * out[i]
 
 
 @kernel
-def _estimate_error(bodies, weights, slopes, difference, h, error):
-    """Weighted sizes of h Σ difference_s slope_s: the local error of the formula of lower order."""
-    error[0] = 0.0
-    error[1] = 0.0
-    nv = weights.shape[0]
-    nq = slopes.shape[1] - nv
-    for k in range(bodies.shape[0]):
-        iq, iv = bodies[k]["iq"], bodies[k]["iv"]
-        for i in range(7 + bodies[k]["m"]):
-            # Euler parameters change by half the angle.
-            w = weights[iv + i] if i < 3 else 2.0 if i < 7 else weights[iv + i - 1]
-            s = w * _sum(slopes, iq + i, difference, h)
-            if not s <= error[0]:
-                error[0] = s
-    for i in range(nv):
-        s = weights[i] * _sum(slopes, nq + i, difference, h)
-        if not s <= error[1]:
-            error[1] = s
+def _add_slopes(slopes, at, weights, n, out):
+    """out += Σ weights_s slope_s."""
+    for k in range(n):
+        weight = weights[k]
+        if weight != 0.0:
+            for i in range(out.shape[0]):
+                out[i] += weight * slopes[k, at + i]
 
 
-@kernel
-def _sum(slopes, at, difference, h):
-    s = 0.0
-    for n in range(difference.shape[0]):
-        s += difference[n] * slopes[n, at]
-    return abs(h * s)
-
-
-@kernel
-def _return_to_constraints(run):
-    """Positions onto C = 0 by Newton's method, then velocities, with one factor of M."""
-    at = run.trial_point
-    position_stage(run, at)
-    if run.work.con.C.shape[0] == 0:
-        return FINE
-    factorise(run, at, 0.0, 0.0)
-    run.state.count[FACTORISATIONS] += 1
-    if project_positions(run, at, _MAX_PROJECTIONS) == 0:
-        return NO_CONVERGENCE
-    project_velocity(run, at)
+@unit
+def interpolate(run: Run, tableau: Tableau, share: float) -> int:
+    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    tr, before, h = run.work.trial, run.work.trial.before, run.state.t[0] - run.work.trial.before.t[0]
+    count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
+    if tr.extended[0] == 0:
+        for s in range(tableau.stages + 1, count):
+            status = _evaluate_stage(run, tableau, before.q, before.v, before.t[0], s, h, NOTHING)
+            if status != FINE:
+                return status
+        tr.extended[0] = 1
+    for s in range(count):
+        weights[s] = 0.0
+        for k in range(tableau.dense.shape[1]):
+            weights[s] = share * (weights[s] + tableau.dense[s, tableau.dense.shape[1] - 1 - k])
+    _combine(before.q, tr.stages, 0, weights, count, h, tr.q)
+    _combine(before.v, tr.stages, nq, weights, count, h, tr.v)
+    copy(before.work_done, tr.work_done)
+    if run.settings.works == 1:
+        _combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
+    normalise(run.system.parts.bodies, tr.q)
     return FINE
+
+
+@kernel
+def _estimate_error(run, errors, h):
+    """Local errors of positions and velocities over the motion so far, into trial.error.
+
+    With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method.
+    """
+    st, tr, n = run.state, run.work.trial, errors.shape[1]
+    for level in range(2):
+        size, low = 0.0, 0.0
+        for k in range(errors.shape[0]):
+            if level == 0:
+                _put_motion(run, errors[k], n, tr.dq)
+                part = scaled_size(tr.dq, run.system.weights, st.motion)
+            else:
+                for i in range(tr.dq.shape[0]):
+                    tr.dq[i] = 0.0
+                _add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
+                part = scaled_size(tr.dq, run.system.weights, st.speed)
+            if k == 0:
+                size = h * part
+            else:
+                low = _THIRD * h * part
+        if low > 0.0:
+            size *= size / math.sqrt(size * size + low * low)
+        tr.error[level] = size
+
+
+@kernel
+def _put_motion(run, weights, n, out):
+    """out (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
+    parts, q, rate, slopes = run.system.parts, run.state.q, run.work.trial.rate, run.work.trial.stages
+    for i in range(rate.shape[0]):
+        rate[i] = 0.0
+    _add_slopes(slopes, 0, weights, n, rate)
+    motion_of_rate(parts, q, rate, out)

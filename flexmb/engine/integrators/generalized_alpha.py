@@ -14,9 +14,10 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate_state
 from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
@@ -50,11 +51,7 @@ _RENEW_ABOVE = 0.1
 # Within a step, a measured one above this.
 _REFACTOR_ABOVE = 0.3
 _GIVE_UP_ABOVE = 0.9
-# Corrections of this size relative to the model, or of this many units in the last place of the
-# positions where the model is far from the origin, are round-off; so are corrections of positions
-# up to `_NOISE` times as large that no longer shrink.
-_ROUND_OFF = 2e-15
-_LAST_PLACES = 1e-15
+# Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
 # With error control Newton's method stops at these shares of the local tolerance of positions and
 # of velocities.
@@ -87,9 +84,10 @@ def generalized_alpha(spectral_radius: float) -> Method:
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
     return Method(
-        step=(step,), coefficients=(Alpha(alpha_m, alpha_f, beta, gamma),), order=2, stages=0,
-        filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
-        tolerance_factor=0.2, tolerance_power=1.5,
+        step=(step,), interpolate=(interpolate,),
+        coefficients=(Alpha(alpha_m, alpha_f, beta, gamma),), order=2, error_order=3, stages=0,
+        filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m), keeps_step=1, collocation=0,
+        loosest=1e-4,
     )  # fmt: skip
 
 
@@ -110,7 +108,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         # A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
         allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
         tolerance = settings.tolerance * allowed
-    floor = _round_off(sys.parts.bodies, sys.weights, st.q)
+    floor = last_places(run)
     tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
@@ -148,17 +146,6 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
                 estimate_error(run, alpha, h)
             return FINE
     return NO_CONVERGENCE
-
-
-@kernel
-def _round_off(bodies, weights, q):
-    """Weighted size of a correction that positions cannot show."""
-    size = _ROUND_OFF
-    for k in range(bodies.shape[0]):
-        i, o = bodies[k]["iq"], bodies[k]["iv"]
-        for a in range(3):
-            size = max(size, _LAST_PLACES * abs(q[i + a]) * weights[o + a])
-    return size
 
 
 @kernel
@@ -293,10 +280,10 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     for i in range(nv):
         tr.jerk[i] = sol[kkt.place[i]]
         smooth = 0.5 * (tr.jerk[i] + st.jerk[i]) if same else tr.jerk[i]
-        s = abs(smooth) * sys.weights[i]
+        s = abs(smooth) * sys.weights[i] / st.motion[i]
         if not s <= positions:
             positions = s
-        s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i]
+        s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i] / st.speed[i]
         if not s <= velocities:
             velocities = s
     c = alpha.alpha_m - alpha.alpha_f
@@ -305,4 +292,17 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
         tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
     else:
         tr.error[1] = st.memory[JERK_ERROR] * h**3
+    return FINE
+
+
+@unit
+def interpolate(run: Run, alpha: Alpha, share: float) -> int:
+    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    st, tr, before = run.state, run.work.trial, run.work.trial.before
+    h = st.t[0] - before.t[0]
+    interpolate_state(run.system.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
+    for k in range(3):
+        tr.work_done[k], _ = hermite(
+            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
+        )
     return FINE

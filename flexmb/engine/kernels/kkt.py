@@ -13,8 +13,36 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.stages import add_couplings, add_matrix, velocity_stage
+from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
+
+
+@unit
+def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
+    """M + cv ∂F/∂v + cp ∂F/∂q at the point of the last position stage into the panels."""
+    factor = run.work.factor
+    low, up = factor.low, factor.up
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+        up[i] = 0.0
+    if cp != 0.0 or cv != 0.0:
+        velocity_stage(run, at)
+    add_matrix(run, at, cv, cp)
+    constraint_jacobian(run)
+    if factor.symmetric[0] == 1:
+        for i in range(low.shape[0]):
+            low[i] = 0.5 * (low[i] + up[i])
+    return FINE
+
+
+@unit
+def put_rows(run: Run, at: Point, cv: float, cp: float) -> int:
+    """The constraint rows beside the matrix, with what is unsymmetric there."""
+    put_constraint_matrix(run, at)
+    if run.work.factor.symmetric[0] == 0 and (cp != 0.0 or cv != 0.0):
+        add_couplings(run, at, cv, cp)
+    return FINE
 
 
 @unit
@@ -25,25 +53,12 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     """
     factor, kkt = run.work.factor, run.system.kkt
     low, up, low0, up0 = factor.low, factor.up, factor.low0, factor.up0
-    symmetric = factor.symmetric[0] == 1
-    for i in range(low.shape[0]):
-        low[i] = 0.0
-        up[i] = 0.0
-    tangents = cp != 0.0 or cv != 0.0
-    if tangents:
-        velocity_stage(run, at)
-    add_matrix(run, at, cv, cp)
-    constraint_jacobian(run)
-    if symmetric:
-        for i in range(low.shape[0]):
-            low[i] = 0.5 * (low[i] + up[i])
-    _keep_diagonal(kkt.panels, low, factor.diagonal)
-    put_constraint_matrix(run, at)
-    if not symmetric and tangents:
-        add_couplings(run, at, cv, cp)
+    put_matrix(run, at, cv, cp)
+    keep_diagonal(kkt.panels, low, factor.diagonal)
+    put_rows(run, at, cv, cp)
     for i in range(low.shape[0]):
         low0[i] = low[i]
-    if not symmetric:
+    if factor.symmetric[0] == 0:
         for i in range(up.shape[0]):
             up0[i] = up[i]
     factor.replaced[0] = ldl.factor(kkt, factor)
@@ -51,7 +66,7 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
 
 
 @kernel
-def _keep_diagonal(panels, low, out):
+def keep_diagonal(panels, low, out):
     """|diagonal| of the coordinates; infinite where there is none, so that nothing counts there."""
     for i in range(panels.shape[0]):
         panel = panels[i]

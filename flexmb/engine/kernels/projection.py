@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
+from flexmb.engine.kernels.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.constraint import (
@@ -29,8 +29,10 @@ from flexmb.engine.kernels.stages import (
     position_stage,
     reaction_stage,
     velocity_stage,
+    walk,
 )
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
+from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 _ROUNDS = 3
@@ -47,8 +49,10 @@ NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
 
 @unit
-def project_velocity(run: Run, at: Point) -> int:
+def project_velocity(run: Run, at: Point, cp: float) -> int:
     """Put v on Cq v + C_t = 0 after a position stage, with a factor of this position.
+
+    cp is that of the factor: v moves by least M, not by least M + cp ∂F/∂q.
 
     Constraints.drift keeps how far v was off.
     """
@@ -68,8 +72,18 @@ def project_velocity(run: Run, at: Point) -> int:
         for i in range(rate.shape[0]):
             sol[place[nv + i]] = -rate[i]
         solve(kkt, run.work.factor, sol)
-        for i in range(nv):
-            v[i] += sol[place[i]]
+        if n == 0 and cp != 0.0:
+            change, push, top = run.work.trial.dq, con.gamma, run.work.trial.res
+            for i in range(nv):
+                change[i], top[i] = sol[place[i]], 0.0
+            for i in range(rate.shape[0]):
+                push[i], rate[i] = sol[place[nv + i]], -rate[i]
+            _refine_by_mass(run, at, top, rate, change, push)
+            for i in range(nv):
+                v[i] += change[i]
+        else:
+            for i in range(nv):
+                v[i] += sol[place[i]]
     return FINE
 
 
@@ -115,15 +129,15 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     if project == POSITIONS and at.lam.shape[0] > 0:
         project_positions(run, at, _ROUNDS)
     if project != NOTHING:
-        project_velocity(run, at)
+        project_velocity(run, at, cp)
         velocity_stage(run, at)
         feedback_stage(run, at)
     bias_stage(run, at)
     constraint_right_side(run)
-    status = _solve(run, at)
+    status = _solve(run, at, cp)
     if status != FINE:
         return status
-    if depends_on_solution(run) and not _repeat(run, at):
+    if depends_on_solution(run) and not _repeat(run, at, cp):
         return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
     return FINE
 
@@ -135,7 +149,7 @@ def depends_on_solution(run):
 
 
 @unit
-def _solve(run: Run, at: Point) -> int:
+def _solve(run: Run, at: Point, cp: float) -> int:
     """(v̇; λ) from (Q; γ) with the present factor; returns the status of the forces."""
     res, fac, kkt = run.work.trial.res, run.work.factor, run.system.kkt
     place, vd, lam = kkt.place, at.vd, at.lam
@@ -153,11 +167,47 @@ def _solve(run: Run, at: Point) -> int:
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
         lam[i] = fac.sol[place[nv + i]]
+    if cp != 0.0:
+        _refine_by_mass(run, at, res, run.work.con.gamma, vd, lam)
     return status
 
 
+@unit
+def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector, y: Vector) -> int:
+    """Refine (x; y) of [[M, Cqᵀ], [Cq, 0]] (x; y) = (top; bottom) by a factor with M + b ∂F/∂q.
+
+    Each round takes two orders of the step more away from what b, of order h², does to slow
+    motions; stiff modes stay filtered.
+    """
+    fac, kkt, tr = run.work.factor, run.system.kkt, run.work.trial
+    place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
+    nv = x.shape[0]
+    copy(top, tr.spare)
+    for _ in range((run.method.order - 1) // 2):
+        permute(kkt, x, y, sol)
+        multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
+        for i in range(y.shape[0]):
+            sol[place[nv + i]] = 0.0
+        multiply(kkt, fac, sol, own)  # (S x; Cq x)
+        copy(x, tr.res)
+        walk(run.stages.mass, run, at)  # sol = M x
+        for i in range(nv):
+            k = place[i]
+            own[k] = tr.spare[i] - sol[k] - (both[k] - own[k])
+        for i in range(y.shape[0]):
+            k = place[nv + i]
+            own[k] = bottom[i] - both[k]
+        solve(kkt, fac, own)
+        for i in range(nv):
+            x[i] += own[place[i]]
+        for i in range(y.shape[0]):
+            y[i] += own[place[nv + i]]
+    copy(tr.spare, tr.res)
+    return FINE
+
+
 @kernel
-def _repeat(run, at):
+def _repeat(run, at, cp):
     """Solve again while forces depend on what was solved for; whether that came to an end."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
     for _ in range(_LOOP_ROUNDS):
@@ -165,7 +215,7 @@ def _repeat(run, at):
         change = reaction_stage(run, at)
         feedback_stage(run, at)
         at_rest = change <= _SETTLED * max(largest(run.work.trial.res), largest(at.lam))
-        _solve(run, at)
+        _solve(run, at, cp)
         size = weighted_size(vd, weights)
         for i in range(vd.shape[0]):
             before[i] -= vd[i]

@@ -60,9 +60,11 @@ class DynamicsSpec(Spec):
 
     duration: Time
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
+    verify: bool = True
     step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
     method: MethodName = "generalized-alpha"
+    order: Literal[5, 8] = 8
     spectral_radius: Annotated[float, Reader(_radius)] = 0.8
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
     start: Literal["undeformed", "quasi-static"] = "undeformed"

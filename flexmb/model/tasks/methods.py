@@ -12,8 +12,9 @@ __all__ = ["METHODS", "MethodName"]
 METHODS: dict[str, str] = {
     "generalized-alpha": "implicit, second order, numerical damping by spectral_radius: "
     "the choice for flexible bodies and stiff springs",
-    "explicit-rk": "Bogacki-Shampine 3(2) with projection onto the joints: for rigid bodies "
-    "without stiff parts",
+    "explicit-rk": "Dormand-Prince 8(5,3) or 5(4), by order, with projection onto the joints: for "
+    "what is not stiff",
+    "radau": "Radau IIA, implicit, fifth order, damps stiff modes: for stiff parts",
 }
 """What each integrator is good for."""
 

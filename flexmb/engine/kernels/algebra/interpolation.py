@@ -39,7 +39,7 @@ def rotation_vector(p, i, q, j):
 
 
 @kernel
-def interpolate(parts, before, t, q1, v1, share, q, v):
+def interpolate_state(parts, before, t, q1, v1, share, q, v):
     """q and v at the share of the step from `before` to (t, q1, v1)."""
     h = t - before.t[0]
     for k in range(parts.bodies.shape[0]):

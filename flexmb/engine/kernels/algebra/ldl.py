@@ -15,7 +15,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import dot
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
-from flexmb.engine.state import Factor
+from flexmb.engine.state import ComplexFactor, Factor
 from flexmb.engine.tables import Kkt
 
 # A pivot this small against its own diagonal entry carries no digits.
@@ -32,11 +32,12 @@ def _guarded(d, a, sign):
     a is its diagonal entry. One of the wrong sign becomes |a|, a step of Newton's method in a safe
     direction. One without digits becomes small, so that refinement takes it back.
     """
-    if d * sign > _TINY * abs(a) and math.isfinite(d):
+    sound = abs(d) > _TINY * abs(a) and math.isfinite(abs(d))
+    if sound and ((d * sign).real > 0.0 or d.imag != 0.0):
         return d, 0
-    if abs(d) > _TINY * abs(a) and math.isfinite(d):
-        return sign * max(abs(a), abs(d)), 1
-    return sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
+    if sound:
+        return 0.0 * d + sign * max(abs(a), abs(d)), 1
+    return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 
 @unit
@@ -68,6 +69,32 @@ def factor_symmetric(kkt: Kkt, fac: Factor) -> int:
         fixes += _factor_panel(panels[p], low, Wl, d)
         _update_low(panels[p], updates, low, Wl)
     return fixes
+
+
+@unit
+def factor_complex(kkt: Kkt, fac: ComplexFactor) -> int:
+    """Factor a complex matrix in place; returns the number of replaced pivots."""
+    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
+    fixes = 0
+    for p in range(panels.shape[0]):
+        if fac.symmetric[0] == 1:
+            fixes += _factor_panel(panels[p], low, fac.Wl, d)
+            _update_low(panels[p], updates, low, fac.Wl)
+        else:
+            fixes += _factor_panel_pair(panels[p], low, up, fac.Wl, fac.Wu, d)
+            _update_pair(panels[p], updates, low, up, fac.Wl, fac.Wu)
+    return fixes
+
+
+@unit
+def solve_complex(kkt: Kkt, fac: ComplexFactor) -> int:
+    """Solve for fac.sol in place."""
+    fac.sol[fac.sol.shape[0] - 1] = 0.0
+    if fac.symmetric[0] == 1:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, fac.sol)
+    else:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, fac.sol)
+    return FINE
 
 
 @kernel

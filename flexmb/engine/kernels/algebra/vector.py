@@ -60,3 +60,14 @@ def weighted_size(x, weights):
         if not s <= size:
             size = s
     return size
+
+
+@kernel
+def scaled_size(x, weights, scale):
+    """Largest |x_i| weight_i / scale_i; NaN counts as largest."""
+    size = 0.0
+    for i in range(x.shape[0]):
+        s = abs(x[i]) * weights[i] / scale[i]
+        if not s <= size:
+            size = s
+    return size

@@ -1,0 +1,171 @@
+"""The error of a run, measured: what sensors of the same run with longer steps say.
+
+Two runs of a method of order p on the same plan of steps, one with r times as many, differ by the
+error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
+difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations
+I, 1993, §II.4). In: rows of both runs, in order. Out: the largest error of positions, velocities
+and reactions over the outputs, each over the peak-to-peak of its sensor, with the sensor's name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.layout import Layout
+from flexmb.model.model import Model
+from flexmb.model.sensors.sensor import channels_of, unit_of
+from flexmb.model.values.reading import Spec
+from flexmb.results import OutputBlock
+
+__all__ = ["QUANTITIES", "ErrorOf", "MeasuredError"]
+
+Array = NDArray[np.float64]
+
+QUANTITIES = {
+    "m": "positions",
+    "rad": "positions",
+    "m/s": "velocities",
+    "rad/s": "velocities",
+    "m/s^2": "accelerations",
+    "rad/s^2": "accelerations",
+    "N": "reactions",
+    "N m": "reactions",
+}
+"""What the channels of each unit are judged as."""
+_SAMPLES = 200  # times at which the growth of the errors is kept
+# A sensor that moves by less than this share of the largest motion of its kind is at rest.
+_AT_REST = 1e-9
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """One sensor, body or joint: where its components stand in a table of the rows."""
+
+    name: str
+    quantity: str
+    unit: str
+    table: str
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class ErrorOf:
+    """The largest error of one quantity."""
+
+    error: float  # over the peak-to-peak of the sensor
+    name: str  # of the sensor, body or joint
+    time: float  # s, at which it is largest
+
+
+class MeasuredError:
+    """Differences of two runs of one model at the same outputs; fed in order.
+
+    Parameters
+    ----------
+    layout, model : Layout, Model
+        Names of channels, and sensors with their units. Bodies are judged where nothing senses a
+        position or a velocity.
+    n_outputs : int
+        Number of output intervals of the run.
+    """
+
+    def __init__(self, layout: Layout, model: Model, n_outputs: int) -> None:
+        self._judged = _judged(layout, model)
+        n = len(self._judged)
+        self._every = max(1, n_outputs // _SAMPLES)
+        self._rows = np.zeros(1, dtype=np.int64)
+        self._largest = np.zeros((2, n))  # difference so far; its time
+        widest = max((len(one.columns) for one in self._judged), default=0)
+        self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
+        self._growth = np.full((n_outputs // self._every + 2, 1 + n), np.nan)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that is known so far, to be kept and filled in again."""
+        return {
+            "error_rows": self._rows, "error_largest": self._largest, "error_range": self._range,
+            "error_growth": self._growth,
+        }  # fmt: skip
+
+    def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
+        """Take in the same rows of both runs."""
+        n = len(fine.t)
+        if n == 0:
+            return
+        gaps = np.zeros((n, len(self._judged)))
+        for k, one in enumerate(self._judged):
+            columns = list(one.columns)
+            ours, theirs = (getattr(rows, one.table)[:n, columns] for rows in (fine, coarse))
+            gaps[:, k] = np.abs(ours - theirs).max(axis=1, initial=0.0)
+            low, high = self._range[:, k, : len(columns)]
+            np.minimum(low, ours.min(axis=0), out=low)
+            np.maximum(high, ours.max(axis=0), out=high)
+        so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
+        rises = so_far[-1] > self._largest[0]
+        self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
+        self._largest[0] = so_far[-1]
+        for row in range(-self._rows[0] % self._every, n, self._every):
+            at = (self._rows[0] + row) // self._every
+            if at < len(self._growth):
+                self._growth[at] = fine.t[row], *so_far[row]
+        self._rows[0] += n
+
+    def largest(self, ratio: float) -> dict[str, ErrorOf]:
+        """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
+        spans = self._spans()
+        share = self._largest[0] / (max(ratio, 1.0 + 1e-9) - 1.0)
+        found: dict[str, ErrorOf] = {}
+        for k, one in enumerate(self._judged):
+            error = share[k] / spans[k] if spans[k] > 0.0 else 0.0
+            if one.quantity not in found or error > found[one.quantity].error:
+                found[one.quantity] = ErrorOf(float(error), one.name, float(self._largest[1, k]))
+        return found
+
+    def reached_until(self, ratio: float, accuracy: float) -> float:
+        """Time from which on positions are off by more than the accuracy; infinite: never [s]."""
+        spans, until = self._spans(), np.inf
+        for k, one in enumerate(self._judged):
+            if one.quantity != "positions" or spans[k] == 0.0:
+                continue
+            errors = self._growth[:, 1 + k] / (ratio - 1.0) / spans[k]
+            beyond = np.flatnonzero(errors > accuracy)
+            if len(beyond):
+                until = min(until, float(self._growth[beyond[0], 0]))
+        return until
+
+    def _spans(self) -> Array:
+        """Peak-to-peak of each; 0 for what is at rest beside others of its unit."""
+        low, high = self._range
+        spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
+        units = np.array([one.unit for one in self._judged])
+        for unit in set(units):
+            same = units == unit
+            spans[same & (spans <= _AT_REST * spans[same].max())] = 0.0
+        return np.asarray(spans)
+
+
+def _judged(layout: Layout, model: Model) -> list[_Judged]:
+    """Sensors by what they measure, bodies where nothing is sensed, and joints."""
+    column = {channel: k for k, channel in enumerate(layout.channels)}
+    owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
+    judged = []
+    for name, spec in owners.items():
+        unit = unit_of(vars(spec)) or ""
+        columns = tuple(column[c] for c in channels_of(name, spec) if c in column)
+        if columns:
+            judged.append(_Judged(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
+    known = {one.quantity for one in judged}
+    for body in layout.bodies:
+        for quantity, unit, table, first in (
+            ("positions", "m", "q", body.iq), ("velocities", "m/s", "v", body.iv),
+        ):  # fmt: skip
+            if quantity not in known:
+                columns = (first, first + 1, first + 2)
+                judged.append(_Judged(f"bodies.{body.name}", quantity, unit, table, columns))
+    for k, name in enumerate(layout.reactions):
+        for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
+            columns = (first, first + 1, first + 2)
+            judged.append(_Judged(name, "reactions", unit, "reactions", columns))
+    return judged

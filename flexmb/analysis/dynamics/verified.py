@@ -1,0 +1,101 @@
+"""A run beside a scout: the same motion with longer steps, which measures its error.
+
+The scout chooses its steps by error control; the run that is kept takes `refinement` times as many,
+spread as the scout's were, so that the errors of both differ by a known factor. Both march chunk by
+chunk; nothing of the scout is kept but its state at the border of a chunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
+from flexmb.analysis.dynamics.run import Run
+from flexmb.analysis.dynamics.settings import kept_settings, scout_settings
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
+from flexmb.model.model import Model
+from flexmb.results import OutputBlock
+
+__all__ = ["VerifiedRun"]
+
+_SCOUT, _FIRST = "scout_", "first_"
+
+
+class VerifiedRun:
+    """Two runs of one model, marched together.
+
+    Attributes
+    ----------
+    scout, kept : Run
+        The runs; the kept one follows the plan that the scout writes.
+    error : MeasuredError
+        Their difference so far.
+    first : State
+        The state at the start, to begin again.
+    """
+
+    def __init__(self, scout: Run, kept: Run, error: MeasuredError, first: State) -> None:
+        self.scout, self.kept, self.error, self.first = scout, kept, error, first
+
+    @property
+    def ratio(self) -> float:
+        """Error of the scout over that of the kept run."""
+        kept, scout = (run.state.count[method.STEPS] for run in (self.kept, self.scout))
+        order = self.kept.method.order
+        return float(max(kept / max(scout, 1), 1.0) ** order)
+
+    @classmethod
+    def of(
+        cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
+        first: State,
+    ) -> VerifiedRun:  # fmt: skip
+        """A run from a first state, which is kept, and its scout, at the local tolerance told."""
+        states = [State(*(array.copy() for array in first)) for _ in range(2)]
+        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
+        kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
+        outputs = round((settings.end - settings.start) / settings.interval)
+        return cls(scout, kept, MeasuredError(compiled.layout, model, outputs), first)
+
+    def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
+        """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
+        scout, kept = self.scout, self.kept
+        status = scout.march(0 if first else scout.chunk)
+        coarse, rows = scout.block(), []
+        end = scout.plan.knots[scout.plan.used[0] - 1]
+        while first or kept.state.t[0] < end:
+            told = kept.march(0 if first else kept.chunk)
+            block = kept.block()
+            done = sum(len(before.t) for before in rows)
+            self.error.add(coarse.part(done, done + len(block.t)), block)
+            rows.append(block)
+            if first or told != method.FINE:
+                status = max(status, told)
+                break
+        return status, rows
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """All that a resumed run needs."""
+        return {
+            **self.kept.state._asdict(),
+            **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
+            **{_FIRST + name: value for name, value in self.first._asdict().items()},
+            **self.error.arrays(),
+        }
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Fill in what was saved."""
+        for run, prefix in ((self.kept, ""), (self.scout, _SCOUT)):
+            for name, value in run.state._asdict().items():
+                value[...] = arrays[prefix + name]
+        for name, value in self.first._asdict().items():
+            value[...] = arrays[_FIRST + name]
+        for name, value in self.error.arrays().items():
+            value[...] = arrays[name]
+
+    def errors(self) -> dict[str, ErrorOf]:
+        """The measured error of each quantity."""
+        return self.error.largest(self.ratio)

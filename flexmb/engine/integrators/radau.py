@@ -1,0 +1,430 @@
+"""Radau IIA with three stages on the index-3 equations of motion, one step.
+
+The constraints hold at the stages; the velocities of the new point are put on theirs in the metric
+of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
+motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
+ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. With the eigenvalues γ (real) and μ (one of a complex pair) of
+A⁻¹, simplified Newton solves one real and one complex system of the structure of
+
+    S(c) = [[M + c ∂F/∂v + c² ∂F/∂q, Cqᵀ], [Cq, 0]],   c = h/γ and c = h/μ.
+
+The error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹. Stiff modes are
+damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
+constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
+Runge–Kutta Methods, 1989, §6.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate_state
+from flexmb.engine.kernels.algebra.rotation import tangent
+from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
+from flexmb.engine.kernels.bodies.motion import last_places, move
+from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
+from flexmb.engine.kernels.projection import VELOCITIES, accelerations
+from flexmb.engine.kernels.stages import powers, residual, walk
+from flexmb.engine.method import (
+    AGE,
+    CONTRACTION,
+    FACTOR_STEP,
+    FACTORISATIONS,
+    FINE,
+    FIXED_PIVOTS,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    RESIDUALS,
+    SYMMETRIC,
+    Method,
+)
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Run
+
+if TYPE_CHECKING:
+    from flexmb.model.tasks.dynamics import DynamicsSpec
+
+_STAGES = 3
+# Newton's method stops at this share of the error that a step of the local tolerance leaves.
+_SHARE = 0.1
+# An old factor is renewed before a step above this contraction, and within one above the other.
+_RENEW_ABOVE, _REFACTOR_ABOVE, _GIVE_UP_ABOVE = 0.05, 0.3, 0.9
+_UNSYMMETRIC_ABOVE = 0.3
+# Steps that differ by less share a factor.
+_SAME_STEP = 1e-3
+# Corrections of positions up to so many times round-off that no longer shrink are noise.
+_NOISE = 50.0
+
+
+class Radau(NamedTuple):
+    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, and those of the error estimate."""
+
+    A: Matrix  # (3, 3)
+    inverse: Matrix  # (3, 3)
+    c: Vector  # (3,)
+    gamma: float
+    filter: float  # 1/γ²
+    mu_real: float
+    mu_imag: float
+    to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
+    back: Matrix  # (3, 3) columns of V as rows: of γ; twice the real and imaginary part of that of μ
+    error: Vector  # (3,) weights of the increments of the stages
+
+
+def make_method(spec: DynamicsSpec) -> Method:
+    """The method for a scene; nothing is to choose."""
+    return radau_5()
+
+
+def radau_5() -> Method:
+    """Radau IIA of order 5."""
+    s = math.sqrt(6.0)
+    A = np.array(
+        [
+            [(88 - 7 * s) / 360, (296 - 169 * s) / 1800, (-2 + 3 * s) / 225],
+            [(296 + 169 * s) / 1800, (88 + 7 * s) / 360, (-2 - 3 * s) / 225],
+            [(16 - s) / 36, (16 + s) / 36, 1 / 9],
+        ]
+    )
+    inverse = np.linalg.inv(A)
+    values, vectors = np.linalg.eig(inverse)
+    order = [int(np.argmin(abs(values.imag))), int(np.argmax(values.imag))]
+    rows = np.linalg.inv(vectors)
+    gamma, mu = float(values[order[0]].real), complex(values[order[1]])
+    # V is known but for a factor of each column, a complex one for γ too
+    factor = 1.0 / rows[order[0], np.argmax(abs(rows[order[0]]))]
+    first, of_first = (rows[order[0]] * factor).real, (vectors[:, order[0]] / factor).real
+    second, of_second = rows[order[1]], vectors[:, order[1]]
+    coefficients = Radau(
+        A, inverse, A.sum(axis=1), gamma, 1.0 / gamma**2, mu.real, mu.imag,
+        np.array([first, second.real, second.imag]),
+        np.array([of_first, 2.0 * of_second.real, -2.0 * of_second.imag]),
+        np.array([-13.0 - 7.0 * s, -13.0 + 7.0 * s, -1.0]) / (3.0 * gamma),
+    )  # fmt: skip
+    return Method(
+        (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
+        filter=1.0 / gamma**2, keeps_step=1, loosest=1e-4, collocation=_STAGES,
+    )  # fmt: skip
+
+
+@unit
+def step(run: Run, radau: Radau, h: float) -> int:
+    """One step from the state; see the contract in `engine.method`."""
+    memory = run.state.memory
+    _predict(run, radau, h)
+    if abs(memory[FACTOR_STEP] - h) > _SAME_STEP * h or memory[CONTRACTION] > _RENEW_ABOVE:
+        memory[AGE] = -1.0
+    allowed, floor = _allowed(run, h), last_places(run)
+    last = 0.0
+    for _ in range(run.settings.max_iterations):
+        if memory[AGE] < 0.0:
+            status = _evaluate_stage(run, radau, h, 1)
+            if status != FINE:
+                return status
+            _factorise(run, radau, h)
+            last = 0.0  # a contraction is measured between corrections by one factor
+        for i in range(_STAGES):
+            status = _evaluate_stage(run, radau, h, i)
+            if status != FINE:
+                return status
+        size, moved = _correct(run, radau, h)
+        if not math.isfinite(size):
+            return NOT_FINITE
+        noise = moved <= _NOISE * floor and last > 0.0 and size > _REFACTOR_ABOVE * last
+        if last > 0.0 and not noise:
+            memory[CONTRACTION] = size / last
+            if size > allowed and _judge(memory, size / last):
+                return NO_CONVERGENCE
+        last = size
+        theta = min(memory[CONTRACTION], 0.99)
+        if noise or moved <= floor or theta / (1.0 - theta) * size <= allowed:
+            return _finish(run, radau, h)
+    return NO_CONVERGENCE
+
+
+@kernel
+def _allowed(run, h):
+    """Size of a correction that may remain."""
+    settings = run.settings
+    if settings.newton_tolerance > 0.0:
+        return settings.newton_tolerance * h * h * weighted_size(run.state.vd, run.system.weights)
+    # the estimate is of order h⁴, what the step leaves of order h⁶
+    estimate = settings.tolerance / max(settings.refinement, 1.0) ** 4
+    return _SHARE * estimate**1.5
+
+
+@kernel
+def _predict(run, radau, h):
+    """Stages by the accelerations and multipliers of the last step, extrapolated."""
+    st, col, span = run.state, run.work.collocation, run.work.collocation.span
+    known = span[1] > 0.0
+    for i in range(_STAGES):
+        x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if known else 0.0
+        for j in range(_STAGES):
+            w = 1.0
+            for k in range(_STAGES):
+                if k != j:
+                    w *= (x - radau.c[k]) / (radau.c[j] - radau.c[k])
+            col.share[i, j] = w
+    for k in range(st.v.shape[0]):
+        for i in range(_STAGES):
+            if known:
+                col.next_a[i, k] = 0.0
+                for j in range(_STAGES):
+                    col.next_a[i, k] += col.share[i, j] * col.a[j, k]
+            else:
+                col.next_a[i, k] = st.vd[k]
+    for i in range(_STAGES):
+        for k in range(st.v.shape[0]):
+            s = 0.0
+            for j in range(_STAGES):
+                s += radau.A[i, j] * col.next_a[j, k]
+            col.v[i, k] = st.v[k] + h * s
+    for i in range(_STAGES):
+        for k in range(st.v.shape[0]):
+            s = 0.0
+            for j in range(_STAGES):
+                s += radau.A[i, j] * col.v[j, k]
+            col.u[i, k] = h * s
+    for k in range(st.lam.shape[0]):
+        for i in range(_STAGES):
+            col.next_lam[i, k] = 0.0 if known else st.lam[k]
+            if known:
+                for j in range(_STAGES):
+                    col.next_lam[i, k] += col.share[i, j] * col.lam[j, k]
+    for i in range(_STAGES):
+        copy(col.next_lam[i], col.lam[i])
+    span[1] = 0.0
+
+
+@unit
+def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
+    """Velocities of all stages and accelerations of stage i, from the motions of all."""
+    st, col, bodies = run.state, run.work.collocation, run.system.parts.bodies
+    nv = st.v.shape[0]
+    for n in range(_STAGES):
+        for k in range(nv):
+            s = 0.0
+            for j in range(_STAGES):
+                s += radau.inverse[n, j] * col.u[j, k]
+            col.v[n, k] = s / h
+        for b in range(bodies.shape[0]):
+            o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
+            x, y, z = tangent(u[o], u[o + 1], u[o + 2], v[o], v[o + 1], v[o + 2])
+            v[o], v[o + 1], v[o + 2] = x, y, z
+    for k in range(nv):
+        s = 0.0
+        for j in range(_STAGES):
+            s += radau.inverse[i, j] * (col.v[j, k] - st.v[k])
+        col.a[i, k] = s / h
+    return FINE
+
+
+@unit
+def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
+    """What is out of balance at stage i, into its rows of the collocation; returns the status."""
+    st, tr, col = run.state, run.work.trial, run.work.collocation
+    _put_stage(run, radau, h, i)
+    move(run.system.parts, st.q, col.u[i], tr.q)
+    copy(col.v[i], tr.v)
+    copy(col.a[i], tr.vd)
+    copy(col.lam[i], tr.lam)
+    tr.t[0] = st.t[0] + radau.c[i] * h
+    st.count[RESIDUALS] += 1
+    status = residual(run, run.trial_point)
+    copy(tr.res, col.res[i])
+    copy(run.work.con.C, col.gap[i])
+    if run.settings.works == 1:
+        powers(run, run.trial_point)
+        copy(run.work.powers, col.power[i])
+    return status
+
+
+@unit
+def _factorise(run: Run, radau: Radau, h: float) -> int:
+    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
+    fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
+    pair, memory = col.pair, run.state.memory
+    n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
+    x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
+    fac.symmetric[0] = int(memory[SYMMETRIC])
+    put_matrix(run, at, 0.0, 0.0)
+    for i in range(fac.low.shape[0]):
+        pair.low[i], pair.up[i] = complex(0.0, -fac.low[i]), complex(0.0, -fac.up[i])
+    put_matrix(run, at, y, 2.0 * x * y)
+    for i in range(fac.low.shape[0]):
+        pair.low[i] += complex(0.0, fac.low[i])
+        pair.up[i] += complex(0.0, fac.up[i])
+    put_matrix(run, at, x, x * x - y * y)
+    for i in range(fac.low.shape[0]):
+        pair.low[i] += fac.low[i]
+        pair.up[i] += fac.up[i]
+    c = h / radau.gamma
+    put_matrix(run, at, c, c * c)
+    for i in range(fac.low.shape[0]):
+        pair.low[i] -= fac.low[i]
+        pair.up[i] -= fac.up[i]
+    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
+    put_rows(run, at, c, c * c)
+    for i in range(fac.low.shape[0]):
+        pair.low[i] += fac.low[i]
+        pair.up[i] += fac.up[i]
+    run.state.count[FIXED_PIVOTS] += ldl.factor(kkt, fac)
+    real = col.real
+    copy(fac.low, real.low)
+    copy(fac.up, real.up)
+    copy(fac.d, real.d)
+    copy(fac.eps, real.eps)
+    real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
+    ldl.factor_complex(kkt, pair)
+    run.state.count[FACTORISATIONS] += 2
+    memory[AGE], memory[CONTRACTION], memory[FACTOR_STEP] = 0.0, 1.0, h
+    return FINE
+
+
+@kernel
+def _correct(run, radau, h):
+    """Newton correction of all stages, into their motions and multipliers; its two sizes."""
+    st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
+    place, nv = kkt.place, st.v.shape[0]
+    real, pair, to, back = col.real, col.pair, radau.to, radau.back
+    x, z, eps = real.sol, pair.sol, real.eps
+    c = h / radau.gamma
+    m = h / complex(radau.mu_real, radau.mu_imag)
+    for k in range(nv):
+        r, p, q = _transformed(to, col.res, k)
+        x[place[k]] = -c * c * r
+        z[place[k]] = -m * m * complex(p, q)
+    for k in range(st.lam.shape[0]):
+        # multipliers from zero, so that redundant rows share the least
+        i = place[nv + k]
+        r, p, q = _transformed(to, col.gap, k)
+        lr, lp, lq = _transformed(to, col.lam, k)
+        x[i] = eps[i] * c * c * lr - r
+        z[i] = eps[i] * m * m * complex(lp, lq) - complex(p, q)
+    ldl.solve(kkt, real, x)
+    ldl.solve_complex(kkt, pair)
+    for k in range(nv):
+        r, y = x[place[k]], z[place[k]]
+        for i in range(_STAGES):
+            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
+            col.u[i, k] += d
+            col.change[i, k] = d
+    for k in range(st.lam.shape[0]):
+        i = place[nv + k]
+        r, y = x[i] / (c * c), z[i] / (m * m)
+        for n in range(_STAGES):
+            col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
+    size, moved = 0.0, 0.0
+    for i in range(_STAGES):
+        moved = max(moved, weighted_size(col.change[i], weights))
+        if run.settings.step == 0.0:
+            size = max(size, scaled_size(col.change[i], weights, st.motion))
+            size = max(size, scaled_size(col.change[i], weights, st.speed) / h)
+    if run.settings.step > 0.0:
+        size = moved
+    return size, moved
+
+
+@kernel
+def _transformed(to, rows, k):
+    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
+    a, b, c = rows[0, k], rows[1, k], rows[2, k]
+    return (
+        to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
+        to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
+        to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
+    )
+
+
+@kernel
+def _judge(memory, contraction):
+    """What the measured contraction asks for; true: give the step up."""
+    fresh = memory[AGE] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
+        memory[SYMMETRIC] = 0.0
+        memory[AGE] = -1.0
+    elif contraction > _REFACTOR_ABOVE and not fresh:
+        memory[AGE] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
+
+
+@kernel
+def _finish(run, radau, h):
+    """The end of the step: its last stage, velocities on the constraints; returns the status."""
+    st, tr, col, memory, last = (
+        run.state, run.work.trial, run.work.collocation, run.state.memory, _STAGES - 1
+    )  # fmt: skip
+    if run.settings.step == 0.0:
+        _estimate_error(run, radau, h)
+    if memory[AGE] >= 0.0:  # else a renewal is due
+        memory[AGE] += 1.0
+    measured = memory[CONTRACTION] if memory[CONTRACTION] < 1.0 else 0.0
+    # the matrix changes by about as much as the model moves relative to its size, or turns
+    memory[CONTRACTION] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
+    for i in range(_STAGES):  # with the last correction
+        _put_stage(run, radau, h, i)
+    tr.t[0] = st.t[0] + h
+    move(run.system.parts, st.q, col.u[last], tr.q)
+    copy(col.v[last], tr.v)
+    copy(col.a[last], tr.vd)
+    copy(col.lam[last], tr.lam)
+    col.span[0], col.span[1] = st.t[0], h
+    st.count[FACTORISATIONS] += 1
+    cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
+    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    copy(tr.vd, tr.aa)
+    if run.settings.works == 1:
+        for k in range(3):
+            tr.work[k] = st.work_done[k]
+            for i in range(_STAGES):
+                tr.work[k] += h * radau.A[last, i] * col.power[i, k]
+    return status
+
+
+@kernel
+def _estimate_error(run, radau, h):
+    """Local error of the embedded formula of order 3, filtered by S(h/γ)⁻¹, into trial.error.
+
+    Of positions e and of velocities f before the filter; (I − h/γ ∂f/∂y)⁻¹ makes of them
+    S⁻¹ M (e + h/γ f) and (that less e) γ/h.
+    """
+    st, tr, col, kkt, parts = (
+        run.state, run.work.trial, run.work.collocation, run.system.kkt, run.system.parts
+    )  # fmt: skip
+    nv, sol, e, raw, c = st.v.shape[0], run.work.factor.sol, radau.error, tr.jerk, h / radau.gamma
+    for k in range(nv):
+        raw[k] = c * st.v[k]
+        f = c * st.vd[k]
+        for i in range(_STAGES):
+            raw[k] += e[i] * col.u[i, k]
+            f += e[i] * (col.v[i, k] - st.v[k])
+        tr.res[k] = raw[k] + c * f
+    walk(run.stages.mass, run, run.trial_point)
+    copy(sol, col.real.sol)
+    for k in range(run.work.con.C.shape[0]):
+        col.real.sol[kkt.place[nv + k]] = 0.0
+    ldl.solve(kkt, col.real, col.real.sol)
+    for k in range(nv):
+        tr.dq[k] = col.real.sol[kkt.place[k]]
+        raw[k] = (tr.dq[k] - raw[k]) / c
+    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion)
+    tr.error[1] = scaled_size(raw, run.system.weights, st.speed)
+
+
+@unit
+def interpolate(run: Run, radau: Radau, share: float) -> int:
+    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    st, tr, before = run.state, run.work.trial, run.work.trial.before
+    h = st.t[0] - before.t[0]
+    interpolate_state(run.system.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
+    for k in range(3):
+        tr.work_done[k], _ = hermite(
+            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
+        )
+    return FINE
