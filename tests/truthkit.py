@@ -124,11 +124,11 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         for level in (VELOCITIES, ACCELERATIONS, BEGIN):
             solve_level(made.system, state, scratch, level)
         state.aa[:] = state.vd
-    work = new_work(made.system, len(made.layout.channels), chosen.stages)
+    work = new_work(made.system, len(made.layout.channels), chosen)
     knobs = method.Settings(
         **{
             "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
-            "tolerance": 0.0, "accuracy": 0.0, "order": 2,
+            "tolerance": 0.0, "accuracy": 0.0, "slack": 1.0, "refinement": 0.0, "least_motion": 1e-6,
             "newton_tolerance": 1e-10, "max_iterations": 15, "works": 1, "stiff": 1,
             "determined": 0,
             **settings,
@@ -136,7 +136,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
     )  # fmt: skip
     rows = count // (every or count) + 4
     out = new_output(made.system, rows, len(made.layout.channels))
-    status = integrate(new_run(made.system, state, work, chosen, knobs, out), count)
+    status = integrate(new_run(made.system, state, work, chosen, knobs, output=out), count)
     assert status == method.FINE, status
     tables = [np.array(table[1 : int(out.rows[0])]) for table in out[:-1]]
     return Run(made.layout, *tables, {}), state, work

@@ -178,7 +178,7 @@ def _ratio(settings, error, patience):
     """Error over what is allowed; that of velocities over `patience` times as much."""
     if settings.step > 0.0:
         return 0.0
-    ratio = max(error[0], error[1] / patience) / settings.tolerance
+    ratio = max(error[0], error[1] / patience) / (settings.tolerance * settings.slack)
     return ratio if math.isfinite(ratio) else 1e9
 
 

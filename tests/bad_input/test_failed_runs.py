@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import flexmb
-from flexmb.analysis.dynamics.failure import first_rows, n_kept, open_joint
+from flexmb.analysis.dynamics.failure import n_kept, open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError
@@ -107,7 +107,7 @@ def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
     assert n_kept(compiled, rows) == 5
     rows.drift[3:] = 2e-3 * compiled.length
     assert n_kept(compiled, rows) == 3
-    assert len(first_rows(rows, 3).t) == 3
+    assert len(rows.part(0, 3).t) == 3
     gaps = np.zeros(compiled.layout.nc)
     gaps[1] = -0.02
     text = open_joint(compiled, gaps, 0.5)

@@ -46,14 +46,14 @@ def per_step(model, compiled, h, count):
     chosen = generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
-    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 2, tolerance, 15, 1, 1, 0)
+    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0)
     seconds, state = [], first
     for k in range(_REPEATS + 1):
         state = type(first)(*(array.copy() for array in first))
         channels = len(compiled.layout.channels)
-        work = new_work(compiled.system, channels)
+        work = new_work(compiled.system, channels, chosen)
         out = new_output(compiled.system, 4, channels)
-        run = new_run(compiled.system, state, work, chosen, settings, out)
+        run = new_run(compiled.system, state, work, chosen, settings, output=out)
         begin = time.process_time()
         status = integrate(run, 1 if k == 0 else count)
         if k:  # the first loads or compiles the loop
@@ -115,9 +115,9 @@ def _march(compiled, chosen, settings, first):
     """CPU time of a whole run from the first state, and the last one."""
     state = type(first)(*(array.copy() for array in first))
     channels = len(compiled.layout.channels)
-    work = new_work(compiled.system, channels)
+    work = new_work(compiled.system, channels, chosen)
     out = new_output(compiled.system, 4, channels)
-    run = new_run(compiled.system, state, work, chosen, settings, out)
+    run = new_run(compiled.system, state, work, chosen, settings, output=out)
     begin = time.process_time()
     status = integrate(run, 10**9)
     assert status == method.FINE, (status, state.t)

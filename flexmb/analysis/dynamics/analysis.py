@@ -93,12 +93,17 @@ class Prepared:
     doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # with the scout of `run`
 
+    def saved(self) -> dict[str, np.ndarray]:
+        """All that a resumed run needs."""
+        return self.run.state._asdict() if self.verified is None else self.verified.saved()
+
     def again(self, tolerance: float) -> Prepared:
         """The same run from its start with another local tolerance."""
         assert self.verified is not None
         settings = self.settings._replace(tolerance=tolerance)
         run, first = self.run, self.verified.first
-        verified = VerifiedRun.of(run.compiled, self.model, run.method, settings, first)
+        passes = int(self.verified.pace[1]) + 1
+        verified = VerifiedRun.of(run.compiled, self.model, run.method, settings, first, passes)
         return replace(
             self, run=verified.kept, verified=verified, settings=settings, rows_before=0
         )
@@ -232,18 +237,16 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         Told the phase `integrate`.
     """
     clock, notes = prepared.clock, list(prepared.notes)
-    passes = 1
     while True:
         run = prepared.run
         lifts = Lifts(run.compiled)
         poses = SingularPoses(run.compiled.layout, prepared.model)
         status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
-        tolerance = _stricter(prepared) if status == "finished" and passes < _MOST_PASSES else None
+        tolerance = _stricter(prepared) if status == "finished" else None
         if tolerance is None:
             break
         sink.restart()
         prepared = prepared.again(tolerance)
-        passes += 1
     notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
@@ -254,7 +257,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         )
     statistics = _statistics(run, clock)
     if prepared.verified is not None:
-        statistics |= _errors(prepared.verified, passes)
+        statistics |= _errors(prepared.verified)
         if status == "finished":
             notes += _missed(prepared)
     if prepared.doubtful:
@@ -265,7 +268,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
 def _stricter(prepared: Prepared) -> float | None:
     """The local tolerance that leaves the accuracy asked for, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
-    if verified is None:
+    if verified is None or verified.pace[1] >= _MOST_PASSES:
         return None
     measured = verified.errors()["positions"].error
     if measured <= _ENOUGH * settings.accuracy:
@@ -275,10 +278,10 @@ def _stricter(prepared: Prepared) -> float | None:
     return float(settings.tolerance * share**power)
 
 
-def _errors(verified: VerifiedRun, passes: int) -> dict[str, float | int | str]:
+def _errors(verified: VerifiedRun) -> dict[str, float | int | str]:
     """Measured errors, each with what it is the error of."""
     statistics: dict[str, float | int | str] = {
-        "passes": passes, "scout_steps": int(verified.scout.state.count[method.STEPS]),
+        "passes": int(verified.pace[1]), "scout_steps": int(verified.scout.state.count[method.STEPS]),
     }  # fmt: skip
     for quantity, found in verified.errors().items():
         if quantity in ("positions", "velocities", "reactions"):
@@ -318,7 +321,7 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
     status = method.FINE
     try:
         if prepared.rows_before == 0:
-            sink.save_state(state._asdict() if verified is None else verified.saved())
+            sink.save_state(prepared.saved())
             status, rows = run.advance(first=True) if verified is None else verified.march(True)
             for block in rows:
                 lifts.see(block)
@@ -345,7 +348,7 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
 
 def _store(prepared: Prepared, blocks: list[OutputBlock], sink: Sink, lifts: Lifts) -> str:
     """Rows and state of the last chunk; the sentence of a mechanism that has come apart, or ""."""
-    compiled, verified = prepared.run.compiled, prepared.verified
+    compiled = prepared.run.compiled
     for rows in blocks:
         whole = n_kept(compiled, rows)
         kept = rows.part(0, whole)
@@ -353,7 +356,7 @@ def _store(prepared: Prepared, blocks: list[OutputBlock], sink: Sink, lifts: Lif
         sink.append(kept)
         if whole < len(rows.t):
             return open_joint(compiled, gaps_at(compiled, rows, whole), float(rows.t[whole]))
-    sink.save_state(prepared.run.state._asdict() if verified is None else verified.saved())
+    sink.save_state(prepared.saved())
     return ""
 
 

@@ -35,7 +35,7 @@ QUANTITIES = {
     "N m": "reactions",
 }
 """What the channels of each unit are judged as."""
-_SAMPLES = 200  # times at which the growth of the errors is kept
+_SAMPLES = 256  # times at which the growth of the errors is kept
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
 
@@ -68,24 +68,21 @@ class MeasuredError:
     layout, model : Layout, Model
         Names of channels, and sensors with their units. Bodies are judged where nothing senses a
         position or a velocity.
-    n_outputs : int
-        Number of output intervals of the run.
     """
 
-    def __init__(self, layout: Layout, model: Model, n_outputs: int) -> None:
+    def __init__(self, layout: Layout, model: Model) -> None:
         self._judged = _judged(layout, model)
         n = len(self._judged)
-        self._every = max(1, n_outputs // _SAMPLES)
-        self._rows = np.zeros(1, dtype=np.int64)
+        self._count = np.array([0, 0, 1])  # rows so far, samples of the growth, rows for each
         self._largest = np.zeros((2, n))  # difference so far; its time
         widest = max((len(one.columns) for one in self._judged), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
-        self._growth = np.full((n_outputs // self._every + 2, 1 + n), np.nan)
+        self._growth = np.full((_SAMPLES, 1 + n), np.nan)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that is known so far, to be kept and filled in again."""
         return {
-            "error_rows": self._rows, "error_largest": self._largest, "error_range": self._range,
+            "error_count": self._count, "error_largest": self._largest, "error_range": self._range,
             "error_growth": self._growth,
         }  # fmt: skip
 
@@ -106,11 +103,21 @@ class MeasuredError:
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
-        for row in range(-self._rows[0] % self._every, n, self._every):
-            at = (self._rows[0] + row) // self._every
-            if at < len(self._growth):
-                self._growth[at] = fine.t[row], *so_far[row]
-        self._rows[0] += n
+        for row in range(n):
+            self._sample(fine.t[row], so_far[row])
+
+    def _sample(self, t: float, differences: Array) -> None:
+        """Keep the differences so far at every row, then at every second, ..."""
+        count = self._count
+        if count[0] % count[2] == 0:
+            if count[1] == _SAMPLES:
+                self._growth[: _SAMPLES // 2] = self._growth[::2].copy()
+                self._growth[_SAMPLES // 2 :] = np.nan
+                count[1], count[2] = _SAMPLES // 2, 2 * count[2]
+            if count[0] % count[2] == 0:
+                self._growth[count[1]] = t, *differences
+                count[1] += 1
+        count[0] += 1
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""

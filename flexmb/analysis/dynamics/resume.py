@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.analysis.dynamics.analysis import Prepared
-from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.dynamics.analysis import Prepared, prepared_run
+from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics.verified import PACE
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
 from flexmb.engine.integrators import chosen_method
-from flexmb.engine.state import State
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
@@ -53,41 +53,59 @@ def prepare_rest(
     if spec is None or newest is None:
         raise ResultFileError(f"{result.path}: holds no state to go on from; run the scene again")
     rows, arrays = newest
-    state = _state(compiled, arrays, result)
     chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
     units = prepare_integration(compiled.system, chosen, progress)
     clock.lap("compile" if units else "load")
-    first, rank = _first_pose(compiled, state, result, rows)
+    first, rank = _first_pose(compiled, arrays, result, rows)
     settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
+    if PACE in arrays:
+        settings = settings._replace(tolerance=float(arrays[PACE][0]))
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, _ = redundant_reactions(compiled, model, first)
-    run = Run(compiled, chosen, settings, state)
-    run.recall(result.drift[:rows], result.table("energy")[:rows])
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    prepared = prepared_run(
+        compiled, model, state, settings, clock, notes=(), rows_before=rows, doubtful=doubtful
+    )
+    _restore(prepared, arrays, result)
+    prepared.run.recall(result.drift[:rows], result.table("energy")[:rows])
     clock.lap("assemble")
-    return Prepared(run, grid, model, clock, (), rows, doubtful)
+    return prepared
 
 
-def _state(compiled: Compiled, arrays: dict[str, np.ndarray], result: Result) -> State:
-    """The saved arrays as a state of this system."""
-    empty = new_state(compiled.system, len(compiled.layout.channels))._asdict()
-    fits = arrays.keys() == empty.keys() and all(
+def _restore(prepared: Prepared, arrays: dict[str, np.ndarray], result: Result) -> None:
+    """Fill in the saved arrays.
+
+    Raises
+    ------
+    ResultFileError
+        They are not those of this run.
+    """
+    own = prepared.saved()
+    fits = arrays.keys() == own.keys() and all(
         arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
-        for name, array in empty.items()
+        for name, array in own.items()
     )
     if not fits:
         what = "its saved state is of another version of flexmb; run the scene again"
         raise ResultFileError(f"{result.path}: {what}")
-    return State(**arrays)
+    if prepared.verified is not None:
+        prepared.verified.restore(arrays)
+        return
+    for name, array in own.items():
+        array[...] = arrays[name]
 
 
 def _first_pose(
-    compiled: Compiled, state: State, result: Result, rows: int
+    compiled: Compiled, arrays: dict[str, np.ndarray], result: Result, rows: int
 ) -> tuple[np.ndarray, int | None]:
     """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
     first = new_state(compiled.system, len(compiled.layout.channels))
-    first.q[:] = result.q[0] if rows else state.q
-    first.v[:] = result.v[0] if rows else state.v
+    try:
+        first.q[:] = result.q[0] if rows else arrays["q"]
+        first.v[:] = result.v[0] if rows else arrays["v"]
+    except (KeyError, ValueError):
+        return first.q, None  # of another version, which is told
     work = new_work(compiled.system)
     solve_level(compiled.system, first, work, ACCELERATIONS)
     return first.q, constraint_rank(compiled, work)

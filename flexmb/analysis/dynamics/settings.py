@@ -22,6 +22,7 @@ _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
 _LOCAL = 0.2  # local error over what is asked for in the end
 _HIGH_ORDER = 5
+_SLACK = 10.0
 _AT_REST = 1e-6  # motion over the size of the model
 
 
@@ -76,6 +77,7 @@ def loop_settings(
         step=grid.step,
         tolerance=0.0 if grid.step else local_tolerance(spec),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
+        slack=1.0,
         refinement=0.0,
         least_motion=_AT_REST,
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
@@ -94,5 +96,5 @@ def scout_settings(settings: method.Settings, chosen: method.Method) -> method.S
 
 def kept_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
     """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
-    scout = scout_settings(settings, chosen)
-    return scout._replace(refinement=refinement(chosen))
+    finer = refinement(chosen)
+    return settings._replace(refinement=finer, slack=_SLACK * finer**chosen.error_order)

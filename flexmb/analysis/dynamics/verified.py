@@ -20,9 +20,11 @@ from flexmb.engine.state import State
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
-__all__ = ["VerifiedRun"]
+__all__ = ["PACE", "VerifiedRun"]
 
 _SCOUT, _FIRST = "scout_", "first_"
+PACE = "pace"
+"""Name of local tolerance and number of passes among what is saved."""
 
 
 class VerifiedRun:
@@ -36,10 +38,15 @@ class VerifiedRun:
         Their difference so far.
     first : State
         The state at the start, to begin again.
+    pace : array, shape (2,)
+        Local tolerance, and how many runs there were to find it.
     """
 
-    def __init__(self, scout: Run, kept: Run, error: MeasuredError, first: State) -> None:
+    def __init__(
+        self, scout: Run, kept: Run, error: MeasuredError, first: State, pace: np.ndarray
+    ) -> None:
         self.scout, self.kept, self.error, self.first = scout, kept, error, first
+        self.pace = pace
 
     @property
     def ratio(self) -> float:
@@ -51,14 +58,14 @@ class VerifiedRun:
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
-        first: State,
+        first: State, passes: int = 1,
     ) -> VerifiedRun:  # fmt: skip
         """A run from a first state, which is kept, and its scout, at the local tolerance told."""
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
         kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
-        outputs = round((settings.end - settings.start) / settings.interval)
-        return cls(scout, kept, MeasuredError(compiled.layout, model, outputs), first)
+        pace = np.array([settings.tolerance, float(passes)])
+        return cls(scout, kept, MeasuredError(compiled.layout, model), first, pace)
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
@@ -84,6 +91,7 @@ class VerifiedRun:
             **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
             **self.error.arrays(),
+            PACE: self.pace,
         }
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -95,6 +103,7 @@ class VerifiedRun:
             value[...] = arrays[_FIRST + name]
         for name, value in self.error.arrays().items():
             value[...] = arrays[name]
+        self.pace[...] = arrays[PACE]
 
     def errors(self) -> dict[str, ErrorOf]:
         """The measured error of each quantity."""

@@ -154,8 +154,7 @@ def _allowed(run, h):
     if settings.newton_tolerance > 0.0:
         return settings.newton_tolerance * h * h * weighted_size(run.state.vd, run.system.weights)
     # the estimate is of order h⁴, what the step leaves of order h⁶
-    estimate = settings.tolerance / max(settings.refinement, 1.0) ** 4
-    return _SHARE * estimate**1.5
+    return _SHARE * settings.tolerance**1.5
 
 
 @kernel

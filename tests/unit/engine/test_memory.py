@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from enginekit import MOVE, Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.integrators.explicit_rk import bogacki_shampine
+from flexmb.engine.integrators.explicit_rk import dormand_prince_5, dormand_prince_8
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
+from flexmb.engine.integrators.radau import radau_5
 from flexmb.engine.work import new_state, new_work, sizes
 
 
@@ -35,11 +38,11 @@ def test_a_new_state_is_at_rest_with_unit_orientations(bench):
 
 
 def test_scratch_says_when_it_is_read_too_early(bench):
-    work = new_work(bench.sys, stages=4)
+    work = new_work(bench.sys, method=dormand_prince_5())
     for array in leaves((work.now, work.con, work.dense)):
         numbers = array.view(np.float64) if array.dtype.names else array
         assert array is work.dense.pair or np.isnan(numbers).all()  # which are two integers
-    assert work.trial.stages.shape == (4, bench.layout.nq + bench.layout.nv)
+    assert work.trial.stages.shape == (7, bench.layout.nq + bench.layout.nv + 3)
 
 
 def test_every_stage_is_evaluated_from_scratch(bench):
@@ -86,12 +89,40 @@ def test_generalized_alpha_has_order_two_and_its_spectral_radius(radius):
     assert m == pytest.approx((2 * radius - 1) / (radius + 1))
 
 
-def test_explicit_pair_meets_the_order_conditions():
-    method = bogacki_shampine()
-    ((A, b, c, difference),) = method.coefficients
-    assert method.stages == 4 and generalized_alpha(0.8).stages == 0
-    np.testing.assert_allclose(A.sum(axis=1), c)
-    np.testing.assert_allclose([b.sum(), b @ c, b @ c**2, b @ A @ c], [1, 1 / 2, 1 / 3, 1 / 6])
-    lower = b - difference
-    np.testing.assert_allclose([lower.sum(), lower @ c], [1, 1 / 2])
-    assert abs(lower @ c**2 - 1 / 3) > 1e-3
+@pytest.mark.parametrize(("method", "order"), [(dormand_prince_5(), 5), (dormand_prince_8(), 8)])
+def test_explicit_methods_meet_the_order_conditions(method, order):
+    """Quadrature, the long chains of A, and the weights of the dense output at both ends."""
+    (tableau,) = method.coefficients
+    n, c = tableau.stages, tableau.c
+    A, b = tableau.A[: n + 1, : n + 1], tableau.A[n, : n + 1]
+    assert method.stages == len(c) and method.order == order and generalized_alpha(0.8).stages == 0
+    np.testing.assert_allclose(tableau.A.sum(axis=1), c, atol=1e-14)
+    chain = np.ones(n + 1)
+    for k in range(order):
+        assert b @ c[: n + 1] ** k == pytest.approx(1 / (k + 1), abs=1e-13)
+        assert b @ chain == pytest.approx(1 / math.factorial(k + 1), abs=1e-13)
+        chain = A @ chain
+    for estimate in tableau.errors:  # the formula beside has less order
+        assert abs(estimate.sum()) < 1e-13 and np.abs(estimate).max() > 1e-3
+    np.testing.assert_allclose(tableau.dense.sum(axis=1)[: n + 1], b, atol=1e-12)
+    shares = np.linspace(0.1, 0.9, 5)
+    for k in range(len(tableau.dense[0]) - (order == 5)):
+        weights = [tableau.dense @ s ** np.arange(1, len(tableau.dense[0]) + 1) for s in shares]
+        np.testing.assert_allclose(weights @ c**k, shares ** (k + 1) / (k + 1), atol=1e-12)
+
+
+def test_radau_is_collocation_at_its_points():
+    """Stages integrate quadratics exactly, the end powers up to four; A⁻¹ by its eigenvectors."""
+    (radau,) = radau_5().coefficients
+    c = radau.c
+    np.testing.assert_allclose(c, [(4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0], rtol=1e-15)
+    for k in range(5):
+        found = radau.A @ c**k
+        if k < 3:
+            np.testing.assert_allclose(found, c ** (k + 1) / (k + 1), atol=1e-15)
+        assert found[2] == pytest.approx(1 / (k + 1), abs=1e-15)
+    mu = complex(radau.mu_real, radau.mu_imag)
+    first = np.outer(radau.back[0], radau.to[0])
+    second = np.outer(radau.back[1] - 1j * radau.back[2], radau.to[1] + 1j * radau.to[2])
+    np.testing.assert_allclose(first + second.real, np.eye(3), atol=1e-13)
+    np.testing.assert_allclose(radau.gamma * first + (mu * second).real, radau.inverse, atol=1e-12)
