@@ -20,7 +20,14 @@ from flexmb.engine.kernels.algebra.vector import copy, scaled_size
 from flexmb.engine.kernels.bodies.motion import motion_of_rate, normalise, position_rate
 from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.kernels.stages import powers
-from flexmb.engine.method import FACTORISATIONS, FINE, NOT_FINITE, RESIDUALS, Method
+from flexmb.engine.method import (
+    FACTORISATIONS,
+    FINE,
+    NOT_FINITE,
+    RESIDUALS,
+    STIFF_STEPS,
+    Method,
+)
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
@@ -37,6 +44,7 @@ class Tableau(NamedTuple):
     A: Matrix  # (all, all) coefficients; row `stages` gives the end of the step
     c: Vector  # (all,)
     stages: int  # of a step
+    stable: float  # step times rate from which on it is near its limit of stability
     errors: Matrix  # (1 or 2, stages + 1): error estimate; beside that of order 5 one of order 3
     dense: Matrix  # (all, degree): weight of each stage at the share θ, times θ, θ², ...
 
@@ -53,7 +61,7 @@ def dormand_prince_5() -> Method:
     A = np.zeros((7, 7))
     A[:6, :5] = RK45.A
     A[6, :6] = RK45.B
-    tableau = Tableau(A, np.array([*RK45.C, 1.0]), 6, RK45.E[None, :].copy(), RK45.P.copy())
+    tableau = Tableau(A, np.array([*RK45.C, 1.0]), 6, 2.5, RK45.E[None, :].copy(), RK45.P.copy())
     return _method(tableau, order=5, loosest=1e-5)
 
 
@@ -66,7 +74,7 @@ def dormand_prince_8() -> Method:
     A[12, :12] = DOP853.B
     A[13:] = DOP853.A_EXTRA
     c = np.array([*DOP853.C, 1.0, *DOP853.C_EXTRA])
-    tableau = Tableau(A, c, 12, np.array([DOP853.E5, DOP853.E3]), _dense_weights(DOP853))
+    tableau = Tableau(A, c, 12, 4.5, np.array([DOP853.E5, DOP853.E3]), _dense_weights(DOP853))
     return _method(tableau, order=8, loosest=1e-6)
 
 
@@ -106,8 +114,10 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
         status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], s, h, NOTHING)
         if status != FINE:
             return status
-    tr.t[0] = st.t[0] + h
+    copy(tr.v, tr.aa_start)
     status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
+    if h * _stiffness(run, stages) > tableau.stable:
+        st.memory[STIFF_STEPS] += 1.0
     copy(tr.vd, tr.aa)
     tr.extended[0] = 0
     if run.settings.works == 1:
@@ -116,6 +126,21 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
     if status == FINE and not math.isfinite(tr.error[0] + tr.error[1]):
         return NOT_FINITE
     return status
+
+
+@kernel
+def _stiffness(run, stages):
+    """Largest rate of the motion, by the two last stages, which stand at the same time [1/s].
+
+    Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2.
+    """
+    tr, weights, nq = run.work.trial, run.system.weights, run.state.q.shape[0]
+    change, apart = 0.0, 0.0
+    for i in range(tr.v.shape[0]):
+        difference = tr.stages[stages, nq + i] - tr.stages[stages - 1, nq + i]
+        change = max(change, abs(difference) * weights[i])
+        apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
+    return change / apart if apart > 0.0 else 0.0
 
 
 @kernel

@@ -63,7 +63,7 @@ class DynamicsSpec(Spec):
     verify: bool = True
     step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
-    method: MethodName = "generalized-alpha"
+    method: MethodName = "auto"
     order: Literal[5, 8] = 8
     spectral_radius: Annotated[float, Reader(_radius)] = 0.8
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Literal
 __all__ = ["METHODS", "MethodName"]
 
 METHODS: dict[str, str] = {
+    "auto": "explicit-rk, or radau for flexible bodies and where stiffness limits its steps; "
+    "generalized-alpha for fixed steps",
     "generalized-alpha": "implicit, second order, numerical damping by spectral_radius: "
     "the choice for flexible bodies and stiff springs",
     "explicit-rk": "Dormand-Prince 8(5,3) or 5(4), by order, with projection onto the joints: for "
