@@ -100,6 +100,21 @@ def test_generalized_alpha_has_order_two(truth, radius):
         assert 1.9 < order(h, errors) < 2.15, (name, errors)
 
 
+def test_newton_leaves_what_its_tolerance_says(truth):
+    """Against Newton's method down to round-off: its tolerance is relative to the accelerations.
+
+    Within 30 times, for what the steps leave adds up.
+    """
+    model, duration, _ = truth
+    tolerances = np.array([1e-6, 1e-8, 1e-10])
+    *runs, converged = [
+        run(model, duration=duration, step=duration / 2000, outputs=20, newton_tolerance=left)
+        for left in (*tolerances, 1e-30)
+    ]
+    for name, errors in distances(runs, converged).items():
+        assert np.all(np.array(errors) < 30.0 * tolerances), (name, errors)
+
+
 def test_explicit_estimate_has_order_three(truth):
     """The difference of the embedded formulas is the local error of the one of order two."""
     model, duration, _ = truth
