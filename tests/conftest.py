@@ -1,4 +1,4 @@
-"""What all tests share: a cache folder of their own, apart from the user's."""
+"""What all tests share: a cache folder of their own, one thread of linear algebra a process."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ import pytest
 # Units are compiled once per set of sources and renderers probed once per machine: one folder for
 # all test sessions of this user keeps them fast, away from the user's own cache.
 os.environ.setdefault("FLEXMB_CACHE_DIR", str(Path(tempfile.gettempdir()) / "flexmb-test-cache"))
+
+# The tests run in as many processes as there are cores; more threads of each would wait for each
+# other. Before NumPy is loaded.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,6 @@ quadratic fit through the nearest points for others.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
@@ -49,6 +48,8 @@ def mirrored(
 
 def _interpolated(points: FloatArray, motion: FloatArray, at: FloatArray) -> FloatArray:
     """(r, 3, m) the motion at other places (r, 3)."""
+    from scipy.spatial import cKDTree  # loaded in 0.05 s, only where a body is mirrored
+
     count = min(_NEIGHBOURS, len(points))
     distance, near = cKDTree(points).query(at, count)
     distance, near = distance.reshape(len(at), count), near.reshape(len(at), count)

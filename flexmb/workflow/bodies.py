@@ -121,7 +121,6 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 
 def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     """What the reduction of each mesh will find, by body, and the problems of all bodies."""
-    from flexmb import fe
     from flexmb.model.bodies.body import FlexbodySpec
     from flexmb.model.bodies.meshbody import MeshBodySpec
 
@@ -130,8 +129,7 @@ def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     for name, spec in model.bodies.items():
         found: list[Problem] = []
         if isinstance(spec, MeshBodySpec):
-            mesh, options = _reduction(model, name, spec)
-            surveys[name] = fe.survey(mesh, **options)
+            surveys[name] = _survey(model, name, spec)
             found = surveys[name].problems
         elif isinstance(spec, FlexbodySpec):
             try:
@@ -217,6 +215,14 @@ def _reduction(model: Model, name: str, spec: MeshBodySpec) -> tuple[Any, dict[s
     if isinstance(spec.mesh, str):
         return model.path(spec.mesh), options
     return spec.mesh.model_dump(exclude_none=True), options
+
+
+def _survey(model: Model, name: str, spec: MeshBodySpec) -> Survey:
+    """What the reduction of a mesh will find."""
+    from flexmb import fe
+
+    mesh, options = _reduction(model, name, spec)
+    return fe.survey(mesh, **options)
 
 
 def _reused(

@@ -104,3 +104,18 @@ def test_radau_has_order_five(truth):
     knobs = {"method": "radau", "newton_tolerance": 1e-11}
     for name, (found, errors) in slopes(truth, counts, **knobs).items():
         assert 4.6 < found < 5.6 or max(errors) < 1e-10, (name, errors)
+
+
+def test_newton_leaves_what_its_tolerance_says(truth):
+    """Against Newton's method down to round-off: its tolerance is relative to the accelerations.
+
+    Within 30 times, for what the steps leave adds up.
+    """
+    model, duration, _ = truth
+    tolerances = np.array([1e-6, 1e-8, 1e-10])
+    *runs, converged = [
+        run(model, duration=duration, step=duration / 2000, outputs=20, newton_tolerance=left)
+        for left in (*tolerances, 1e-30)
+    ]
+    for name, errors in distances(runs, converged).items():
+        assert np.all(np.array(errors) < 30.0 * tolerances), (name, errors)

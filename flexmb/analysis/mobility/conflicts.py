@@ -16,8 +16,8 @@ from scipy.linalg import qr
 from flexmb.analysis.mobility.dependence import Dependence, circuits, dependence, null_space
 from flexmb.analysis.mobility.exchange import MACHINE_JOINTS, Weaker, exchanges
 from flexmb.analysis.mobility.poses import close, joint_rows, other_poses
-from flexmb.analysis.mobility.rank import LARGEST
-from flexmb.analysis.mobility.redundancy import Exchange, choices_of, in_words, joint_dependence
+from flexmb.analysis.mobility.rank import LARGEST, one_blas_thread
+from flexmb.analysis.mobility.redundancy import Exchange, choices_of, in_words
 from flexmb.analysis.mobility.rows import ConstraintRows
 from flexmb.analysis.mobility.weighted import Weighted, plain_name, weighted
 from flexmb.engine.compile import Compiled
@@ -85,7 +85,7 @@ def _surplus_problems(
     """
     problems: list[Problem] = []
     notes: list[str] = []
-    told = joint_dependence(found)
+    told = found.joint_dependence
     if surplus and moment is None:
         moment = _disagreement(model, found)
     if surplus and is_locked(found, told):
@@ -104,6 +104,7 @@ def _surplus_problems(
     return problems, notes
 
 
+@one_blas_thread()
 def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
     """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
 

@@ -25,23 +25,24 @@ _NOTHING = 1e-7  # share of the largest coefficient of a circuit that is round-o
 class Dependence:
     """Rank of a matrix of rows, its circuits (n, rows), and how near it is to a lower rank.
 
-    `almost` is the smallest singular value that is not zero over the largest.
+    `almost` is the smallest singular value that is not zero over the largest; `free` (columns, k)
+    are orthonormal motions that no row sees.
     """
 
     rank: int
     circuits: Array
     almost: float
+    free: Array
 
 
 def dependence(A: Array) -> Dependence:
-    """Rank and circuits of the rows of A (rows, columns)."""
-    n = len(A)
+    """Rank and circuits of the rows of A (rows, columns), and its null space."""
     if not A.size:
-        return Dependence(0, np.eye(n), 1.0)
-    U, size, _ = np.linalg.svd(A)
+        return Dependence(0, np.eye(len(A)), 1.0, np.eye(A.shape[1]))
+    U, size, Vt = np.linalg.svd(A)
     rank = int(np.sum(size > RANK * size[0])) if size[0] > 0 else 0
     almost = float(size[rank - 1] / size[0]) if rank else 1.0
-    return Dependence(rank, circuits(U[:, rank:].T), almost)
+    return Dependence(rank, circuits(U[:, rank:].T), almost, np.asarray(Vt[rank:].T))
 
 
 def null_space(A: Array, size: float | None = None) -> Array:

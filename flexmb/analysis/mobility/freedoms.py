@@ -56,7 +56,7 @@ def free_motions_of(
         if fresh.shape[1]:
             alone = np.hstack([alone, fresh])
             told.append(_motion(model, found, bodies, fresh))
-    left = null_space(found.A).shape[1] - alone.shape[1]
+    left = found.dependence.free.shape[1] - alone.shape[1]
     if left > 0:
         apart = [[b for b in found.compiled.layout.bodies if b.name in one.bodies] for one in told]
         moving = {name for pose in (found, *others) for name in _moving(pose, apart)}
@@ -71,7 +71,7 @@ def _moving(found: Weighted, apart: list[list[BodyColumns]]) -> list[str]:
     alone = np.zeros((len(found.columns), 0))
     for bodies in apart:
         alone = np.hstack([alone, _outside(_alone(found, bodies), alone)])
-    rest = _outside(null_space(found.A), alone)
+    rest = _outside(found.dependence.free, alone)
     size = np.abs(rest).max(axis=1, initial=0.0)
     return [
         body.name

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.dependence import Dependence, dependence, null_space, together
+from flexmb.analysis.mobility.dependence import dependence, null_space, together
 from flexmb.analysis.mobility.exchange import (
     MACHINE_JOINTS,
     Weaker,
@@ -37,7 +37,6 @@ __all__ = [
     "Undetermined",
     "choices_of",
     "in_words",
-    "joint_dependence",
     "redundancies",
     "undetermined",
 ]
@@ -90,14 +89,6 @@ class Undetermined:
 
     path: str
     components: tuple[str, ...]
-
-
-def joint_dependence(found: Weighted) -> Dependence:
-    """Dependence of all rows but the drivers'; circuits on all rows."""
-    told = dependence(found.A[~found.driven])
-    circuits = np.zeros((len(told.circuits), len(found.A)))
-    circuits[:, ~found.driven] = told.circuits
-    return Dependence(told.rank, circuits, told.almost)
 
 
 def redundancies(

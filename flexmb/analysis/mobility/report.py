@@ -24,11 +24,10 @@ from flexmb.analysis.mobility.conflicts import (
 from flexmb.analysis.mobility.dependence import Dependence, dependence
 from flexmb.analysis.mobility.freedoms import FreeMotion, free_motions_of
 from flexmb.analysis.mobility.poses import Closed, closer_of, joint_rows, other_poses
-from flexmb.analysis.mobility.rank import LARGEST
+from flexmb.analysis.mobility.rank import LARGEST, one_blas_thread
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
     Undetermined,
-    joint_dependence,
     redundancies,
     undetermined,
 )
@@ -111,6 +110,7 @@ class Mobility:
         return self.joint_rank < self.generic_rank
 
 
+@one_blas_thread()
 def examine(compiled: Compiled, model: Model) -> Mobility:
     """The mobility of a compiled model.
 
@@ -129,12 +129,12 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
     """
     pose, moved = _assembled(compiled, model)
     found = weighted(compiled, pose)
-    here = joint_dependence(found)
+    here = found.joint_dependence
     notes = driver_notes(compiled, model, found)
     joints = joint_rows(compiled)
     others = other_poses(ConstraintRows(compiled), pose, joints)
     nearby = [weighted(compiled, other) for other in others]
-    poses = [(found, here), *((other, joint_dependence(other)) for other in nearby)]
+    poses = [(found, here), *((other, other.joint_dependence) for other in nearby)]
     generic = max(told.rank for _, told in poses)
     (chosen, told), *rest = [pair for pair in poses if pair[1].rank == generic]
     elsewhere = [other for other, _ in rest]
@@ -145,13 +145,13 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         coordinates=found.A.shape[1] - own,
         modes=int(np.sum(found.modal)),
         equations=_equations(model, found),
-        rank=dependence(found.A).rank - own,
+        rank=found.dependence.rank - own,
         joint_rank=here.rank - own,
         generic_rank=generic - own,
         redundancies=redundancies(model, chosen, told.circuits, elsewhere),
         undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
         motions=free_motions_of(model, chosen, elsewhere),
-        as_rigid=_redundant_if_rigid(found),
+        as_rigid=_redundant_if_rigid(found, here),
         notes=(),
     )
     return replace(mobility, notes=(*moved, *notes, *_notes(model, found, here, mobility)))
@@ -159,9 +159,10 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
 
 def _reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
     """The reactions, drivers' too, that redundant equations leave undetermined in a pose."""
-    return undetermined(found, dependence(found.A).circuits)
+    return undetermined(found, found.dependence.circuits)
 
 
+@one_blas_thread()
 def redundant_reactions(
     compiled: Compiled, model: Model, q: NDArray[np.float64]
 ) -> tuple[tuple[str, ...], list[str]]:
@@ -176,7 +177,7 @@ def redundant_reactions(
     found = weighted(compiled, Closed(q, rows, True))
     notes = driver_notes(compiled, model, found)
     doubtful = tuple(told.path for told in _reactions_in_doubt(found))
-    redundant = len(found.A) - dependence(found.A).rank
+    redundant = len(found.A) - found.dependence.rank
     if not redundant:
         return (), notes
     names = ", ".join(plain_name(path) for path in doubtful)
@@ -225,10 +226,11 @@ def _driven(spec: DriverSpec) -> str:
     return ", ".join(motion.coordinate for motion in spec.motions())
 
 
-def _redundant_if_rigid(found: Weighted) -> int:
+def _redundant_if_rigid(found: Weighted, here: Dependence) -> int:
     """Redundant equations of the joints if no body could deform."""
     A = found.A[~found.driven]
-    return len(A) - dependence(A[:, ~found.modal]).rank
+    rank = dependence(A[:, ~found.modal]).rank if np.any(found.modal) else here.rank
+    return len(A) - rank
 
 
 def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> list[str]:

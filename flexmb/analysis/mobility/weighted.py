@@ -8,12 +8,13 @@ curves are unknowns beside those of the bodies; each takes one equation for itse
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.mobility.dependence import Dependence, dependence
 from flexmb.analysis.mobility.poses import Closed, column_scales
 from flexmb.engine.compile import Compiled
 
@@ -63,6 +64,21 @@ class Weighted:
     def norm(self) -> float:
         """Largest singular value of A."""
         return float(np.linalg.norm(self.A, 2)) if self.A.size else 1.0
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """Dependence of all rows."""
+        return dependence(self.A)
+
+    @cached_property
+    def joint_dependence(self) -> Dependence:
+        """Dependence of all rows but the drivers'; circuits on all rows."""
+        if not np.any(self.driven):
+            return self.dependence
+        joints = dependence(self.A[~self.driven])
+        circuits = np.zeros((len(joints.circuits), len(self.A)))
+        circuits[:, ~self.driven] = joints.circuits
+        return replace(joints, circuits=circuits)
 
     def of(self, owner: str) -> NDArray[np.bool_]:
         """Which rows belong to a scene path."""

@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
+import threadpoolctl
 from generators import cloud, interface
 from mechanisms import (
     Sketch,
@@ -258,3 +259,18 @@ def test_a_gap_is_closed_first():
     model.bodies["rod"] = model.bodies["rod"].model_copy(update={"position": (0.31, 0.1, 0.02)})
     told = flexmb.mobility(model)
     assert (told.rank, told.delta, told.singular) == (17, 1, False)
+
+
+def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
+    """On a busy machine several would wait for each other."""
+    threads, svd = set(), np.linalg.svd
+
+    def seen(*words, **options):
+        libraries = threadpoolctl.threadpool_info()
+        threads.update(one["num_threads"] for one in libraries if one["user_api"] == "blas")
+        return svd(*words, **options)
+
+    monkeypatch.setattr(np.linalg, "svd", seen)
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        flexmb.mobility(crank_slider("RSUT"))
+    assert threads <= {1}

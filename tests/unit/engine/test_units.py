@@ -29,6 +29,15 @@ SOLVE, MOVE = ldl.solve.name, motion.move.name
 SMALL = (SOLVE, MOVE, ldl.multiply.name)
 
 
+@pytest.fixture(scope="session")
+def solve_file():
+    """Name and bytes of one stored unit, SOLVE, which calls no other, from the cache of all."""
+    prepare_units([ldl.solve])
+    name = unit_cache.unit_file(SOLVE)
+    folder = next(f for f in unit_cache.cache_folders() if (f / name).is_file())
+    return name, (folder / name).read_bytes()
+
+
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """An empty cache of this test alone."""
@@ -89,19 +98,20 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
         project / "flexmb", tmp_path / "flexmb", ignore=shutil.ignore_patterns("__pycache__")
     )
 
-    def changed(file):
-        before = json.loads(run_python(NAMES, tmp_path))
+    def changed(file, before):
         path = tmp_path / "flexmb/engine/kernels" / file
         path.write_text(path.read_text() + "\n# edited\n")
         after = json.loads(run_python(NAMES, tmp_path))
         edited = {name for name in before if before[name][0] != after[name][0]}
         assert edited == {name for name in before if path.name in before[name][1]}
-        return edited, len(before)
+        return edited, after
 
-    spring, count = changed("forces/spring_damper.py")
+    names = json.loads(run_python(NAMES, tmp_path))
+    spring, after = changed("forces/spring_damper.py", names)
+    count = len(names)
     assert 3 <= len(spring) <= 8 < count
     assert all("spring_damper" in name for name in spring)
-    rotation, _ = changed("algebra/rotation.py")
+    rotation, _ = changed("algebra/rotation.py", after)
     assert len(spring) < len(rotation) < count
 
 
@@ -166,10 +176,11 @@ def test_hash_of_the_engine_knows_names_and_contents(tmp_path, monkeypatch):
 # --- files --------------------------------------------------------------------------------------
 
 
-def test_damaged_files_are_compiled_again(cache):
-    compilation.compile_units([SOLVE])
-    file = unit_cache.cache_folders()[0] / unit_cache.unit_file(SOLVE)
-    whole = file.read_bytes()
+def test_damaged_files_are_compiled_again(cache, solve_file):
+    name, whole = solve_file
+    file = unit_cache.cache_folders()[0] / name
+    file.write_bytes(whole)
+    assert unit_cache.read_stored(SOLVE) is not None
     for damaged in (b"", whole[:100], whole[:-50], whole[:-1] + b"x", b"{}\n", b"\0" * 400):
         file.write_bytes(damaged)
         assert unit_cache.read_stored(SOLVE) is None
@@ -222,9 +233,12 @@ print(compile_units({list(SMALL)!r}))
     assert all(unit_cache.read_stored(name) is not None for name in SMALL)
 
 
-def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(cache, monkeypatch):
-    compilation.compile_units([SOLVE])
+def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
+    cache, solve_file, monkeypatch
+):
+    name, whole = solve_file
     folder = unit_cache.cache_folders()[0]
+    (folder / name).write_bytes(whole)
     unit_cache._shared_folders.cache_clear()
     monkeypatch.setattr(unit_cache, "writable", lambda path: False)  # tests may run as root
     with pytest.warns(FlexmbWarning, match="read-only or full"):

@@ -64,13 +64,18 @@ def stopped(scene: Path, folder: Path, chunk: int = 4, **overrides: str) -> Resu
 
 
 @pytest.mark.parametrize(
-    ("knob", "value", "steps"), [("step", "turn/2000", 170), ("accuracy", "1e-7", 7)]
+    ("knobs", "steps"),
+    [
+        ({"step": "turn/2000"}, 170),
+        ({"accuracy": "1e-7", "duration": "turn/2", "outputs": "100"}, 7),
+    ],
+    ids=["fixed steps", "error control"],
 )
 def test_a_stopped_run_goes_on_to_the_same_bytes(
-    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knob: str, value: str, steps: int
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knobs: dict[str, str], steps: int
 ) -> None:
     monkeypatch.setattr(module, "_CHUNK_WORK", 18 * steps)
-    overrides = {f"dynamics.{knob}": value}
+    overrides = {f"dynamics.{knob}": value for knob, value in knobs.items()}
     whole = flexmb.simulate(flexmb.load_scene(scene, overrides), output=tmp_path / "whole")
     part = stopped(scene, tmp_path / "part", **overrides)
     assert len(part.time) < len(whole.time)
