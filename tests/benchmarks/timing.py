@@ -46,7 +46,9 @@ def per_step(model, compiled, h, count):
     chosen = generalized_alpha(0.8)
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
-    settings = method.Settings(0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0)
+    settings = method.Settings(
+        0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0
+    )
     seconds, state = [], first
     for k in range(_REPEATS + 1):
         state = type(first)(*(array.copy() for array in first))

@@ -85,9 +85,7 @@ def test_explicit_methods_have_their_order(truth):
     for p, counts in ((5, (200, 400)), (8, (40, 80))):
         if flexible:
             counts = (600, 1200)
-        for name, (found, errors) in slopes(
-            truth, counts, method="explicit-rk", order=p
-        ).items():
+        for name, (found, errors) in slopes(truth, counts, method="explicit-rk", order=p).items():
             assert found > p - 0.35 or max(errors) < 1e-11, (p, name, errors)
 
 

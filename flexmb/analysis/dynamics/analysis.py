@@ -7,7 +7,7 @@ shortened so that the outputs fall on steps.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,23 +17,35 @@ from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import (
+    Steps,
+    local_tolerance,
+    loop_settings,
+    time_grid,
+)
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
-from flexmb.analysis.dynamics.verified import VerifiedRun
+from flexmb.analysis.dynamics.verified import PACE, VerifiedRun
 from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units, prepare_integration
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import AUTO, STIFF_METHOD, chosen_method, method_name
 from flexmb.engine.state import State
+from flexmb.engine.units import prepare_units
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
+from flexmb.model.tasks.methods import METHODS
 from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
 
+_STIFF = "stiff"  # how a run ends that another method begins anew
+_UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.TOO_SMALL)
+# Steps from which on, and their share at the limit of stability from which on a run is stiff.
+_MANY, _OFTEN = 200, 0.15
+_FIRST = "first_"
 # Passes of a run at most, each with a stricter tolerance by the error measured.
 _MOST_PASSES = 3
 # Measured error over what was asked for: that is good enough; that the next pass aims at; from
@@ -89,24 +101,45 @@ class Prepared:
     clock: Clock
     notes: tuple[str, ...]
     settings: method.Settings  # of the run, were it alone
+    first: State  # where it begins
+    pace: np.ndarray  # local tolerance, passes so far, number of the method
     rows_before: int = 0  # rows that are in the file already
     doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # with the scout of `run`
 
+    @property
+    def method(self) -> str:
+        """Name of the integrator."""
+        return tuple(METHODS)[int(self.pace[2])]
+
     def saved(self) -> dict[str, np.ndarray]:
         """All that a resumed run needs."""
-        return self.run.state._asdict() if self.verified is None else self.verified.saved()
+        own = {
+            **self.run.state._asdict(),
+            **{_FIRST + name: value for name, value in self.first._asdict().items()},
+            PACE: self.pace,
+        }
+        return own if self.verified is None else {**own, **self.verified.saved()}
 
-    def again(self, tolerance: float) -> Prepared:
+    def stricter(self, tolerance: float) -> Prepared:
         """The same run from its start with another local tolerance."""
-        assert self.verified is not None
-        settings = self.settings._replace(tolerance=tolerance)
-        run, first = self.run, self.verified.first
-        passes = int(self.verified.pace[1]) + 1
-        verified = VerifiedRun.of(run.compiled, self.model, run.method, settings, first, passes)
-        return replace(
-            self, run=verified.kept, verified=verified, settings=settings, rows_before=0
-        )
+        again = self._again(self.method, self.settings._replace(tolerance=tolerance))
+        again.pace[1] = self.pace[1] + 1.0
+        return again
+
+    def by(self, name: str) -> Prepared:
+        """The same run from its start by another integrator."""
+        spec = self.model.dynamics
+        assert spec is not None
+        chosen = chosen_method(spec, name)
+        tolerance = local_tolerance(spec, chosen)
+        return self._again(name, self.settings._replace(tolerance=tolerance))
+
+    def _again(self, name: str, settings: method.Settings) -> Prepared:
+        return prepared_run(
+            self.run.compiled, self.model, name, self.first, settings, self.clock,
+            notes=self.notes, doubtful=self.doubtful,
+        )  # fmt: skip
 
 
 def prepare(
@@ -141,7 +174,8 @@ def prepare(
     spec = model.dynamics
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
-    chosen = chosen_method(spec)
+    name = method_name(spec, _is_flexible(compiled))
+    chosen = chosen_method(spec, name)
 
     def find_first_state() -> _First:
         return _first_state(compiled, model, spec.start, begin)
@@ -153,7 +187,7 @@ def prepare(
     progress("assemble", 0.0)
     first = find_first_state()
     grid = time_grid(spec)
-    settings = loop_settings(compiled, spec, grid, first.rank == n_free(compiled))
+    settings = loop_settings(compiled, spec, chosen, first.rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
     notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
@@ -161,26 +195,33 @@ def prepare(
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         notes.append(f"step shortened {shortened} to meet the outputs")
     return prepared_run(
-        compiled, model, first.assembled.state, settings, clock, notes=tuple(notes),
+        compiled, model, name, first.assembled.state, settings, clock, notes=tuple(notes),
         doubtful=first.doubtful,
     )  # fmt: skip
 
 
 def prepared_run(
-    compiled: Compiled, model: Model, state: State, settings: method.Settings, clock: Clock,
-    **known: Any,
+    compiled: Compiled, model: Model, name: str, state: State, settings: method.Settings,
+    clock: Clock, **known: Any,
 ) -> Prepared:  # fmt: skip
-    """A run from a state, with a scout where it controls its error."""
+    """A run from a state by an integrator of this name, with a scout where it controls its error."""
     spec = model.dynamics
     assert spec is not None
-    chosen, grid = chosen_method(spec), time_grid(spec)
-    if not spec.verify or settings.step > 0.0:
-        run = Run(compiled, chosen, settings, state)
-        return Prepared(run, grid, model, clock, settings=settings, **known)
-    verified = VerifiedRun.of(compiled, model, chosen, settings, state)
+    chosen, verified = chosen_method(spec, name), None
+    if spec.verify and settings.step == 0.0:
+        verified = VerifiedRun.of(compiled, model, chosen, settings, state)
+        run = verified.kept
+    else:
+        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)))
+    pace = np.array([settings.tolerance, 1.0, tuple(METHODS).index(name)])
     return Prepared(
-        verified.kept, grid, model, clock, settings=settings, verified=verified, **known
-    )
+        run, time_grid(spec), model, clock, first=state, settings=settings, verified=verified,
+        pace=pace, **known,
+    )  # fmt: skip
+
+
+def _is_flexible(compiled: Compiled) -> bool:
+    return bool(compiled.system.parts.bodies["m"].any())
 
 
 @dataclass(frozen=True)
@@ -236,17 +277,25 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     progress : Progress
         Told the phase `integrate`.
     """
-    clock, notes = prepared.clock, list(prepared.notes)
+    clock, notes, spec = prepared.clock, list(prepared.notes), prepared.model.dynamics
+    assert spec is not None
     while True:
         run = prepared.run
         lifts = Lifts(run.compiled)
         poses = SingularPoses(run.compiled.layout, prepared.model)
         status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
-        tolerance = _stricter(prepared) if status == "finished" else None
-        if tolerance is None:
-            break
+        if status == _STIFF:
+            # what the explicit method can't do is said by the other one
+            units = integration_units(run.compiled.system, chosen_method(spec, STIFF_METHOD))
+            prepare_units(units, progress)
+            again = prepared.by(STIFF_METHOD)
+        else:
+            tolerance = _stricter(prepared) if status == "finished" else None
+            if tolerance is None:
+                break
+            again = prepared.stricter(tolerance)
         sink.restart()
-        prepared = prepared.again(tolerance)
+        prepared = again
     notes += [*lifts.notes(), *poses.notes]
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
@@ -255,9 +304,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
             "inertia in some direction that it can move in, or the pose is singular"
         )
-    statistics = _statistics(run, clock)
+    statistics = {"method": prepared.method, **_statistics(run, clock)}
     if prepared.verified is not None:
-        statistics |= _errors(prepared.verified)
+        statistics |= _errors(prepared.verified, int(prepared.pace[1]))
         if status == "finished":
             notes += _missed(prepared)
     if prepared.doubtful:
@@ -268,7 +317,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
 def _stricter(prepared: Prepared) -> float | None:
     """The local tolerance that leaves the accuracy asked for, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
-    if verified is None or verified.pace[1] >= _MOST_PASSES:
+    if verified is None or prepared.pace[1] >= _MOST_PASSES:
         return None
     measured = verified.errors()["positions"].error
     if measured <= _ENOUGH * settings.accuracy:
@@ -278,10 +327,10 @@ def _stricter(prepared: Prepared) -> float | None:
     return float(settings.tolerance * share**power)
 
 
-def _errors(verified: VerifiedRun) -> dict[str, float | int | str]:
+def _errors(verified: VerifiedRun, passes: int) -> dict[str, float | int | str]:
     """Measured errors, each with what it is the error of."""
     statistics: dict[str, float | int | str] = {
-        "passes": int(verified.pace[1]), "scout_steps": int(verified.scout.state.count[method.STEPS]),
+        "passes": passes, "scout_steps": int(verified.scout.state.count[method.STEPS]),
     }  # fmt: skip
     for quantity, found in verified.errors().items():
         if quantity in ("positions", "velocities", "reactions"):
@@ -332,18 +381,37 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
             if apart:
                 return "failed", apart
             progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
+            if status == method.FINE and not run.finished and _limited(prepared):
+                return _STIFF, ""
     except KeyboardInterrupt:
         if verified is None and run.unread:
             _store(prepared, [run.block()], sink, lifts)
         return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
     except FlexmbError as error:
         return "failed", str(error)
+    if status in _UNABLE and _may_change(prepared):
+        return _STIFF, ""
     if status != method.FINE:
         if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
             run = verified.scout
         at, step = float(run.state.t[0]), float(run.state.memory[method.STEP])
         return "failed", reason(status, run.compiled, prepared.model, run.work, at, step)
     return "finished", ""
+
+
+def _may_change(prepared: Prepared) -> bool:
+    """Whether the run may go over to the method for stiff motions."""
+    spec = prepared.model.dynamics
+    automatic = spec is not None and spec.method == AUTO and prepared.settings.step == 0.0
+    return automatic and prepared.method != STIFF_METHOD
+
+
+def _limited(prepared: Prepared) -> bool:
+    """Whether stability, not accuracy, limits the steps of an explicit method."""
+    run = prepared.run if prepared.verified is None else prepared.verified.scout
+    count, stiff = run.state.count, run.state.memory[method.STIFF_STEPS]
+    tried = count[method.STEPS] + count[method.REJECTED]
+    return _may_change(prepared) and tried > _MANY and bool(stiff > _OFTEN * tried)
 
 
 def _store(prepared: Prepared, blocks: list[OutputBlock], sink: Sink, lifts: Lifts) -> str:

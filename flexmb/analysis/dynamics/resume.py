@@ -11,16 +11,17 @@ import numpy as np
 
 from flexmb.analysis.dynamics.analysis import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import loop_settings
 from flexmb.analysis.dynamics.verified import PACE
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import chosen_method, method_name
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
+from flexmb.model.tasks.methods import METHODS
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 
@@ -53,20 +54,24 @@ def prepare_rest(
     if spec is None or newest is None:
         raise ResultFileError(f"{result.path}: holds no state to go on from; run the scene again")
     rows, arrays = newest
-    chosen, clock, grid = chosen_method(spec), Clock(), time_grid(spec)
+    clock, name = Clock(), method_name(spec)
+    if PACE in arrays and arrays[PACE].shape == (3,):
+        name = tuple(METHODS)[int(arrays[PACE][2])]
+    chosen = chosen_method(spec, name)
     units = prepare_integration(compiled.system, chosen, progress)
     clock.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, arrays, result, rows)
-    settings = loop_settings(compiled, spec, grid, rank == n_free(compiled))
-    if PACE in arrays:
+    settings = loop_settings(compiled, spec, chosen, rank == n_free(compiled))
+    if settings.step == 0.0 and PACE in arrays:
         settings = settings._replace(tolerance=float(arrays[PACE][0]))
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, _ = redundant_reactions(compiled, model, first)
     state = new_state(compiled.system, len(compiled.layout.channels))
     prepared = prepared_run(
-        compiled, model, state, settings, clock, notes=(), rows_before=rows, doubtful=doubtful
-    )
+        compiled, model, name, state, settings, clock, notes=(), rows_before=rows,
+        doubtful=doubtful,
+    )  # fmt: skip
     _restore(prepared, arrays, result)
     prepared.run.recall(result.drift[:rows], result.table("energy")[:rows])
     clock.lap("assemble")
@@ -89,9 +94,6 @@ def _restore(prepared: Prepared, arrays: dict[str, np.ndarray], result: Result) 
     if not fits:
         what = "its saved state is of another version of flexmb; run the scene again"
         raise ResultFileError(f"{result.path}: {what}")
-    if prepared.verified is not None:
-        prepared.verified.restore(arrays)
-        return
     for name, array in own.items():
         array[...] = arrays[name]
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.integrators import chosen_method
 from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
@@ -43,14 +42,14 @@ def time_grid(spec: DynamicsSpec) -> Steps:
     return Steps(interval, interval / every)
 
 
-def local_tolerance(spec: DynamicsSpec) -> float:
+def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:
     """First guess of the local error of a step, over the motion, for the accuracy asked for.
 
     n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
     estimate of the method is of order hᵉ. It is never so large that errors do not fall with the
     steps as the order says.
     """
-    accuracy, chosen = ACCURACY if spec.accuracy is None else spec.accuracy, chosen_method(spec)
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     return float(min(_LOCAL * accuracy ** (chosen.error_order / chosen.order), chosen.loosest))
 
 
@@ -60,10 +59,10 @@ def refinement(chosen: method.Method) -> float:
 
 
 def loop_settings(
-    compiled: Compiled, spec: DynamicsSpec, grid: Steps, determined: bool
+    compiled: Compiled, spec: DynamicsSpec, chosen: method.Method, determined: bool
 ) -> method.Settings:
     """The numbers of the loop of a run alone; `determined` if the constraints alone fix the motion."""
-    system, kinds = compiled.system, kinds_of(compiled.system)
+    system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
     works = bool(
         any(kind.works for kind in kinds)
         or np.any(system.rows["fun"] >= 0)
@@ -75,7 +74,7 @@ def loop_settings(
         end=spec.duration,
         interval=grid.interval,
         step=grid.step,
-        tolerance=0.0 if grid.step else local_tolerance(spec),
+        tolerance=0.0 if grid.step else local_tolerance(spec, chosen),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
         slack=1.0,
         refinement=0.0,

@@ -7,8 +7,6 @@ chunk; nothing of the scout is kept but its state at the border of a chunk.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
@@ -22,9 +20,9 @@ from flexmb.results import OutputBlock
 
 __all__ = ["PACE", "VerifiedRun"]
 
-_SCOUT, _FIRST = "scout_", "first_"
+_SCOUT = "scout_"
 PACE = "pace"
-"""Name of local tolerance and number of passes among what is saved."""
+"""Name of local tolerance, number of passes and method among what is saved."""
 
 
 class VerifiedRun:
@@ -36,17 +34,10 @@ class VerifiedRun:
         The runs; the kept one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
-    first : State
-        The state at the start, to begin again.
-    pace : array, shape (2,)
-        Local tolerance, and how many runs there were to find it.
     """
 
-    def __init__(
-        self, scout: Run, kept: Run, error: MeasuredError, first: State, pace: np.ndarray
-    ) -> None:
-        self.scout, self.kept, self.error, self.first = scout, kept, error, first
-        self.pace = pace
+    def __init__(self, scout: Run, kept: Run, error: MeasuredError) -> None:
+        self.scout, self.kept, self.error = scout, kept, error
 
     @property
     def ratio(self) -> float:
@@ -58,14 +49,13 @@ class VerifiedRun:
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
-        first: State, passes: int = 1,
+        first: State,
     ) -> VerifiedRun:  # fmt: skip
-        """A run from a first state, which is kept, and its scout, at the local tolerance told."""
+        """A run from a first state, of which it takes copies, and its scout, at the local tolerance told."""
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
         kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
-        pace = np.array([settings.tolerance, float(passes)])
-        return cls(scout, kept, MeasuredError(compiled.layout, model), first, pace)
+        return cls(scout, kept, MeasuredError(compiled.layout, model))
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
@@ -85,25 +75,11 @@ class VerifiedRun:
         return status, rows
 
     def saved(self) -> dict[str, np.ndarray]:
-        """All that a resumed run needs."""
+        """All that a resumed run needs beside the state of the kept run."""
         return {
-            **self.kept.state._asdict(),
             **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
-            **{_FIRST + name: value for name, value in self.first._asdict().items()},
             **self.error.arrays(),
-            PACE: self.pace,
         }
-
-    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Fill in what was saved."""
-        for run, prefix in ((self.kept, ""), (self.scout, _SCOUT)):
-            for name, value in run.state._asdict().items():
-                value[...] = arrays[prefix + name]
-        for name, value in self.first._asdict().items():
-            value[...] = arrays[_FIRST + name]
-        for name, value in self.error.arrays().items():
-            value[...] = arrays[name]
-        self.pace[...] = arrays[PACE]
 
     def errors(self) -> dict[str, ErrorOf]:
         """The measured error of each quantity."""

@@ -186,7 +186,11 @@ def _add_slopes(slopes, at, weights, n, out):
 @unit
 def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
-    tr, before, h = run.work.trial, run.work.trial.before, run.state.t[0] - run.work.trial.before.t[0]
+    tr, before, h = (
+        run.work.trial,
+        run.work.trial.before,
+        run.state.t[0] - run.work.trial.before.t[0],
+    )
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
     if tr.extended[0] == 0:
         for s in range(tableau.stages + 1, count):
@@ -237,7 +241,12 @@ def _estimate_error(run, errors, h):
 @kernel
 def _put_motion(run, weights, n, out):
     """out (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
-    parts, q, rate, slopes = run.system.parts, run.state.q, run.work.trial.rate, run.work.trial.stages
+    parts, q, rate, slopes = (
+        run.system.parts,
+        run.state.q,
+        run.work.trial.rate,
+        run.work.trial.stages,
+    )
     for i in range(rate.shape[0]):
         rate[i] = 0.0
     _add_slopes(slopes, 0, weights, n, rate)

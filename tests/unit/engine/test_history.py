@@ -7,7 +7,7 @@ from enginekit import Bench
 
 from flexmb.analysis.assembly.analysis import assemble
 from flexmb.analysis.dynamics.run import Run
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics.settings import loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE
@@ -39,7 +39,7 @@ def test_a_resumed_run_goes_on_to_the_bit():
     """
     model = scene()
     compiled, spec = compile_system(model), model.dynamics
-    settings = loop_settings(compiled, spec, time_grid(spec), False)
+    settings = loop_settings(compiled, spec, chosen_method(spec), False)
 
     def fresh(state):
         copy = State(*(np.array(part) for part in state))
