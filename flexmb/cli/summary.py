@@ -18,13 +18,16 @@ Row = tuple[str, str, str]
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _PER_STEP = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
 _LARGEST, _PROJECTED = "the largest of any constraint", "before the velocities' projection"
+_MEASURED, _WORST = "measured_error_of_", "worst_of_"
+_QUANTITIES = ("positions", "velocities", "reactions")
 _ERRORS = {
-    "estimated_error": ("estimated error", "over the peak-to-peak of the motion"),
+    "estimated_error": ("estimated error", "sum of the local errors over the motion; not verified"),
     "energy_balance_error": ("energy balance error", "over the energy that moved"),
     "largest_position_drift": ("position drift", f"m or rad, {_LARGEST}"),
     "largest_velocity_drift": ("velocity drift", f"m/s or rad/s, {_PROJECTED}"),
 }
 _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
+_SCOUTED = ("method", "passes", "scout_steps", "accuracy_asked")
 _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
@@ -47,6 +50,7 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
     if known.get(_PIVOTS):
         meaning = "long steps, or inertia is missing somewhere"
         rows.append(("replaced pivots", number(known[_PIVOTS]), meaning))
+    rows += _measured(known)
     for key, (name, meaning) in _ERRORS.items():
         if key in known:
             told = meaning.replace(_PROJECTED, _LARGEST) if "points" in known else meaning
@@ -56,7 +60,9 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
             ("resumed at", f"{float(known[_RESUMED]):.6g} s", "wall times count from there")
         )
     spoken = {
-        *_TOLD, *_OF_POINTS, *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _NOT_UNIQUE,
+        *_TOLD, *_OF_POINTS, *_SCOUTED,
+        *(prefix + what for prefix in (_MEASURED, _WORST) for what in _QUANTITIES),
+        *_PER_STEP, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _NOT_UNIQUE,
     }  # fmt: skip
     rows += [
         (key.replace("_", " "), number(value), "")
@@ -64,6 +70,19 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
         if key not in spoken and not key.startswith(_SECONDS)
     ]
     return rows
+
+
+def _measured(known: Mapping[str, Number]) -> Iterator[Row]:
+    """Rows on the errors that a scout has measured."""
+    for what in _QUANTITIES:
+        key = f"{_MEASURED}{what}"
+        if key in known:
+            asked = ""
+            if what == "positions" and "accuracy_asked" in known:
+                asked = f"; {float(known['accuracy_asked']):.1g} asked"
+            worst = known.get(f"{_WORST}{what}", "")
+            meaning = f"measured, over the peak-to-peak: {worst}{asked}"
+            yield f"error of {what}", f"{float(known[key]):.2g}", meaning
 
 
 def costs(known: Mapping[str, Number]) -> list[Row]:
@@ -87,6 +106,7 @@ def sentence(known: Mapping[str, Number]) -> str:
     errors = [
         f"{name} {float(known[key]):.1g}"
         for key, name in (
+            ("measured_error_of_positions", "measured error"),
             ("estimated_error", "estimated error"),
             ("energy_balance_error", "energy balance"),
             ("largest_position_drift", "drift"),
@@ -114,6 +134,12 @@ def _about_steps(known: Mapping[str, Number], units: UnitSystem) -> Iterator[str
     if "smallest_step_s" in known and "largest_step_s" in known:
         least = units.outward(float(known["smallest_step_s"]), "s")
         yield f"of {least:.3g} to {units.say(float(known['largest_step_s']), 's', 3)}"
+    if "method" in known:
+        yield f"by {known['method']}"
+    if "scout_steps" in known:
+        passes = int(known.get("passes", 1))
+        again = f" in the last of {passes} passes" if passes > 1 else ""
+        yield f"{number(known['scout_steps'])} of its scout{again}"
     if "rejected_steps" in known:
         yield f"{number(known['rejected_steps'])} rejected"
     if known.get("failed_steps"):

@@ -255,10 +255,11 @@ def follow_motion(run: Run) -> int:
     for i in range(v.shape[0]):
         motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
     memory[MOTION] = max(motion, settings.least_motion)
-    memory[SPEED] = max(speed, settings.least_motion / (settings.end - settings.start))
+    span = settings.end - settings.start
+    memory[SPEED] = max(speed, memory[MOTION] / span)
     for i in range(v.shape[0]):
         st.motion[i] = max(st.motion[i], _LEAST_SHARE * memory[MOTION])
-        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory[SPEED])
+        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory[SPEED], st.motion[i] / span)
     return FINE
 
 

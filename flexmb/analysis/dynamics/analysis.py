@@ -330,6 +330,7 @@ def _stricter(prepared: Prepared) -> float | None:
 def _errors(verified: VerifiedRun, passes: int) -> dict[str, float | int | str]:
     """Measured errors, each with what it is the error of."""
     statistics: dict[str, float | int | str] = {
+        "accuracy_asked": verified.kept.settings.accuracy,
         "passes": passes, "scout_steps": int(verified.scout.state.count[method.STEPS]),
     }  # fmt: skip
     for quantity, found in verified.errors().items():
@@ -444,6 +445,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
             "smallest_step_s": float(memory[method.LEAST_STEP]),
             "largest_step_s": float(memory[method.GREATEST_STEP]),
             "ten_times_more_accuracy_costs": _ten_times(run),
+            **({} if run.settings.refinement else {"estimated_error": float(memory[method.ERROR_SUM])}),
         }
     )
     return {

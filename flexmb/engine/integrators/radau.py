@@ -59,6 +59,8 @@ _UNSYMMETRIC_ABOVE = 0.3
 _SAME_STEP = 1e-3
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
+# Estimates of so many times round-off tell nothing: where stiff parts are at rest.
+_UNTOLD = 50.0
 
 
 class Radau(NamedTuple):
@@ -395,9 +397,7 @@ def _estimate_error(run, radau, h):
     Of positions e and of velocities f before the filter; (I − h/γ ∂f/∂y)⁻¹ makes of them
     S⁻¹ M (e + h/γ f) and (that less e) γ/h.
     """
-    st, tr, col, kkt, parts = (
-        run.state, run.work.trial, run.work.collocation, run.system.kkt, run.system.parts
-    )  # fmt: skip
+    st, tr, col, kkt = run.state, run.work.trial, run.work.collocation, run.system.kkt
     nv, sol, e, raw, c = st.v.shape[0], run.work.factor.sol, radau.error, tr.jerk, h / radau.gamma
     for k in range(nv):
         raw[k] = c * st.v[k]
@@ -414,8 +414,20 @@ def _estimate_error(run, radau, h):
     for k in range(nv):
         tr.dq[k] = col.real.sol[kkt.place[k]]
         raw[k] = (tr.dq[k] - raw[k]) / c
-    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion)
-    tr.error[1] = scaled_size(raw, run.system.weights, st.speed)
+    noise = _UNTOLD * last_places(run)
+    tr.error[0] = _beyond_noise(tr.dq, run.system.weights, st.motion, noise)
+    tr.error[1] = _beyond_noise(raw, run.system.weights, st.speed, noise / c)
+
+
+@kernel
+def _beyond_noise(x, weights, scale, noise):
+    """Largest part of weighted |x_i| above the noise, over its scale; NaN counts as largest."""
+    size = 0.0
+    for i in range(x.shape[0]):
+        s = (abs(x[i]) * weights[i] - noise) / scale[i]
+        if not s <= size:
+            size = s
+    return size
 
 
 @unit
