@@ -134,7 +134,8 @@ ONE_LINE = [
     ),
     pytest.param(
         ("step = 1e-3", 'step = 1e-3\nmethod = "rk"'),
-        'dynamics.method: unknown choice "rk"; allowed: generalized-alpha, explicit-rk',
+        'dynamics.method: unknown choice "rk"; '
+        "allowed: auto, generalized-alpha, explicit-rk, radau",
         id="unknown method",
     ),
     pytest.param(

@@ -36,7 +36,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (("--vary", "bodies.crank=1"), "bodies.crank: is a table; name a value in it"),
         (("--vary", "step=1e-3,,1e-4"), "vary step: a value between the commas is empty"),
         (("--vary", "step=-1,0"), "the model refuses every setting of the study"),
-        (("--vary", "method=foo"), 'dynamics.method: unknown choice "foo"; allowed: generalized-'),
+        (("--vary", "method=foo"), 'dynamics.method: unknown choice "foo"; allowed: auto, general'),
         (("--vary", "step=1e-3", "--vary", "dynamics.step=1e-4"), "which is given twice"),
         (("--vary", "step=1e-3", "--sensor", "tpi"), 'unknown sensor or channel "tpi"; nearest:'),
         (("--vary", "step=1e-3", "--target", "2"), "study.target: is an error over the peak"),

@@ -1,7 +1,7 @@
 """Orders of the integrators by slope, rigid and flexible, each judged by another method.
 
-Generalized-alpha: 2 for positions, velocities, accelerations and reported multipliers; Radau IIA: 5;
-explicit Runge-Kutta on the index-1 form: 5 and 8.
+Generalized-alpha: 2 for positions, velocities, accelerations and reported multipliers; Radau IIA:
+5; explicit Runge-Kutta on the index-1 form: 5 and 8.
 """
 
 from __future__ import annotations
@@ -82,9 +82,8 @@ def slopes(truth, counts, **knobs):
 def test_explicit_methods_have_their_order(truth):
     """The flexible one near its limit of stability, where slopes are those of long steps."""
     flexible = truth[1] < 1.0
-    for p, counts in ((5, (200, 400)), (8, (40, 80))):
-        if flexible:
-            counts = (600, 1200)
+    for p, rigid in ((5, (200, 400)), (8, (40, 80))):
+        counts = (600, 1200) if flexible else rigid
         for name, (found, errors) in slopes(truth, counts, method="explicit-rk", order=p).items():
             assert found > p - 0.35 or max(errors) < 1e-11, (p, name, errors)
 
