@@ -1,4 +1,4 @@
-"""The registry: all kinds that a model may hold, in the order in which stages walk over them."""
+"""The registry of what stages walk over, in their order: all kinds that a model may hold."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from flexmb.engine.kernels.joints.coordinate import COORDINATES
 from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS
 from flexmb.engine.kernels.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kernels.sensors.feedback import FEEDBACK
-from flexmb.engine.kernels.sensors.sensor import TURNING_CHANNELS
+from flexmb.engine.kernels.sensors.row_measure import JOINT_ANGLES
+from flexmb.engine.kernels.sensors.turning import TURNING_ANGLES
 from flexmb.engine.kind import Kind
 
 __all__ = ["KINDS"]
@@ -63,6 +64,7 @@ KINDS: tuple[Kind, ...] = (
     _lowered(FORCE_CHARACTERISTICS, lower_force_characteristics),
     _lowered(CONTACTS, lower_contacts),
     replace(JOINT_FRICTIONS, lower=lower_joint_frictions, place=place_joint_frictions),
-    TURNING_CHANNELS,
+    JOINT_ANGLES,
+    TURNING_ANGLES,
     FEEDBACK,
 )

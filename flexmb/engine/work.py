@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.engine.jit import Unit
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_state import Path
 from flexmb.engine.method import (
@@ -16,6 +17,9 @@ from flexmb.engine.method import (
     Method,
     Settings,
 )
+from flexmb.engine.records import units_in
+from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,
     CURVE_MARKER_NOW,
@@ -29,7 +33,10 @@ from flexmb.engine.state import (
     Now,
     Output,
     Point,
+    RowUnits,
+    RowWork,
     Run,
+    SensorUnits,
     Stage,
     Stages,
     State,
@@ -39,7 +46,8 @@ from flexmb.engine.state import (
 from flexmb.engine.tables import System
 
 __all__ = [
-    "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "sizes", "stages_of",
+    "kinds_of", "new_output", "new_path", "new_run", "new_state", "new_work", "row_units",
+    "sensor_units", "sizes", "stages_of", "units_of",
 ]  # fmt: skip
 
 _NO_METHOD = Method((), (), 2, 0, 0.0, 1.0, 1.0)
@@ -71,6 +79,55 @@ def stages_of(system: System) -> Stages:
     if any(kind.uses_velocity for kind in kinds):
         stages["force_velocity"] = stages["velocity"]
     return Stages(**stages)
+
+
+def row_units(system: System) -> RowUnits:
+    """Units of the kinds of rows that a system holds, and of those that its sensors measure as."""
+    used = {word: set(system.rows["kind"].tolist()) for word in _ROW_STAGES}
+    acting = _acting_terms(system)
+    for t, term in enumerate(system.sensors.terms):
+        measure = MEASURES[term["measure"]]
+        words = measure.of_row + (measure.gradient_of_row if t in acting else ())
+        for word in words:
+            used[word].add(int(term["kind"]))
+    units = {
+        word: tuple(
+            getattr(kind, word) if k in used[word] else None for k, kind in enumerate(ROW_KINDS)
+        )
+        for word in _ROW_STAGES
+    }
+    curved = np.array([kind.tangent is not None for kind in ROW_KINDS], np.int64)
+    return RowUnits(**units, curved=curved, period=np.array([kind.period for kind in ROW_KINDS]))
+
+
+_ROW_STAGES = ("value", "gradient", "curvature", "tangent")
+
+
+def sensor_units(system: System) -> SensorUnits:
+    """Units of the channels and terms that a system holds."""
+    terms, channels = system.sensors.terms, set(system.sensors.channels["what"].tolist())
+    measures = set(terms["measure"].tolist())
+    acting = {int(terms[t]["measure"]) for t in _acting_terms(system)}
+    return SensorUnits(
+        channel=tuple(of.value if k in channels else None for k, of in enumerate(CHANNEL_KINDS)),
+        turns=np.array([of.counts_turns for of in CHANNEL_KINDS], np.int64),
+        computed=np.array([of.reads == "channels" for of in CHANNEL_KINDS], np.int64),
+        measure=tuple(of.value if k in measures else None for k, of in enumerate(MEASURES)),
+        gradient=tuple(of.gradient if k in acting else None for k, of in enumerate(MEASURES)),
+        level=np.array([of.level for of in MEASURES], np.int64),
+    )
+
+
+def _acting_terms(system: System) -> set[int]:
+    """Terms that functions over channels, which act, depend on."""
+    feedback = system.kinds.get("feedback")
+    return set() if feedback is None else set(feedback.tangents["term"].tolist()) - {-1}
+
+
+def units_of(system: System) -> list[Unit]:
+    """All units of what a system holds."""
+    tables = stages_of(system), row_units(system), sensor_units(system)
+    return [unit for table in tables for unit in units_in(table)]
 
 
 def new_state(system: System, channels: int = 0) -> State:
@@ -121,8 +178,10 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
+    dense = _new_dense(system)
+    row = RowWork(now.marker, dense.g[0], dense.H)
     return Work(
-        now, con, _new_dense(system), _new_factor(system), trial, _new_feedback(system),
+        now, con, dense, row, _new_factor(system), trial, _new_feedback(system),
         Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64),
     )  # fmt: skip
@@ -193,7 +252,7 @@ def new_run(
         system, state, work,
         Point(state.t, state.q, state.v, state.vd, state.lam),
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
-        stages_of(system), method, settings,
+        stages_of(system), row_units(system), sensor_units(system), method, settings,
         new_output(system, 0, len(state.angles)) if output is None else output,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from rowmeasures import MEASURES, moved, rows_at
 from flexmb.analysis.mobility.rows import ConstraintRows, dense_jacobian, gradient
 from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
 from flexmb.engine.constraint_rows import evaluate_rows
-from flexmb.engine.tables import DISTANCE, RADIAL
+from flexmb.engine.row_kinds import DISTANCE, RADIAL
 from flexmb.engine.units import interpretation, interpreted, prepare_units
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES

@@ -15,9 +15,12 @@ from flexmb.engine.kernels.joints.constraint import Joints
 from flexmb.engine.kernels.joints.coordinate import Coordinates
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
 from flexmb.engine.kernels.joints.point_joint import PointJoints
-from flexmb.engine.kernels.sensors.sensor import TurningChannels
+from flexmb.engine.kernels.sensors.row_measure import JointAngles
+from flexmb.engine.kernels.sensors.turning import TurningAngles
+from flexmb.engine.row_kinds import POINT
+from flexmb.engine.sensor_kinds import JOINT_ANGLE, TURNING_CHANNEL
 from flexmb.engine.sensor_tables import Sensors
-from flexmb.engine.tables import POINT, Parts, System
+from flexmb.engine.tables import Parts, System
 
 __all__ = ["core_tables", "with_markers"]
 
@@ -41,6 +44,9 @@ def core_tables(
     driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
     points = _joints_of_points(parts, rows, groups)
     held = np.repeat(points, groups["n"])
+    channels = sensors.channels
+    angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
+    turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
     tables = {
         "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
         "coordinates": (Coordinates(), len(parts.coordinates)),
@@ -52,7 +58,8 @@ def core_tables(
         "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
         "joints": (Joints(np.flatnonzero(~held), np.flatnonzero(~points), driven), True),
         "point_joints": (PointJoints(np.flatnonzero(points)), points.any()),
-        "turning_channels": (TurningChannels(), np.any(sensors.channels["turns"] != 0)),
+        "joint_angles": (JointAngles(angles), len(angles)),
+        "turning_angles": (TurningAngles(turning), len(turning)),
     }
     if plane is not None:
         about = plane[1][rigid]

@@ -10,7 +10,8 @@ from generators import ROWS, Mechanism, cloud, interface
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.bodies import modal_block
 from flexmb.engine.compile.system import fingerprint
-from flexmb.engine.tables import ANGLE, DOT2, FLEX_LAYOUT, POINT
+from flexmb.engine.row_kinds import ANGLE, DOT2, POINT
+from flexmb.engine.tables import FLEX_LAYOUT
 from flexmb.errors import SceneError
 from flexmb.flexbody import load, save
 from flexmb.model import Model

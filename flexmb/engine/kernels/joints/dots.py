@@ -1,6 +1,6 @@
 """Dot products between axes of two markers and their separation: values, rates and tangents.
 
-The pieces that constraint rows are made of. H (12, 12) is as in `row_tangent`.
+The pieces that constraint rows are made of. H (12, 12) is as in `engine.kind.RowKind`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,20 @@ def separation(mi, mj):
     """h = x_J − x_I."""
     a, b = mi["x"], mj["x"]
     return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@kernel
+def relative_velocity(mi, mj):
+    """Rate of h."""
+    a, b = mi["vx"], mj["vx"]
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@kernel
+def clear_gradient(g):
+    """g (12) = 0."""
+    for k in range(12):
+        g[k] = 0.0
 
 
 @kernel
@@ -77,10 +91,8 @@ def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
 
 
 @kernel
-def add_dot(Ri, a, Rj, b, f, H):
+def add_dot(ax, ay, az, bx, by, bz, f, H):
     """f times the tangent of a·b."""
-    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
     _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
     _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
     _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)

@@ -50,6 +50,32 @@ def _add(body, A, s, x, y, z, out):
 
 
 @unit
+def put_values(run: Run, joints: PointJoints, at: Point) -> int:
+    """C of the joints: coincidence along global axes."""
+    rows, groups, markers = run.system.rows, run.system.groups, run.work.now.marker
+    C, listed = run.work.con.C, joints.groups
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        for k in range(group["row"], group["row"] + group["n"]):
+            row = rows[k]
+            C[k] = markers[row["J"]]["x"][row["a"]] - markers[row["I"]]["x"][row["a"]]
+    return FINE
+
+
+@unit
+def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
+    """Cq v of the joints."""
+    rows, groups, markers = run.system.rows, run.system.groups, run.work.now.marker
+    out, listed = run.work.con.rate, joints.groups
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        for k in range(group["row"], group["row"] + group["n"]):
+            row = rows[k]
+            out[k] = markers[row["J"]]["vx"][row["a"]] - markers[row["I"]]["vx"][row["a"]]
+    return FINE
+
+
+@unit
 def add_reactions(run: Run, joints: PointJoints, at: Point) -> int:
     """Trial.res += Cqᵀ λ of the joints."""
     parts, body_now, out, lam = run.system.parts, run.work.now.body, run.work.trial.res, at.lam
@@ -108,4 +134,13 @@ def _add_arm(run, k, x, y, z):
                 up[at + pc * nc + pr] += e
 
 
-POINT_JOINTS = Kind("point_joints", PointJoints, {"force": add_reactions, "matrix": add_tangents})
+POINT_JOINTS = Kind(
+    "point_joints",
+    PointJoints,
+    {
+        "constraint": put_values,
+        "rate": put_rates,
+        "force": add_reactions,
+        "matrix": add_tangents,
+    },
+)
