@@ -68,17 +68,26 @@ def kinds_of(system: System) -> list:
 
 def stages_of(system: System) -> Stages:
     """What each kind of a system does, stage by stage."""
-    kinds = kinds_of(system)
+    kinds, called = kinds_of(system), _called_by_number(system)
 
     def stage(name: str) -> Stage:
         acting = [kind for kind in kinds if name in kind.units]
-        units = tuple(kind.units[name] for kind in acting)
+        used = called.get(name, range(len(acting)))
+        units = tuple(kind.units[name] if k in used else None for k, kind in enumerate(acting))
         return Stage(units, tuple(system.kinds[kind.name] for kind in acting))
 
     stages = {name: stage(name) for name in Stages._fields}
     if any(kind.uses_velocity for kind in kinds):
         stages["force_velocity"] = stages["velocity"]
     return Stages(**stages)
+
+
+def _called_by_number(system: System) -> dict[str, set[int]]:
+    """Kinds, by number in a stage, that sensors and functions over them call; none walks there."""
+    channels, feedback = system.sensors.channels, system.kinds.get("feedback")
+    read = set(channels["kind"].tolist())
+    acting = set() if feedback is None else set(feedback.tangents["kind"].tolist())
+    return {"wrenches": read, "unit_force": acting}
 
 
 def row_units(system: System) -> RowUnits:

@@ -57,7 +57,7 @@ def core_tables(
         "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
         "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
         "joints": (Joints(np.flatnonzero(~held), np.flatnonzero(~points), driven), True),
-        "point_joints": (PointJoints(np.flatnonzero(points)), points.any()),
+        "point_joints": (PointJoints(np.flatnonzero(held), np.flatnonzero(points)), points.any()),
         "joint_angles": (JointAngles(angles), len(angles)),
         "turning_angles": (TurningAngles(turning), len(turning)),
     }

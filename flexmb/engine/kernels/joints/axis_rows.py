@@ -53,7 +53,8 @@ def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 def dot1_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """Second derivative of a·b."""
     mi, mj = at.marker[i], at.marker[j]
-    _, second = dot_rates(mi["R"], a, mi["om"], mj["R"], b, mj["om"])
+    R, S = mi["R"], mj["R"]
+    _, second = dot_rates(R[0, a], R[1, a], R[2, a], mi["om"], S[0, b], S[1, b], S[2, b], mj["om"])
     return second  # type: ignore[no-any-return]
 
 
@@ -70,29 +71,39 @@ DOT1 = RowKind(
 )
 
 
-@kernel
-def _sine_and_cosine(Ri, Rj, b):
-    """s = y_I·b and c = x_I·b, whose angle is that of the row."""
-    return dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b)
-
-
 @unit
 def angle_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Angle of b about z_I from x_I, within ±π."""
-    s, c = _sine_and_cosine(at.marker[i]["R"], at.marker[j]["R"], b)
-    return math.atan2(s, c)
+    """Angle θ of b about z_I from x_I, within ±π."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    return math.atan2(dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b))
+
+
+@kernel
+def _across_and_along(Ri, Rj, b):
+    """u and v, axes of I across and along b in its plane x, y, over the length of b there.
+
+    With both fixed to I, θ̇ is the rate of u·b, and that of the length over the length is that of
+    v·b.
+    """
+    s, c = dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b)
+    n = 1.0 / (s * s + c * c)
+    s, c = n * s, n * c
+    return (
+        c * Ri[0, _Y] - s * Ri[0, _X],
+        c * Ri[1, _Y] - s * Ri[1, _X],
+        c * Ri[2, _Y] - s * Ri[2, _X],
+        c * Ri[0, _X] + s * Ri[0, _Y],
+        c * Ri[1, _X] + s * Ri[1, _Y],
+        c * Ri[2, _X] + s * Ri[2, _Y],
+    )
 
 
 @unit
 def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
-    """Gradient of atan2(s, c)."""
-    g, Ri, Rj = at.g, at.marker[i]["R"], at.marker[j]["R"]
+    """Gradient of θ, b × u."""
+    g, Rj = at.g, at.marker[j]["R"]
     clear_gradient(g)
-    s, c = _sine_and_cosine(Ri, Rj, b)
-    n = 1.0 / (s * s + c * c)
-    ux = (c * Ri[0, _Y] - s * Ri[0, _X]) * n
-    uy = (c * Ri[1, _Y] - s * Ri[1, _X]) * n
-    uz = (c * Ri[2, _Y] - s * Ri[2, _X]) * n
+    ux, uy, uz, _, _, _ = _across_and_along(at.marker[i]["R"], Rj, b)
     x, y, z = cross(Rj[0, b], Rj[1, b], Rj[2, b], ux, uy, uz)
     put_pair(g, 3, x, y, z)
     return FINE
@@ -100,42 +111,35 @@ def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of atan2(s, c)."""
-    Ri, Rj, omi, omj = at.marker[i]["R"], at.marker[j]["R"], at.marker[i]["om"], at.marker[j]["om"]
-    s, c = _sine_and_cosine(Ri, Rj, b)
-    s1, s2 = dot_rates(Ri, _Y, omi, Rj, b, omj)
-    c1, c2 = dot_rates(Ri, _X, omi, Rj, b, omj)
-    n = 1.0 / (s * s + c * c)
-    return (c * s2 - s * c2) * n - 2.0 * (c * c1 + s * s1) * (c * s1 - s * c1) * n * n  # type: ignore[no-any-return]
+    """Second derivative of θ: (u·b)¨ − 2 (u·b)˙ (v·b)˙, with u and v fixed to I."""
+    mi, mj = at.marker[i], at.marker[j]
+    Rj, p, q = mj["R"], mi["om"], mj["om"]
+    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
+    ux, uy, uz, vx, vy, vz = _across_and_along(mi["R"], Rj, b)
+    first, second = dot_rates(ux, uy, uz, p, bx, by, bz, q)
+    x, y, z = cross(bx, by, bz, vx, vy, vz)
+    growth = (q[0] - p[0]) * x + (q[1] - p[1]) * y + (q[2] - p[2]) * z
+    return second - 2.0 * first * growth  # type: ignore[no-any-return]
 
 
 @unit
 def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
-    """f times the tangent of atan2(s, c), n = 1/(s² + c²).
-
-    n (c ∂²s − s ∂²c) is the tangent of u·b with u = n (c y_I − s x_I) held; the rest is of n and u.
-    """
-    Ri, Rj, g, H = at.marker[i]["R"], at.marker[j]["R"], at.g, at.H
-    s, c = _sine_and_cosine(Ri, Rj, b)
-    n = 1.0 / (s * s + c * c)
+    """f times the tangent of θ: that of u·b with u fixed to I, less that of its length and turn."""
+    g, H, Rj = at.g, at.H, at.marker[j]["R"]
     bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    ux = (c * Ri[0, _Y] - s * Ri[0, _X]) * n
-    uy = (c * Ri[1, _Y] - s * Ri[1, _X]) * n
-    uz = (c * Ri[2, _Y] - s * Ri[2, _X]) * n
+    ux, uy, uz, vx, vy, vz = _across_and_along(at.marker[i]["R"], Rj, b)
     add_dot(ux, uy, uz, bx, by, bz, f, H)
-    x, y, z = cross(Ri[0, _Y], Ri[1, _Y], Ri[2, _Y], bx, by, bz)
+    x, y, z = cross(bx, by, bz, ux, uy, uz)
     put(g, 0, x, y, z)
-    x, y, z = cross(Ri[0, _X], Ri[1, _X], Ri[2, _X], bx, by, bz)
+    x, y, z = cross(bx, by, bz, vx, vy, vz)
     put(g, 3, x, y, z)
     for k in range(3):
-        change = 2.0 * (c * g[k] - s * g[3 + k]) * n
         for m in range(3):
-            e = g[k] * g[3 + m] - g[3 + k] * g[m] - change * (c * g[3 + m] + s * g[m])
-            e *= f * n
-            H[3 + k, 3 + m] += e
-            H[3 + k, 9 + m] -= e
-            H[9 + k, 3 + m] -= e
-            H[9 + k, 9 + m] += e
+            e = f * (g[k] * g[3 + m] + g[3 + k] * g[m])
+            H[3 + k, 3 + m] -= e
+            H[3 + k, 9 + m] += e
+            H[9 + k, 3 + m] += e
+            H[9 + k, 9 + m] -= e
     return FINE
 
 
@@ -171,10 +175,16 @@ def twist_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 @unit
 def twist_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """Second derivative of x_I·y_J − y_I·x_J."""
-    Ri, Rj, omi, omj = at.marker[i]["R"], at.marker[j]["R"], at.marker[i]["om"], at.marker[j]["om"]
-    _, first = dot_rates(Ri, _X, omi, Rj, _Y, omj)
-    _, second = dot_rates(Ri, _Y, omi, Rj, _X, omj)
-    return first - second  # type: ignore[no-any-return]
+    mi, mj = at.marker[i], at.marker[j]
+    R, S = mi["R"], mj["R"]
+    total = 0.0
+    for k in range(2):
+        m, sign = 1 - k, 1.0 - 2.0 * k
+        _, second = dot_rates(
+            R[0, k], R[1, k], R[2, k], mi["om"], S[0, m], S[1, m], S[2, m], mj["om"]
+        )
+        total += sign * second
+    return total  # type: ignore[no-any-return]
 
 
 @unit

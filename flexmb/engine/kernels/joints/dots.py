@@ -45,20 +45,24 @@ def put_pair(g, o, x, y, z):
 
 
 @kernel
-def column_rates(R, a, om):
-    """Column a of R: its first derivative and its second at zero angular acceleration."""
-    x, y, z = cross(om[0], om[1], om[2], R[0, a], R[1, a], R[2, a])
+def vector_rates(x, y, z, om):
+    """First derivative of a vector fixed to a marker, and second at zero angular acceleration."""
+    x, y, z = cross(om[0], om[1], om[2], x, y, z)
     u, v, w = cross(om[0], om[1], om[2], x, y, z)
     return x, y, z, u, v, w
 
 
 @kernel
-def dot_rates(Ri, a, omi, Rj, b, omj):
+def column_rates(R, a, om):
+    """The same of column a of R."""
+    return vector_rates(R[0, a], R[1, a], R[2, a], om)
+
+
+@kernel
+def dot_rates(ax, ay, az, omi, bx, by, bz, omj):
     """a·b: first derivative, and second at zero angular accelerations."""
-    px, py, pz, qx, qy, qz = column_rates(Ri, a, omi)
-    rx, ry, rz, sx, sy, sz = column_rates(Rj, b, omj)
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
+    px, py, pz, qx, qy, qz = vector_rates(ax, ay, az, omi)
+    rx, ry, rz, sx, sy, sz = vector_rates(bx, by, bz, omj)
     first = px * bx + py * by + pz * bz + ax * rx + ay * ry + az * rz
     second = qx * bx + qy * by + qz * bz + ax * sx + ay * sy + az * sz
     return first, second + 2.0 * (px * rx + py * ry + pz * rz)

@@ -19,6 +19,7 @@ from flexmb.engine.state import Point, Run
 class PointJoints(NamedTuple):
     """Joints of points."""
 
+    rows: Integers  # their rows
     groups: Integers  # their groups of rows
 
 
@@ -52,26 +53,27 @@ def _add(body, A, s, x, y, z, out):
 @unit
 def put_values(run: Run, joints: PointJoints, at: Point) -> int:
     """C of the joints: coincidence along global axes."""
-    rows, groups, markers = run.system.rows, run.system.groups, run.work.now.marker
-    C, listed = run.work.con.C, joints.groups
+    rows, markers, C, listed = run.system.rows, run.work.now.marker, run.work.con.C, joints.rows
     for n in range(listed.shape[0]):
-        group = groups[listed[n]]
-        for k in range(group["row"], group["row"] + group["n"]):
-            row = rows[k]
-            C[k] = markers[row["J"]]["x"][row["a"]] - markers[row["I"]]["x"][row["a"]]
+        row = rows[listed[n]]
+        a = row["a"]
+        C[listed[n]] = markers[row["J"]]["x"][a] - markers[row["I"]]["x"][a]
     return FINE
 
 
 @unit
 def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
     """Cq v of the joints."""
-    rows, groups, markers = run.system.rows, run.system.groups, run.work.now.marker
-    out, listed = run.work.con.rate, joints.groups
+    rows, markers, out, listed = (
+        run.system.rows,
+        run.work.now.marker,
+        run.work.con.rate,
+        joints.rows,
+    )
     for n in range(listed.shape[0]):
-        group = groups[listed[n]]
-        for k in range(group["row"], group["row"] + group["n"]):
-            row = rows[k]
-            out[k] = markers[row["J"]]["vx"][row["a"]] - markers[row["I"]]["vx"][row["a"]]
+        row = rows[listed[n]]
+        a = row["a"]
+        out[listed[n]] = markers[row["J"]]["vx"][a] - markers[row["I"]]["vx"][a]
     return FINE
 
 
