@@ -74,7 +74,7 @@ def test_no_other_kind_is_compiled(kind, called):
     assert len(plain) < 100
     assert more - {module(name) for name in plain} == OWN[kind]
     wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics",
-                "sensors.sensor"}  # fmt: skip
+                "joints.point_rows"}  # fmt: skip
     shared = {"flexible": wherever, "reaction sensor": {"joints.constraint"}}
     assert more - OWN[kind] <= shared.get(kind, {"bodies.kinematics"})
     assert compiled == calls

@@ -5,9 +5,11 @@ The pieces that constraint rows are made of. H (12, 12) is as in `engine.kind.Ro
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix
 
 
 @kernel
@@ -94,13 +96,16 @@ def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
     H[i + 2, j + 2] += f * (qz * pz - dot)
 
 
-@kernel
-def add_dot(ax, ay, az, bx, by, bz, f, H):
+@unit
+def add_dot(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float, f: float, H: Matrix
+) -> int:
     """f times the tangent of a·b."""
     _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
     _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
     _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)
     _add_skew_product(H, 9, 3, -f, bx, by, bz, ax, ay, az)
+    return FINE
 
 
 @kernel
