@@ -83,7 +83,7 @@ def stages_of(system: System) -> Stages:
 
 
 def _called_by_number(system: System) -> dict[str, set[int]]:
-    """Kinds, by number in a stage, that sensors and functions over them call; none walks there."""
+    """Numbers in a stage of the kinds that sensors, and functions over them, call there."""
     channels, feedback = system.sensors.channels, system.kinds.get("feedback")
     read = set(channels["kind"].tolist())
     acting = set() if feedback is None else set(feedback.tangents["kind"].tolist())
@@ -92,31 +92,32 @@ def _called_by_number(system: System) -> dict[str, set[int]]:
 
 def row_units(system: System) -> RowUnits:
     """Units of the kinds of rows that a system holds, and of those that its sensors measure as."""
-    used = {word: set(system.rows["kind"].tolist()) for word in _ROW_STAGES}
-    acting = _acting_terms(system)
-    for t, term in enumerate(system.sensors.terms):
-        measure = MEASURES[term["measure"]]
-        words = measure.of_row + (measure.gradient_of_row if t in acting else ())
-        for word in words:
-            used[word].add(int(term["kind"]))
+    in_joints = np.flatnonzero(np.bincount(system.rows["kind"])).tolist()
+    used = {word: set(in_joints) for word in _OF_ROWS}
+    every, acting = _terms(system)
+    for number, kind in every:
+        for word in MEASURES[number].of_row:
+            used[word].add(kind)
+    for number, kind in acting:
+        for word in MEASURES[number].gradient_of_row:
+            used[word].add(kind)
     units = {
         word: tuple(
             getattr(kind, word) if k in used[word] else None for k, kind in enumerate(ROW_KINDS)
         )
-        for word in _ROW_STAGES
+        for word in _OF_ROWS
     }
     curved = np.array([kind.tangent is not None for kind in ROW_KINDS], np.int64)
     return RowUnits(**units, curved=curved, period=np.array([kind.period for kind in ROW_KINDS]))
 
 
-_ROW_STAGES = ("value", "gradient", "curvature", "tangent")
+_OF_ROWS = ("value", "gradient", "curvature", "tangent")
 
 
 def sensor_units(system: System) -> SensorUnits:
     """Units of the channels and terms that a system holds."""
-    terms, channels = system.sensors.terms, set(system.sensors.channels["what"].tolist())
-    measures = set(terms["measure"].tolist())
-    acting = {int(terms[t]["measure"]) for t in _acting_terms(system)}
+    channels = set(system.sensors.channels["what"].tolist())
+    measures, acting = ({number for number, _ in terms} for terms in _terms(system))
     return SensorUnits(
         channel=tuple(of.value if k in channels else None for k, of in enumerate(CHANNEL_KINDS)),
         turns=np.array([of.counts_turns for of in CHANNEL_KINDS], np.int64),
@@ -127,10 +128,12 @@ def sensor_units(system: System) -> SensorUnits:
     )
 
 
-def _acting_terms(system: System) -> set[int]:
-    """Terms that functions over channels, which act, depend on."""
-    feedback = system.kinds.get("feedback")
-    return set() if feedback is None else set(feedback.tangents["term"].tolist()) - {-1}
+def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
+    """Measures of all terms with their kinds of rows, and of those that functions act by."""
+    terms, feedback = system.sensors.terms, system.kinds.get("feedback")
+    every = list(zip(terms["measure"].tolist(), terms["kind"].tolist(), strict=True))
+    acting = set() if feedback is None else set(feedback.tangents["term"].tolist()) - {-1}
+    return set(every), {every[t] for t in acting}
 
 
 def units_of(system: System) -> list[Unit]:

@@ -19,7 +19,8 @@ OWN = {
     "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic"},
     "bushing": {"forces.damping_tangent", "forces.six_component_force"},
     "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent"},
-    "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate"},
+    "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
+                       "joints.dots"},
     "line row": {"joints.line_rows"},
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
     "expression": FORCES_OF_TIME | {"forces.unit_force", "sensors.channel", "sensors.feedback",
@@ -28,8 +29,8 @@ OWN = {
     "expression sensor": {"sensors.channel", "sensors.motion"},
     "reaction sensor": {"sensors.channel"},
     "planar": {"bodies.planar_body"},
-    "flexible": {"functions.time_function", "joints.axis_rows", "sensors.channel", "sensors.motion",
-                 "sensors.row_measure"},
+    "flexible": {"functions.time_function", "joints.axis_rows", "joints.dots", "sensors.channel",
+                 "sensors.motion", "sensors.row_measure"},
     "explicit-rk": {"integrators.explicit_rk"},
 }  # fmt: skip
 
