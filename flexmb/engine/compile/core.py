@@ -43,7 +43,8 @@ def core_tables(
     point = parts.markers["point"] == 1
     driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
     points = _joints_of_points(parts, rows, groups)
-    held = np.repeat(points, groups["n"])
+    coincident = rows["kind"] == POINT
+    others = coincident & ~np.repeat(points, groups["n"])
     channels = sensors.channels
     angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
     turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
@@ -56,8 +57,11 @@ def core_tables(
         "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
         "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
         "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
-        "joints": (Joints(np.flatnonzero(~held), np.flatnonzero(~points), driven), True),
-        "point_joints": (PointJoints(np.flatnonzero(held), np.flatnonzero(points)), points.any()),
+        "joints": (Joints(np.flatnonzero(~coincident), np.flatnonzero(~points), driven), True),
+        "point_joints": (
+            PointJoints(np.flatnonzero(coincident), np.flatnonzero(others), np.flatnonzero(points)),
+            coincident.any(),
+        ),
         "joint_angles": (JointAngles(angles), len(angles)),
         "turning_angles": (TurningAngles(turning), len(turning)),
     }

@@ -27,17 +27,18 @@ _REGULARISATION = 1e-9
 class Joints(NamedTuple):
     """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`).
 
-    Values, rates, reactions and tangents of joints of points stand apart (`point_joint`).
+    Values, rates and reactions of rows of coincidence stand apart (`point_joint`), and tangents of
+    joints that have no other rows.
     """
 
-    rows: Integers  # rows of all others
-    groups: Integers  # groups of all others
+    rows: Integers  # all other rows
+    groups: Integers  # all other groups
     driven: Integers  # rows with a function of time
 
 
 @unit
 def put_values(run: Run, joints: Joints, at: Point) -> int:
-    """C of all rows but those of joints of points."""
+    """C of all rows but those of coincidence."""
     rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, joints.rows
     C, fun = con.C, con.fun
     for n in range(listed.shape[0]):
@@ -52,7 +53,7 @@ def put_values(run: Run, joints: Joints, at: Point) -> int:
 
 @unit
 def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
-    """Wrenches of the markers −= λ g of all rows but those of joints of points."""
+    """Wrenches of the markers −= λ g of all rows but those of coincidence."""
     rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.row.g, at.lam
     listed = joints.rows
     for n in range(listed.shape[0]):
@@ -68,7 +69,7 @@ def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
 
 @unit
 def put_rates(run: Run, joints: Joints, at: Point) -> int:
-    """Cq v + C_t of all rows but those of joints of points."""
+    """Cq v + C_t of all rows but those of coincidence."""
     rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
     out, fun, listed = con.rate, con.fun, joints.rows
     for n in range(listed.shape[0]):
