@@ -28,7 +28,7 @@ from flexmb.engine.kernels.forces.load import LOADS
 from flexmb.engine.kernels.forces.six_component_force import SIX_COMPONENT_FORCES
 from flexmb.engine.kernels.forces.spring_damper import SPRINGS
 from flexmb.engine.kernels.functions.time_function import TIME_FUNCTIONS
-from flexmb.engine.kernels.joints.constraint import JOINTS
+from flexmb.engine.kernels.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.kernels.joints.coordinate import COORDINATES
 from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS
 from flexmb.engine.kernels.joints.point_joint import POINT_JOINTS
@@ -56,6 +56,7 @@ KINDS: tuple[Kind, ...] = (
     FLEXIBLE_MARKERS,
     CURVE_MARKERS,
     JOINTS,
+    CONSTRAINT_ROWS,
     POINT_JOINTS,
     _lowered(SPRINGS, lower_springs),
     _lowered(LOADS, lower_loads),

@@ -11,7 +11,7 @@ from flexmb.engine.kernels.bodies.kinematics import Markers
 from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.functions.time_function import TimeFunctions
-from flexmb.engine.kernels.joints.constraint import Joints
+from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.kernels.joints.coordinate import Coordinates
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
 from flexmb.engine.kernels.joints.point_joint import PointJoints
@@ -57,7 +57,8 @@ def core_tables(
         "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
         "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
         "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
-        "joints": (Joints(np.flatnonzero(~coincident), np.flatnonzero(~points), driven), True),
+        "joints": (Joints(np.flatnonzero(~points), driven), True),
+        "constraint_rows": (ConstraintRows(np.flatnonzero(~coincident)), not coincident.all()),
         "point_joints": (
             PointJoints(np.flatnonzero(coincident), np.flatnonzero(others), np.flatnonzero(points)),
             coincident.any(),
@@ -84,7 +85,8 @@ def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> Syste
     """The same system with another table of markers and their pool."""
     parts = system.parts._replace(markers=markers, pool=pool)
     core = core_tables(parts, system.rows, system.groups, system.functions, system.sensors)
-    words = ("point_markers", "rigid_markers", "flexible_markers", "joints", "point_joints")
+    markers_of = ("point_markers", "rigid_markers", "flexible_markers")
+    words = (*markers_of, "joints", "constraint_rows", "point_joints")
     kinds = {name: tables for name, tables in system.kinds.items() if name not in words}
     return system._replace(
         parts=parts, kinds=kinds | {name: core[name] for name in words if name in core}

@@ -100,7 +100,7 @@ def test_features_that_are_not_used_have_no_table():
     made = Mechanism(1, "chain", "mixed", n=2, acting=False)
     system = compile_system(made.model).system
     mechanism = {"rigid_bodies", "flexible_bodies", "point_markers", "rigid_markers"}
-    mechanism |= {"flexible_markers", "joints", "point_joints"}
+    mechanism |= {"flexible_markers", "joints", "constraint_rows", "point_joints"}
     assert set(system.kinds) <= mechanism
     assert len(system.parts.coordinates) == len(system.parts.curve_markers) == 0
     assert len(system.sensors.channels) == len(system.functions.ops) == 0

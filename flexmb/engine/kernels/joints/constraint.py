@@ -25,21 +25,22 @@ _REGULARISATION = 1e-9
 
 
 class Joints(NamedTuple):
-    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`).
+    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`)."""
 
-    Values, rates and reactions of rows of coincidence stand apart (`point_joint`), and tangents of
-    joints that have no other rows.
-    """
-
-    rows: Integers  # all other rows
-    groups: Integers  # all other groups
+    groups: Integers  # all but joints of points (`point_joint`)
     driven: Integers  # rows with a function of time
 
 
+class ConstraintRows(NamedTuple):
+    """Rows of all kinds but coincidence, which stands apart (`point_joint`)."""
+
+    rows: Integers
+
+
 @unit
-def put_values(run: Run, joints: Joints, at: Point) -> int:
+def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
     """C of all rows but those of coincidence."""
-    rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, joints.rows
+    rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, of.rows
     C, fun = con.C, con.fun
     for n in range(listed.shape[0]):
         row = rows[listed[n]]
@@ -52,10 +53,10 @@ def put_values(run: Run, joints: Joints, at: Point) -> int:
 
 
 @unit
-def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
+def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
     """Wrenches of the markers −= λ g of all rows but those of coincidence."""
     rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.row.g, at.lam
-    listed = joints.rows
+    listed = of.rows
     for n in range(listed.shape[0]):
         k = listed[n]
         row = rows[k]
@@ -68,10 +69,10 @@ def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
 
 
 @unit
-def put_rates(run: Run, joints: Joints, at: Point) -> int:
+def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
     """Cq v + C_t of all rows but those of coincidence."""
     rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
-    out, fun, listed = con.rate, con.fun, joints.rows
+    out, fun, listed = con.rate, con.fun, of.rows
     for n in range(listed.shape[0]):
         k = listed[n]
         row = rows[k]
@@ -183,13 +184,19 @@ def put_constraint_matrix(run, at):
         call_stage(units[k], run, tables[k], at)
 
 
-JOINTS = Kind(
-    "joints",
-    Joints,
+CONSTRAINT_ROWS = Kind(
+    "constraint_rows",
+    ConstraintRows,
     {
         "constraint": put_values,
         "rate": put_rates,
         "wrench": subtract_reactions,
+    },
+)
+JOINTS = Kind(
+    "joints",
+    Joints,
+    {
         "matrix": joint_matrix,
         "jacobian": put_jacobian,
         "power": driver_power,
