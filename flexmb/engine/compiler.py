@@ -162,6 +162,18 @@ def _put_calls() -> None:
     def channel(_, unit, run, tables, at, k):  # type: ignore[no-untyped-def]
         return types.float64(unit, run, tables, at, k), value
 
+    @intrinsic
+    def row(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return types.int64(unit, at, a, b, i, j), status
+
+    @intrinsic
+    def row_value(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return types.float64(unit, at, a, b, i, j), value
+
+    @intrinsic
+    def row_tangent(_, unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
+        return types.int64(unit, at, a, b, i, j, f), status
+
     @overload(jit.call_stage)
     def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
         return lambda unit, run, tables, at: stage(unit, run, tables, at)  # noqa: PLW0108
@@ -181,6 +193,18 @@ def _put_calls() -> None:
     @overload(jit.call_channel)
     def _(unit, run, tables, at, k):  # type: ignore[no-untyped-def]
         return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)  # noqa: PLW0108
+
+    @overload(jit.call_row)
+    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j: row(unit, at, a, b, i, j)  # noqa: PLW0108
+
+    @overload(jit.call_row_value)
+    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j: row_value(unit, at, a, b, i, j)  # noqa: PLW0108
+
+    @overload(jit.call_row_tangent)
+    def _(unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j, f: row_tangent(unit, at, a, b, i, j, f)  # noqa: PLW0108
 
 
 def signature_of(function: Callable[..., Any]) -> Any:

@@ -111,9 +111,24 @@ class Dense(NamedTuple):
     J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
     T: Matrix  # (6, 6 + m) one product
     H: Matrix  # (12, 12) tangent at two markers
-    g: Matrix  # (2, 12) gradient of one row, wrench pair of one group
+    g: Matrix  # (2, 12) RowWork.g, wrench pair of one group
     jac: Vector  # Jacobian rows, flat
     pair: Integers  # (2,) markers I and J of a wrench pair
+
+
+class RowWork(NamedTuple):
+    """What units of constraint rows read and write (`engine.kind`)."""
+
+    marker: array_of(MARKER_NOW)  # Now.marker
+    g: Vector  # (12,) gradient of one row
+    H: Matrix  # (12, 12) tangent at two markers, Dense.H
+
+
+def rows_between(xi: np.ndarray, Ri: np.ndarray, xj: np.ndarray, Rj: np.ndarray) -> RowWork:
+    """Two markers at rest, 0 and 1, for units of rows: positions (3,), axes (3, 3) to global."""
+    markers = np.zeros(2, MARKER_NOW)
+    markers["x"], markers["R"] = (xi, xj), (Ri, Rj)
+    return RowWork(markers, np.zeros(12), np.zeros((12, 12)))
 
 
 class Factor(NamedTuple):
@@ -200,6 +215,7 @@ class Work(NamedTuple):
     now: Now
     con: Constraints
     dense: Dense
+    row: RowWork
     factor: Factor
     trial: Trial
     feedback: FeedbackWork
@@ -226,6 +242,8 @@ class Stages(NamedTuple):
     velocity: Stage
     force_velocity: Stage  # velocity, where wrenches need it
     bias: Stage
+    constraint: Stage
+    rate: Stage
     axes: Stage
     feedback: Stage
     reaction: Stage
@@ -244,6 +262,28 @@ class Stages(NamedTuple):
     angles: Stage
     wrenches: Stage
     unit_force: Stage
+
+
+class RowUnits(NamedTuple):
+    """Units of constraint rows by their kind (`engine.row_kinds`), those that the scene holds."""
+
+    value: Units
+    gradient: Units
+    curvature: Units
+    tangent: Units
+    curved: Integers  # (kinds,) 1: it has a tangent
+    period: Vector  # (kinds,) of what it measures; 0: none
+
+
+class SensorUnits(NamedTuple):
+    """Units of sensors by kind (`engine.sensor_kinds`), those that the scene holds."""
+
+    channel: Units  # values of channels
+    turns: Integers  # (kinds of channels,) 1: it counts turns
+    computed: Integers  # (kinds of channels,) 1: of other channels
+    measure: Units  # values of terms
+    gradient: Units  # gradients of terms, for functions that act
+    level: Integers  # (measures,) derivative in time
 
 
 class Output(NamedTuple):
@@ -270,6 +310,8 @@ class Run(NamedTuple):
     state_point: Point  # arrays of the state
     trial_point: Point  # arrays of the trial state
     stages: Stages
+    rows: RowUnits
+    sensors: SensorUnits
     method: Method
     settings: Settings
     output: Output

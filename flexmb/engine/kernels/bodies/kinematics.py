@@ -262,6 +262,15 @@ def add_pulled_back(parts, now, k, w, i, f, out, o):
 
 
 @unit
+def add_generalized_force(
+    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector
+) -> int:
+    """out[:6+m] += f Jᵀ w[i:i+6] for marker k: `add_pulled_back` where time does not matter."""
+    add_pulled_back(parts, now, k, w, i, f, out, 0)
+    return FINE
+
+
+@unit
 def add_modal_forces(
     parts: Parts,
     now: Now,

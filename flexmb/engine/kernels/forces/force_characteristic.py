@@ -27,12 +27,12 @@ from flexmb.engine.kernels.forces.damping_tangent import add_damping_moment_arms
 from flexmb.engine.kernels.forces.unit_force import pull_back
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.joints.dots import add_dot2, separation
-from flexmb.engine.kernels.joints.primitive import (
+from flexmb.engine.kernels.joints.point_rows import (
+    add_distance,
     put_component_gradient,
     put_distance_gradient,
-    rate,
 )
-from flexmb.engine.kernels.joints.row_tangent import add_distance
+from flexmb.engine.kernels.joints.row import rate
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Integers, Matrix, Vector, array_of
