@@ -109,9 +109,11 @@ class Dense(NamedTuple):
 
     B: Matrix  # (6 + m, 6 + m) of one body or a pair
     J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
-    T: Matrix  # (6, 6 + m) one product
+    T: Matrix  # (24, 6 + m) one product, or wrenches and rates of damping pulled back
     H: Matrix  # (12, 12) tangent at two markers
     g: Matrix  # (2, 12) gradient of one row, wrench pair of one group
+    X: Matrix  # (6, 12) wrench pairs that follow rates
+    U: Matrix  # (6, 12) these rates per velocities of two markers
     jac: Vector  # Jacobian rows, flat
     pair: Integers  # (2,) markers I and J of a wrench pair
 

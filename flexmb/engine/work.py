@@ -143,7 +143,8 @@ def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
     return Dense(
-        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac),
+        _nan(n, n), _nan(2, 6, n), _nan(24, n), _nan(12, 12), _nan(2, 12), _nan(6, 12),
+        _nan(6, 12), _nan(jac),
         np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 

@@ -15,11 +15,12 @@ FORCES_OF_TIME = {"forces.load", "forces.unit_force", "functions.time_function"}
 # lines and jumps in time are part of units that all scenes call.
 OWN = {
     None: set(),
-    "spring": {"forces.spring_damper"},
+    "spring": {"forces.damping_tangent", "forces.spring_damper"},
     "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic",
             "forces.unit_force"},
-    "bushing": {"forces.damping_tangent", "forces.six_component_force"},
-    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent"},
+    "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
+    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
+                "forces.damping_tangent"},
     "joint friction": {"forces.joint_friction", "joints.coordinate"},
     "line row": set(),
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},

@@ -80,9 +80,8 @@ def flexible_mass_block(body, bn, pool, Z, B):
 @unit
 def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
-    parts, kkt, now, rows = run.system.parts, run.system.kkt, run.work.now, of.rows
-    factor, B, g = run.work.factor, run.work.dense.B, parts.gravity
-    low, up, bodies, body_now, v, vd = factor.low, factor.up, parts.bodies, now.body, at.v, at.vd
+    parts, now, rows, B = run.system.parts, run.work.now, of.rows, run.work.dense.B
+    bodies, body_now, v, vd, g = parts.bodies, now.body, at.v, at.vd, parts.gravity
     for n in range(rows.shape[0]):
         body, bn = bodies[rows[n]], body_now[rows[n]]
         rigid_mass_block(body, bn, B)
@@ -90,15 +89,15 @@ def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
             _add_velocity_tangent(body, bn, v, 0.0, 0.0, 0.0, cv, B)
         if cp != 0.0:
             _add_position_tangent(body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, cp, B)
-        add_body_block(body, kkt, B, low, up)
+        add_body_block(run, rows[n], B)
     return FINE
 
 
 @unit
 def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of flexible bodies, F inertia, elastic and damping forces."""
-    parts, kkt, now, rows = run.system.parts, run.system.kkt, run.work.now, of.rows
-    factor, B, v, vd = run.work.factor, run.work.dense.B, at.v, at.vd
+    parts, now, rows = run.system.parts, run.work.now, of.rows
+    B, v, vd = run.work.dense.B, at.v, at.vd
     for n in range(rows.shape[0]):
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
         m, o, flex = body["m"], body["iv"] + 6, body["flex"]
@@ -114,7 +113,7 @@ def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> in
             )
             _add_modal_stiffness(body, parts.pool, v, vd, px, py, pz, cp, B)
             _add_frame_columns(body, bn["A"], parts.pool, now.Z, v, vd, cp, B)
-        add_body_block(body, kkt, B, factor.low, factor.up)
+        add_body_block(run, rows[n], B)
     return FINE
 
 

@@ -242,9 +242,17 @@ def _arm_bias(arm, ox, oy, oz, tx, ty, tz):
     return ax + bx, ay + by, az + bz
 
 
-@kernel
-def add_pulled_back(parts, now, k, w, i, f, out, o):
+@unit
+def add_pulled_back(
+    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector, o: int
+) -> int:
     """out[o:o+6+m] += f Jᵀ w[i:i+6] for marker k; w = (force, moment) in global axes."""
+    _pull_back(parts, now, k, w, i, f, out, o)
+    return FINE
+
+
+@kernel
+def _pull_back(parts, now, k, w, i, f, out, o):
     mk, mn = parts.markers[k], now.marker[k]
     A, s = now.body[mk["body"]]["A"], mn["s"]
     x, y, z = f * w[i], f * w[i + 1], f * w[i + 2]
@@ -309,7 +317,7 @@ def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
         b = table[rows[n]]["body"]
         if b >= 0:
             o = bodies[b]["iv"]
-            add_pulled_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+            _pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
     return FINE
 
 

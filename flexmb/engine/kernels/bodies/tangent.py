@@ -59,9 +59,20 @@ def _modal_column(mk, mn, pool, m, c):
     return pool[at] + hx, pool[at + m] + hy, pool[at + 2 * m] + hz, tx, ty, tz
 
 
-@kernel
-def add_product_block(H, i, j, Ji, ni, Jj, nj, f, T, B):
-    """B[:ni, :nj] += f J_iᵀ H[6i:6i+6, 6j:6j+6] J_j; T (6, nj) is scratch."""
+@unit
+def put_product_block(
+    H: Matrix,
+    i: int,
+    j: int,
+    Ji: Matrix,
+    ni: int,
+    Jj: Matrix,
+    nj: int,
+    f: float,
+    T: Matrix,
+    B: Matrix,
+) -> int:
+    """B[:ni, :nj] = f J_iᵀ H[6i:6i+6, 6j:6j+6] J_j; T (6, nj) is scratch."""
     for r in range(6):
         for c in range(nj):
             s = 0.0
@@ -69,11 +80,14 @@ def add_product_block(H, i, j, Ji, ni, Jj, nj, f, T, B):
                 s += H[6 * i + r, 6 * j + k] * Jj[k, c]
             T[r, c] = s
     for r in range(ni):
+        for c in range(nj):
+            B[r, c] = 0.0
         for k in range(6):
             x = f * Ji[k, r]
             if x != 0.0:
                 for c in range(nj):
                     B[r, c] += x * T[k, c]
+    return FINE
 
 
 @unit

@@ -13,6 +13,7 @@ import numpy as np
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.functions.function import FunctionTable, evaluate, run_program
 from flexmb.engine.records import Matrix
+from flexmb.engine.tables import DISTANCE, DOT2
 
 # A force by a characteristic of one measure s and its rate: the distance of two markers, the
 # component of their separation along z of I, or a scalar coordinate.
@@ -39,7 +40,8 @@ FORCE_CHARACTERISTIC = np.dtype(
     align=True,
 )
 # Measures.
-DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
+# The first two are those of the rows of joints.
+DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = DISTANCE, DOT2, -1
 
 _PANELS = 16
 # Points and half weights of Gauss–Legendre's rule of eight points on (0, 1), the lower four.

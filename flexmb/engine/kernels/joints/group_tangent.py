@@ -30,7 +30,6 @@ def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
     rows, group, d = run.system.rows, run.system.groups[k], run.work.dense
     g, w, H = d.g[0], d.g[1], d.H
     i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
-    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
     curved = 0
     clear(H, H.shape[0], H.shape[1])
     for c in range(12):
@@ -42,5 +41,5 @@ def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
             w[c] += lam[r] * g[c]
         if kind != POINT:
             curved = 1
-            row_tangent.add_row_tangent(kind, a, b, mi, mj, lam[r], g, H)
+            row_tangent.add_row_tangent(run, kind, a, b, i, j, lam[r])
     return curved

@@ -8,20 +8,24 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.joints import line
 from flexmb.engine.kernels.joints.dots import add_dot, add_dot2, dot_columns, separation
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Run
 from flexmb.engine.tables import DISTANCE, DOT1, DOT2, POINT, TWIST
 
 
-@kernel
-def add_row_tangent(kind, a, b, mi, mj, lam, g, H):
-    """Add the tangent of λ g of one row to H (12, 12); g (12) is scratch."""
+@unit
+def add_row_tangent(run: Run, kind: int, a: int, b: int, i: int, j: int, lam: float) -> int:
+    """Add the tangent of λ g of a row between two markers to dense.H; dense.g[0] is scratch."""
+    markers, dense = run.work.now.marker, run.work.dense
     if kind >= TWIST:
-        line.add_tangent(kind, mi, mj, lam, g, H)
+        line.add_tangent(kind, markers[i], markers[j], lam, dense.g[0], dense.H)
     else:
-        add_axis_tangent(kind, a, b, mi, mj, lam, H)
+        add_axis_tangent(kind, a, b, markers[i], markers[j], lam, dense.H)
+    return FINE
 
 
 @kernel
@@ -37,13 +41,13 @@ def add_axis_tangent(kind, a, b, mi, mj, lam, H):
         add_dot2(Ri[0, a], Ri[1, a], Ri[2, a], hx, hy, hz, lam, H)
     elif kind == DISTANCE:
         hx, hy, hz = separation(mi, mj)
-        add_distance(hx, hy, hz, lam, H)
+        _add_distance(hx, hy, hz, lam, H)
     else:
         _add_angle(Ri, Rj, b, lam, H)
 
 
 @kernel
-def add_distance(hx, hy, hz, f, H):
+def _add_distance(hx, hy, hz, f, H):
     """f times the tangent of |h|."""
     d = math.sqrt(hx * hx + hy * hy + hz * hz)
     n = (hx / d, hy / d, hz / d)
