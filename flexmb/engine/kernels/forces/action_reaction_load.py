@@ -159,8 +159,8 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
         if i >= 0:
             clear(H, 12, 12)
             if load["torque"] == 0:  # the wrench on I changes with h
-                add_skew(H, 3, 6, -1.0, x, y, z)
-                add_skew(H, 3, 0, 1.0, x, y, z)
+                add_skew(H, 3, 6, -1.0, (x, y, z))
+                add_skew(H, 3, 0, 1.0, (x, y, z))
             add_pair(run, i, j, load["couple"], cp)
             add_moment_arms(run, i, j, cp)
         else:
@@ -169,7 +169,7 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
             add_moment_arms(run, j, -1, cp)
         if axes >= 0:
             clear(H, 12, 12)
-            add_skew(H, 3 * load["torque"], 9, 1.0, x, y, z)
+            add_skew(H, 3 * load["torque"], 9, 1.0, (x, y, z))
             _add_block(run, j, axes, load["couple_marker"], cp)
         if axes >= 0 and i >= 0:
             clear(H, 12, 12)
@@ -181,7 +181,7 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
 @kernel
 def _add_turn_of_other(load, markers, x, y, z, H):
     """Add minus the change of the wrench on I, rows 0 to 6, with the turn of `axes`, at 9."""
-    add_skew(H, 3 * load["torque"], 9, -1.0, x, y, z)
+    add_skew(H, 3 * load["torque"], 9, -1.0, (x, y, z))
     if load["torque"] == 0:
         hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
         # −h̃ F̃ = (h·F) I − F hᵀ

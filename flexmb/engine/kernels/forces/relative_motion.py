@@ -16,7 +16,8 @@ import math
 from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.triple import column, inner, outer, plus, triple
+from flexmb.engine.kernels.algebra.rotation import put_polynomial
+from flexmb.engine.kernels.algebra.triple import column, inner, outer, part, plus, triple
 from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
 from flexmb.engine.kernels.joints.dots import dot_columns, separation
 from flexmb.engine.kernels.joints.primitive import put_gradient, rate
@@ -113,26 +114,22 @@ def inverse_coefficient(x):
 @kernel
 def _put_rotation_rate(s):
     """e and G of φ."""
-    phi, G = (s.x[3], s.x[4], s.x[5]), s.G
-    square = inner(phi, phi)
-    e, s.e[1] = inverse_coefficient(square)
+    phi = s.x[3:6]
+    e, s.e[1] = inverse_coefficient(inner(phi, phi))
     s.e[0] = e
-    for r in range(3):
-        for c in range(3):
-            G[r, c] = e * phi[r] * phi[c] + (1.0 - e * square if r == c else 0.0)
-    add_skew(G, 0, 0, -0.5, phi[0], phi[1], phi[2])
+    put_polynomial(phi, -0.5, e, s.G)
 
 
 @kernel
 def _put_slope(s, sign, v):
     """S = ∂(G v)/∂φ at constant v, of Gᵀ v with sign −1."""
-    phi, S = (s.x[3], s.x[4], s.x[5]), s.S
+    phi, S = s.x[3:6], s.S
     along, square = inner(phi, v), inner(phi, phi)
     for r in range(3):
         for c in range(3):
             x = phi[r] * v[c] - 2.0 * v[r] * phi[c] + (along if r == c else 0.0)
             S[r, c] = s.e[0] * x + 2.0 * s.e[1] * (phi[r] * along - square * v[r]) * phi[c]
-    add_skew(S, 0, 0, 0.5 * sign, v[0], v[1], v[2])
+    add_skew(S, 0, 0, 0.5 * sign, v)
 
 
 @unit
@@ -173,8 +170,9 @@ def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> 
         add_row_tangent(run, DOT2, r, 0, i, j, cp * p[r])
     # the moment R_I Gᵀ p turns with I and changes with φ
     _put_slope(s, -1.0, (p[3], p[4], p[5]))
-    add_skew(H, 3, 3, cp, w[9], w[10], w[11])
-    add_skew(H, 9, 3, -cp, w[9], w[10], w[11])
+    moment = part(w, 9)
+    add_skew(H, 3, 3, cp, moment)
+    add_skew(H, 9, 3, -cp, moment)
     for a in range(3):
         for b in range(3):
             x = 0.0
