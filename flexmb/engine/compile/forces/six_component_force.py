@@ -48,7 +48,7 @@ def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
     if not rows:
         return None
     scratch = {name: _nan(6) for name in ("x", "rate", "elastic", "viscous", "p")}
-    scratch |= {name: _nan(3, 3) for name in "QGS"} | {name: _nan(6, 12) for name in "ED"}
+    scratch |= {name: _nan(3, 3) for name in "QS"} | {name: _nan(6, 12) for name in "ED"}
     motion = RelativeMotion(**scratch, e=_nan(2))
     return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE), pool.array(), motion)
 

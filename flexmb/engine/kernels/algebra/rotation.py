@@ -88,10 +88,13 @@ def put_polynomial(th, f, g, M):
         for j in range(3):
             M[i, j] = g * th[i] * th[j]
         M[i, i] += 1.0 - g * square
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        M[k, j] += f * th[i]
-        M[j, k] -= f * th[i]
+    x, y, z = f * th[0], f * th[1], f * th[2]
+    M[0, 1] -= z
+    M[1, 0] += z
+    M[0, 2] += y
+    M[2, 0] -= y
+    M[1, 2] -= x
+    M[2, 1] += x
 
 
 @kernel

@@ -17,12 +17,13 @@ from flexmb.engine.state import Run
 @unit
 def add_rates(run: Run, n: int, f: float) -> int:
     """Add f Σ X_r U_rᵀ, r < n, to dense.H (12, 12)."""
-    d = run.work.dense
-    for k in range(n):
-        for r in range(12):
-            x = f * d.X[k, r]
-            for c in range(12):
-                d.H[r, c] += x * d.U[k, c]
+    X, U, H = run.work.dense.X, run.work.dense.U, run.work.dense.H
+    for r in range(12):
+        for k in range(n):
+            x = f * X[k, r]
+            if x != 0.0:
+                for c in range(12):
+                    H[r, c] += x * U[k, c]
     return FINE
 
 
@@ -34,7 +35,7 @@ def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: flo
     of the moment arms of U_r.
     """
     parts, d = run.system.parts, run.work.dense
-    T, B = d.T, d.B
+    T, B, X = d.T, d.B, d.X
     for side in range(2):
         k = i if side == 0 else j
         b = parts.markers[k]["body"]
@@ -47,7 +48,7 @@ def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: flo
             for c in range(size):
                 push, rate = 0.0, 0.0
                 for a in range(6):
-                    push += d.X[r, 6 * side + a] * J[a, c]
+                    push += X[r, 6 * side + a] * J[a, c]
                 for a in range(size):
                     rate += v[o + a] * B[a, c]
                 T[6 * side + r, c], T[12 + 6 * side + r, c] = push, rate

@@ -233,7 +233,7 @@ def _put_tangent(run, row, scratch, cv, cp):
     the markers. g stays in dense.X[0], R g in dense.g[1].
     """
     mi, mj, d = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]], run.work.dense
-    H, R, g, slope = d.H, scratch.R, scratch.g, d.U[0]
+    H, R, g, slope, w = d.H, scratch.R, scratch.g, d.U[0], d.g[1]
     clear(H, 12, 12)
     add_row_tangent(run, row["measure"], _Z, 0, row["I"], row["J"], 1.0)
     for b in range(12):
@@ -246,7 +246,8 @@ def _put_tangent(run, row, scratch, cv, cp):
             slope[b] += cp * R[2] * turn
         for a in range(12):
             H[a, b] *= cp * R[0]
-        d.X[0, b], d.g[1, b] = g[b], R[0] * g[b]
+        w[b] = R[0] * g[b]
+    copy(g, d.X[0])
     add_rates(run, 1, 1.0)
 
 

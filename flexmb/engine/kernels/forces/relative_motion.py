@@ -16,11 +16,22 @@ import math
 from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import put_polynomial
-from flexmb.engine.kernels.algebra.triple import column, inner, outer, part, plus, triple
-from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
+from flexmb.engine.kernels.algebra.triple import (
+    add_part,
+    column,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.kernels.algebra.triple import unit as axis
+from flexmb.engine.kernels.bodies.inertia_tangent import add_column, add_skew
 from flexmb.engine.kernels.joints.dots import dot_columns, separation
-from flexmb.engine.kernels.joints.primitive import put_gradient, rate
+from flexmb.engine.kernels.joints.primitive import put_gradient
 from flexmb.engine.kernels.joints.row_tangent import add_row_tangent
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector
@@ -42,7 +53,6 @@ class RelativeMotion(NamedTuple):
     p: Vector  # (6,) both together
     e: Vector  # (2,) e and de/d(φ²)
     Q: Matrix  # (3, 3) axes of J in those of I
-    G: Matrix  # (3, 3) φ̇ per angular velocity of J seen from I
     S: Matrix  # (3, 3) a slope of G
     E: Matrix  # (6, 12) gradient of x
     D: Matrix  # (6, 12) change of the rates with the position of the markers
@@ -50,26 +60,49 @@ class RelativeMotion(NamedTuple):
 
 @unit
 def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """x, rate, G and E of markers i and j."""
-    mi, mj, g, x, E, G = (
-        run.work.now.marker[i], run.work.now.marker[j], run.work.dense.g[0], s.x, s.E, s.G
-    )  # fmt: skip
-    Ri, Rj, h = mi["R"], mj["R"], separation(mi, mj)
-    for r in range(3):
-        put_gradient(run, DOT2, r, 0, i, j)
-        x[r] = g[6] * h[0] + g[7] * h[1] + g[8] * h[2]
-        for c in range(12):
-            E[r, c], E[3 + r, c] = g[c], 0.0
-        for c in range(3):
-            s.Q[r, c] = dot_columns(Ri, r, Rj, c)
-    x[3], x[4], x[5] = rotation_vector(s.Q)
-    _put_rotation_rate(s)
+    """x, rate and e of markers i and j."""
+    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
     for r in range(3):
         for c in range(3):
-            E[3 + r, 9 + c] = G[r, 0] * Ri[c, 0] + G[r, 1] * Ri[c, 1] + G[r, 2] * Ri[c, 2]
-            E[3 + r, 3 + c] = -E[3 + r, 9 + c]
-    for r in range(6):
-        s.rate[r] = rate(E[r], mi, mj)
+            s.Q[r, c] = dot_columns(R, r, mj["R"], c)
+    put_part(s.x, 0, turned_back(R, h))
+    phi = rotation_vector(s.Q)
+    put_part(s.x, 3, phi)
+    s.e[0], s.e[1] = inverse_coefficient(inner(phi, phi))
+    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, h))
+    spin = plus(triple(mj["om"]), -1.0, om)
+    put_part(s.rate, 0, turned_back(R, u))
+    put_part(s.rate, 3, _rotation_rate(s, 1.0, turned_back(R, spin)))
+    return FINE
+
+
+@kernel
+def _rotation_rate(s, sign, a):
+    """G(φ) a, with sign −1 Gᵀ a."""
+    phi = part(s.x, 3)
+    u = outer(phi, a)
+    return plus(plus(a, -0.5 * sign, u), s.e[0], outer(phi, u))
+
+
+@kernel
+def add_wrenches(mi, mj, s, wi, wj):
+    """Add the wrench pair −Eᵀ p to wi and wj (6 each), both forces at the place of marker J."""
+    R = mi["R"]
+    force, moment = turned(R, part(s.p, 0)), turned(R, _rotation_rate(s, -1.0, part(s.p, 3)))
+    add_part(wi, 0, 1.0, force)
+    add_part(wi, 3, 1.0, plus(moment, 1.0, outer(separation(mi, mj), force)))
+    add_part(wj, 0, -1.0, force)
+    add_part(wj, 3, -1.0, moment)
+
+
+@unit
+def put_wrench_pair(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """dense.g[1] = −Eᵀ p."""
+    w, markers = run.work.dense.g[1], run.work.now.marker
+    for c in range(12):
+        w[c] = 0.0
+    add_wrenches(markers[i], markers[j], s, w[0:6], w[6:12])
     return FINE
 
 
@@ -112,24 +145,30 @@ def inverse_coefficient(x):
 
 
 @kernel
-def _put_rotation_rate(s):
-    """e and G of φ."""
-    phi = s.x[3:6]
-    e, s.e[1] = inverse_coefficient(inner(phi, phi))
-    s.e[0] = e
-    put_polynomial(phi, -0.5, e, s.G)
-
-
-@kernel
 def _put_slope(s, sign, v):
     """S = ∂(G v)/∂φ at constant v, of Gᵀ v with sign −1."""
-    phi, S = s.x[3:6], s.S
+    phi, S = part(s.x, 3), s.S
     along, square = inner(phi, v), inner(phi, phi)
     for r in range(3):
         for c in range(3):
             x = phi[r] * v[c] - 2.0 * v[r] * phi[c] + (along if r == c else 0.0)
             S[r, c] = s.e[0] * x + 2.0 * s.e[1] * (phi[r] * along - square * v[r]) * phi[c]
     add_skew(S, 0, 0, 0.5 * sign, v)
+
+
+@unit
+def put_gradient_of(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """E, after `put_relative_motion`."""
+    R, g, E = run.work.now.marker[i]["R"], run.work.dense.g[0], s.E
+    for r in range(3):
+        put_gradient(run, DOT2, r, 0, i, j)
+        for c in range(12):
+            E[r, c], E[3 + r, c] = g[c], 0.0
+    for c in range(3):
+        x = _rotation_rate(s, 1.0, part(R[c], 0))
+        add_column(E, 3, 3 + c, -1.0, x)
+        add_column(E, 3, 9 + c, 1.0, x)
+    return FINE
 
 
 @unit
@@ -147,23 +186,25 @@ def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
             D[r, c] = 0.0
     for k in range(3):
         a = column(Ri, k)
-        turn, arm, twist = outer(om, a), outer(a, u), outer(a, spin)
-        for c in range(3):
-            D[k, c], D[k, 3 + c], D[k, 6 + c] = -turn[c], arm[c], turn[c]
-            for r in range(3):
-                x = S[r, k] * E[3 + k, 9 + c]
-                D[3 + r, 3 + c] += s.G[r, k] * twist[c] - x
-                D[3 + r, 9 + c] += x
+        turn, arm = outer(om, a), outer(a, u)
+        add_part(D[k], 0, -1.0, turn)
+        add_part(D[k], 3, 1.0, arm)
+        add_part(D[k], 6, 1.0, turn)
+        x = turned(S, (E[3, 9 + k], E[4, 9 + k], E[5, 9 + k]))
+        turn = _rotation_rate(s, 1.0, turned_back(Ri, outer(spin, axis(k))))
+        add_column(D, 3, 3 + k, 1.0, plus(turn, -1.0, x))
+        add_column(D, 3, 9 + k, 1.0, x)
     return FINE
 
 
 @unit
 def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> int:
-    """dense.g[1] = Eᵀ p, and dense.H = cp times its change with E at constant p."""
+    """dense.H = cp times the change of Eᵀ p with E at constant p, and dense.g[1] = Eᵀ p."""
     R, E, p, S, H = run.work.now.marker[i]["R"], s.E, s.p, s.S, run.work.dense.H
     w = run.work.dense.g[1]
+    put_wrench_pair(run, i, j, s)
     for r in range(12):
-        w[r] = conjugate(s, r)
+        w[r] = -w[r]
         for c in range(12):
             H[r, c] = 0.0
     for r in range(3):
@@ -184,12 +225,3 @@ def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> 
             H[9 + a, 3 + b] -= x
             H[9 + a, 9 + b] += x
     return FINE
-
-
-@kernel
-def conjugate(s, c):
-    """Component c of Eᵀ p."""
-    w = 0.0
-    for r in range(6):
-        w += s.p[r] * s.E[r, c]
-    return w

@@ -15,15 +15,18 @@ import numpy as np
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
+from flexmb.engine.kernels.algebra.triple import inner, part
 from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
+from flexmb.engine.kernels.forces import relative_motion
 from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.relative_motion import (
     RelativeMotion,
-    conjugate,
+    put_gradient_of,
     put_pull_tangent,
     put_rate_change,
     put_relative_motion,
+    put_wrench_pair,
 )
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
@@ -46,21 +49,24 @@ class SixComponentForces(NamedTuple):
     scratch: RelativeMotion
 
 
+@kernel
+def _times(pool, o, x):
+    """Six numbers of the pool times x (6)."""
+    return inner(part(pool, o), part(x, 0)) + inner(part(pool, o + 3), part(x, 3))
+
+
 @unit
 def _put_forces(run: Run, forces: SixComponentForces, k: int) -> int:
-    """Deflection of force k, its rate, and the forces conjugate to it."""
+    """Deflection of force k, its rate, and forces conjugate to it."""
     row, pool, s = forces.rows[k], forces.pool, forces.scratch
     at = row["at"]
     put_relative_motion(run, row["I"], row["J"], s)
     for r in range(3):
         s.x[r] -= pool[at + r]
     for r in range(6):
-        elastic, viscous, o = pool[at + P0 + r], 0.0, at + 6 * r
-        for c in range(6):
-            elastic += pool[o + STIFFNESS + c] * s.x[c]
-            viscous += pool[o + DAMPING + c] * s.rate[c]
-        s.elastic[r], s.viscous[r] = elastic, viscous if row["damped"] == 1 else 0.0
-        s.p[r] = s.elastic[r] + s.viscous[r]
+        elastic = pool[at + P0 + r] + _times(pool, at + STIFFNESS + 6 * r, s.x)
+        viscous = _times(pool, at + DAMPING + 6 * r, s.rate) if row["damped"] == 1 else 0.0
+        s.elastic[r], s.viscous[r], s.p[r] = elastic, viscous, elastic + viscous
     return FINE
 
 
@@ -69,11 +75,9 @@ def add_wrenches(run: Run, forces: SixComponentForces, at: Point) -> int:
     """Wrenches on the markers of all bushings and beams."""
     rows, markers, s = forces.rows, run.work.now.marker, forces.scratch
     for k in range(rows.shape[0]):
-        wi, wj = markers[rows[k]["I"]]["W"], markers[rows[k]["J"]]["W"]
+        mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
         _put_forces(run, forces, k)
-        for c in range(6):
-            wi[c] -= conjugate(s, c)
-            wj[c] -= conjugate(s, 6 + c)
+        relative_motion.add_wrenches(mi, mj, s, mi["W"], mj["W"])
     return FINE
 
 
@@ -102,11 +106,10 @@ def add_powers(run: Run, forces: SixComponentForces, at: Point) -> int:
 @unit
 def put_wrench(run: Run, forces: SixComponentForces, at: Point, c: int) -> float:
     """Wrench pair of the bushing or beam that channel c reads."""
-    k, d = run.system.sensors.channels[c]["first"], run.work.dense
+    k, pair = run.system.sensors.channels[c]["first"], run.work.dense.pair
+    pair[0], pair[1] = forces.rows[k]["I"], forces.rows[k]["J"]
     _put_forces(run, forces, k)
-    for r in range(12):
-        d.g[1, r] = -conjugate(forces.scratch, r)
-    d.pair[0], d.pair[1] = forces.rows[k]["I"], forces.rows[k]["J"]
+    put_wrench_pair(run, pair[0], pair[1], forces.scratch)
     return 0.0
 
 
@@ -116,8 +119,9 @@ def _add_product(pool, o, f, E, U):
     for r in range(6):
         for k in range(6):
             x = f * pool[o + 6 * r + k]
-            for c in range(12):
-                U[r, c] += x * E[k, c]
+            if x != 0.0:
+                for c in range(12):
+                    U[r, c] += x * E[k, c]
 
 
 @unit
@@ -130,6 +134,7 @@ def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp:
         row = rows[k]
         i, j, link, o, damped = row["I"], row["J"], row["couple"], row["at"], row["damped"] == 1
         _put_forces(run, forces, k)
+        put_gradient_of(run, i, j, s)
         put_pull_tangent(run, i, j, s, cp)
         clear(U, 6, 12)
         _add_product(pool, o + STIFFNESS, cp, s.E, U)
