@@ -33,10 +33,8 @@ from flexmb.engine.kernels.algebra.triple import (
 from flexmb.engine.kernels.algebra.vector import dot
 from flexmb.engine.kernels.bodies.kinematics import modal_vector, mode_vector
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
+from flexmb.engine.records import Integers, Vector
 from flexmb.engine.state import Point, Run
-
-_ZERO = (0.0, 0.0, 0.0)
 
 
 class Bodies(NamedTuple):
@@ -45,8 +43,10 @@ class Bodies(NamedTuple):
     rows: Integers  # their rows in the table of bodies
 
 
-@kernel
-def add_product(pool, at, m, v, o, f, out, oo):
+@unit
+def add_product(
+    pool: Vector, at: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
+) -> int:
     """out[oo:oo+m] += f × (m × m block of the pool at `at`) v[o:o+m]."""
     for i in range(m):
         s = 0.0
@@ -54,6 +54,7 @@ def add_product(pool, at, m, v, o, f, out, oo):
         for j in range(m):
             s += pool[row + j] * v[o + j]
         out[oo + i] += f * s
+    return FINE
 
 
 @unit
@@ -138,38 +139,39 @@ def _add_deformation(body, S, c, pool, Z, q):
 @unit
 def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
-    parts, body_now, out, rows = run.system.parts, run.work.now.body, run.work.trial.res, of.rows
-    bodies, g, v, vd = parts.bodies, parts.gravity, at.v, at.vd
-    for n in range(rows.shape[0]):
-        _frame_forces(bodies[rows[n]], body_now[rows[n]], g, v, vd, _ZERO, _ZERO, out)
+    for n in range(of.rows.shape[0]):
+        put_frame_forces(run, of.rows[n], at)
     return FINE
 
 
 @unit
 def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
-    parts, now, out, rows, v, vd = (
-        run.system.parts, run.work.now, run.work.trial.res, of.rows, at.v, at.vd
-    )  # fmt: skip
+    parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
     for n in range(rows.shape[0]):
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
-        flex, m, o = body["flex"], body["m"], body["iv"] + 6
-        p1, p2 = modal_vector(parts.pool, flex, m, v, o), modal_vector(parts.pool, flex, m, vd, o)
-        _frame_forces(body, bn, parts.gravity, v, vd, p1, p2, out)
-        _add_relative_moment(body, now.Z, v, vd, out)
-        _modal_forces(body, bn, parts, now.Z, at.q, v, vd, out)
+        put_frame_forces(run, rows[n], at)
+        _add_relative_moment(body, now.Z, at.v, at.vd, out)
+        _modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
     return FINE
 
 
-@kernel
-def _frame_forces(body, bn, g, v, vd, p1, p2, out):
-    """Force and moment rows of the frame; p1 = p η̇, p2 = p η̈."""
-    iv, A, J, c = body["iv"], bn["A"], bn["J"], triple(bn["c"])
-    om, e, a = part(v, iv + 3), part(vd, iv + 3), plus(part(vd, iv), -1.0, triple(g))
-    force = plus(outer(om, plus(outer(om, c), 2.0, p1)), 1.0, outer(e, c))
-    put_part(out, iv, plus(turned(A, plus(force, 1.0, p2)), body["mass"], a))
+@unit
+def put_frame_forces(run: Run, i: int, at: Point) -> int:
+    """Force and moment rows of the frame of body i in Trial.res, without M_ωη and V."""
+    parts, v, vd, out = run.system.parts, at.v, at.vd, run.work.trial.res
+    body, bn = parts.bodies[i], run.work.now.body[i]
+    iv, m, flex, A, J = body["iv"], body["m"], body["flex"], bn["A"], bn["J"]
+    c, om, e = triple(bn["c"]), part(v, iv + 3), part(vd, iv + 3)
+    a = plus(part(vd, iv), -1.0, triple(parts.gravity))
+    # ω̇×c + ω×(ω×c + 2 p η̇) + p η̈
+    x = plus(outer(om, c), 2.0, modal_vector(parts.pool, flex, m, v, iv + 6))
+    x = plus(outer(om, x), 1.0, outer(e, c))
+    x = turned(A, plus(x, 1.0, modal_vector(parts.pool, flex, m, vd, iv + 6)))
+    put_part(out, iv, plus(x, body["mass"], a))
     moment = plus(turned(J, e), 1.0, outer(om, turned(J, om)))
     put_part(out, iv + 3, plus(moment, 1.0, outer(c, turned_back(A, a))))
+    return FINE
 
 
 @kernel

@@ -16,7 +16,6 @@ from flexmb.engine.kernels.algebra.triple import (
     plus,
     times,
     triple,
-    turned,
 )
 from flexmb.engine.kernels.algebra.triple import unit as axis
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
@@ -132,7 +131,14 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
     smooth = c["model"] == NO_FRICTION  # then D = −viscous n nᵀ
     rates = 1 if smooth else 3
     for a in range(rates):
-        put_wrench(c, n, mi, mj, turned(D, n) if smooth else column(D, a), dense.X[a])
+        put_wrench(
+            c,
+            n,
+            mi,
+            mj,
+            times(D[0, 0] + D[1, 1] + D[2, 2], n) if smooth else column(D, a),
+            dense.X[a],
+        )
         put_wrench(c, n, mi, mj, n if smooth else axis(a), dense.U[a])
     add_rates(run, rates, -cv)
     add_pair(run, i, j, couple, 1.0)
