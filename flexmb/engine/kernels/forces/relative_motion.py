@@ -47,7 +47,7 @@ class RelativeMotion(NamedTuple):
     """Scratch of one pair of markers: relative motion, and what forces and tangents are made of."""
 
     x: Vector  # (6,) separation and rotation vector of J from I, axes of I
-    rate: Vector  # (6,) their rates, of use after a velocity stage only
+    rate: Vector  # (6,) their rates, where there is damping
     elastic: Vector  # (6,) force conjugate to x, from x
     viscous: Vector  # (6,) and from its rate
     p: Vector  # (6,) both together
@@ -60,16 +60,24 @@ class RelativeMotion(NamedTuple):
 
 @unit
 def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """x, rate and e of markers i and j."""
+    """x and e of markers i and j."""
     mi, mj = run.work.now.marker[i], run.work.now.marker[j]
-    R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
+    R = mi["R"]
     for r in range(3):
         for c in range(3):
             s.Q[r, c] = dot_columns(R, r, mj["R"], c)
-    put_part(s.x, 0, turned_back(R, h))
+    put_part(s.x, 0, turned_back(R, separation(mi, mj)))
     phi = rotation_vector(s.Q)
     put_part(s.x, 3, phi)
     s.e[0], s.e[1] = inverse_coefficient(inner(phi, phi))
+    return FINE
+
+
+@unit
+def put_rates(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """Rate of x, after a velocity stage and `put_relative_motion`."""
+    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
     u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, h))
     spin = plus(triple(mj["om"]), -1.0, om)
     put_part(s.rate, 0, turned_back(R, u))

@@ -25,6 +25,7 @@ from flexmb.engine.kernels.forces.relative_motion import (
     put_gradient_of,
     put_pull_tangent,
     put_rate_change,
+    put_rates,
     put_relative_motion,
     put_wrench_pair,
 )
@@ -57,10 +58,12 @@ def _times(pool, o, x):
 
 @unit
 def _put_forces(run: Run, forces: SixComponentForces, k: int) -> int:
-    """Deflection of force k, its rate, and forces conjugate to it."""
+    """Deflection of force k, its rate if damped, and forces conjugate to it."""
     row, pool, s = forces.rows[k], forces.pool, forces.scratch
     at = row["at"]
     put_relative_motion(run, row["I"], row["J"], s)
+    if row["damped"] == 1:
+        put_rates(run, row["I"], row["J"], s)
     for r in range(3):
         s.x[r] -= pool[at + r]
     for r in range(6):
@@ -95,11 +98,12 @@ def add_energies(run: Run, forces: SixComponentForces, at: Point) -> int:
 @unit
 def add_powers(run: Run, forces: SixComponentForces, at: Point) -> int:
     """−Σ ẋᵀ C ẋ."""
-    s, out = forces.scratch, run.work.powers
-    for k in range(forces.rows.shape[0]):
-        _put_forces(run, forces, k)
-        for r in range(6):
-            out[1] -= s.rate[r] * s.viscous[r]
+    rows, s, out = forces.rows, forces.scratch, run.work.powers
+    for k in range(rows.shape[0]):
+        if rows[k]["damped"] == 1:
+            _put_forces(run, forces, k)
+            for r in range(6):
+                out[1] -= s.rate[r] * s.viscous[r]
     return FINE
 
 
