@@ -37,6 +37,7 @@ from numba.extending import (
     models,
     overload,
     register_model,
+    typeof_impl,
 )
 from numba.np import arrayobj
 
@@ -220,8 +221,37 @@ def _plain(hint: Any) -> Any:
     return hint.__metadata__[0] if hasattr(hint, "__metadata__") else hint
 
 
+class KernelType(types.Dispatcher):  # type: ignore[misc]
+    """Type of a kernel, which is compiled once for all constants that it is called with.
+
+    Numba by itself compiles a function anew for each integer that stands in a call.
+    """
+
+    def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
+        plain = tuple(types.unliteral(kind) for kind in arguments)
+        named = {name: types.unliteral(kind) for name, kind in named.items()}
+        return super().get_call_type(context, plain, named)
+
+
+register_model(KernelType)(models.OpaqueModel)
+
+
+class _Kernel:
+    """A function that Numba compiles into its callers."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        options = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self.compiled = numba.njit(**options)(function)
+        self.type = KernelType(self.compiled)
+
+
+@typeof_impl.register(_Kernel)
+def _type_of_kernel(kernel: _Kernel, _: Any) -> KernelType:
+    return kernel.type
+
+
 def _mark_kernel(function: Callable[..., Any]) -> Any:
-    return numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return _Kernel(function)
 
 
 def _mark_unit(unit: jit.Unit) -> Any:

@@ -26,22 +26,23 @@ BODY_NOW = np.dtype(
     ],
     align=True,
 )
-# A marker now. Position stage: x, R, s, th, arm; velocity stage: vx, om; bias stage: bx, bom;
-# force stage: W. `E` and `p` are scratch of the position stage.
+# A marker now. Position stage: x, R, s, and where modes move it th, c, T, E, arm; velocity stage:
+# vx, om; bias stage: bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
         ("R", _F, (3, 3)),  # marker axes to global
         ("s", _F, (3,)),  # from the body origin, body axes
-        ("th", _F, (3,)),  # rotation vector of the deformation
+        ("th", _F, (3,)),  # rotation vector θ of the deformation
+        ("c", _F, (4,)),  # coefficients of T(θ) and their slopes
+        ("T", _F, (3, 3)),  # T(θ)
+        ("E", _F, (3, 3)),  # exp(θ̃)
         ("arm", _F, (3,)),  # turned arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
         ("bx", _F, (3,)),  # acceleration at zero vd, global
         ("bom", _F, (3,)),  # angular acceleration at zero vd, global
         ("W", _F, (6,)),  # force and moment on it, global
-        ("E", _F, (3, 3)),
-        ("p", _F, (4,)),
     ],
     align=True,
 )
@@ -88,7 +89,7 @@ class Now(NamedTuple):
 
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
-    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body; 9 of a rate
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s
@@ -109,9 +110,11 @@ class Dense(NamedTuple):
 
     B: Matrix  # (6 + m, 6 + m) of one body or a pair
     J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
-    T: Matrix  # (6, 6 + m) one product
+    T: Matrix  # (24, 6 + m) one product, or wrenches and rates of damping pulled back
     H: Matrix  # (12, 12) tangent at two markers
     g: Matrix  # (2, 12) RowWork.g, wrench pair of one group
+    X: Matrix  # (6, 12) wrench pairs that follow rates
+    U: Matrix  # (6, 12) these rates per velocities of two markers
     jac: Vector  # Jacobian rows, flat
     pair: Integers  # (2,) markers I and J of a wrench pair
 

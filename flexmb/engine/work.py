@@ -176,7 +176,7 @@ def new_work(system: System, channels: int = 0, stages: int = 0) -> Work:
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
-        _nan(12 * int(m.sum()) + 1),
+        _nan(12 * int(m.sum()) + 9),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),
@@ -214,7 +214,8 @@ def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
     return Dense(
-        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac),
+        _nan(n, n), _nan(2, 6, n), _nan(24, n), _nan(12, 12), _nan(2, 12), _nan(6, 12),
+        _nan(6, 12), _nan(jac),
         np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 

@@ -15,10 +15,11 @@ FORCES_OF_TIME = {"forces.load", "functions.time_function"}
 # are part of units that all scenes call.
 OWN = {
     None: set(),
-    "spring": {"forces.spring_damper"},
+    "spring": {"forces.damping_tangent", "forces.spring_damper"},
     "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic"},
-    "bushing": {"forces.damping_tangent", "forces.six_component_force"},
-    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent"},
+    "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
+    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
+                "forces.damping_tangent"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
                        "joints.dots"},
     "line row": {"joints.line_rows"},
@@ -74,8 +75,8 @@ def test_no_other_kind_is_compiled(kind, called):
     more = {module(name) for name in calls - plain}
     assert len(plain) < 100
     assert more - {module(name) for name in plain} == OWN[kind]
-    wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics",
-                "joints.point_rows"}  # fmt: skip
-    shared = {"bodies.kinematics", "joints.constraint"}  # the chain has rows of coincidence only
+    wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics"}
+    # the chain has rows of coincidence only
+    shared = {"bodies.kinematics", "joints.constraint", "joints.point_rows"}
     assert more - OWN[kind] <= shared | (wherever if kind == "flexible" else set())
     assert compiled == calls

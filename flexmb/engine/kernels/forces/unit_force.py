@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.bodies.kinematics import add_generalized_force
+from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 
@@ -20,6 +20,6 @@ def pull_back(run: Run, k: int, first: int) -> int:
     n = 6 + body["m"]
     for c in range(n):
         left[c] = 0.0
-    add_generalized_force(parts, work.now, k, work.dense.g[1], first, 1.0, left)
+    add_pulled_back(parts, work.now, k, work.dense.g[1], first, 1.0, left, 0)
     block[0], block[1] = body["iv"], n
     return FINE

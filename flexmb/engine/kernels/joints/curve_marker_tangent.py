@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.bodies.kinematics import add_generalized_force
+from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.joints.group_tangent import put_group_tangent
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
@@ -66,7 +66,7 @@ def _put_columns(parts, curve, wk, row, cp, k):
                 out = d.T[2 * part + side]
                 for c in range(out.shape[0]):
                     out[c] = 0.0
-                add_generalized_force(parts, wk.now, marker, g, 6 * side, cp, out)
+                add_pulled_back(parts, wk.now, marker, g, 6 * side, cp, out, 0)
 
 
 @kernel

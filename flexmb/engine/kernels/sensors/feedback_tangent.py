@@ -13,7 +13,7 @@ import math
 from flexmb.engine.jit import call_channel, kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
 from flexmb.engine.kernels.bodies import tangent
-from flexmb.engine.kernels.bodies.kinematics import add_generalized_force
+from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.method import FINE
 from flexmb.engine.sensor_tables import Feedback
@@ -92,11 +92,11 @@ def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> 
     for c in range(n):
         right[c] = 0.0
     if level == _ACCELERATION:
-        add_generalized_force(parts, now, k, velocity, o, f, right)
+        add_pulled_back(parts, now, k, velocity, o, f, right, 0)
         return FINE
-    add_generalized_force(parts, now, k, position, o, cp * f, right)
+    add_pulled_back(parts, now, k, position, o, cp * f, right, 0)
     if level == _VELOCITY:
-        add_generalized_force(parts, now, k, velocity, o, cv * f, right)
+        add_pulled_back(parts, now, k, velocity, o, cv * f, right, 0)
         clear(B, n, n)
         tangent.add_lever_tangent(parts, now, k, velocity, o, cp * f, B)
         for r in range(n):
