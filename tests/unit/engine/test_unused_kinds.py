@@ -20,6 +20,7 @@ OWN = {
     "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
     "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
                 "forces.damping_tangent"},
+    "revolute joint": {"joints.axis_rows", "joints.dots"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
                        "joints.dots"},
     "line row": {"joints.line_rows"},
