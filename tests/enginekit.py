@@ -38,7 +38,7 @@ def run_stages(run, at, out):
     call(stages.velocity_stage, run, at)
     call(stages.bias_stage, run, at)
     call(stages.complete_poses, run, at)
-    call(constraint.constraint_rates, run)
+    call(stages.rate_stage, run, at)
     call(constraint.constraint_right_side, run)
     call(constraint.constraint_jacobian, run)
     call(stages.energies, run, at)
@@ -49,7 +49,7 @@ def run_stages(run, at, out):
     carry_turns(run, at, angles)
     n = len(angles)
     channels = np.full(n, np.nan)
-    call(read_channels, run, at, out[:7].copy(), angles, channels)
+    call(read_channels, run, at, angles, channels)
     out[7 : 7 + n] = channels
     work.trial.res[:] = residual
     return status

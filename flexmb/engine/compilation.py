@@ -35,7 +35,7 @@ _MOST_UNITS = 60
 # for kernels that the process has translated before; starting a process takes as long as 4500
 # bytes. A further process is started for work that is worth several times that.
 _TRANSLATION = 2 / 3
-_WORTH_A_PROCESS = 12_000
+_WORTH_A_PROCESS = 16_000
 _LEAST = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 

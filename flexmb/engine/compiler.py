@@ -37,6 +37,7 @@ from numba.extending import (
     models,
     overload,
     register_model,
+    typeof_impl,
 )
 from numba.np import arrayobj
 
@@ -162,6 +163,18 @@ def _put_calls() -> None:
     def channel(_, unit, run, tables, at, k):  # type: ignore[no-untyped-def]
         return types.float64(unit, run, tables, at, k), value
 
+    @intrinsic
+    def row(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return types.int64(unit, at, a, b, i, j), status
+
+    @intrinsic
+    def row_value(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return types.float64(unit, at, a, b, i, j), value
+
+    @intrinsic
+    def row_tangent(_, unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
+        return types.int64(unit, at, a, b, i, j, f), status
+
     @overload(jit.call_stage)
     def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
         return lambda unit, run, tables, at: stage(unit, run, tables, at)  # noqa: PLW0108
@@ -182,6 +195,18 @@ def _put_calls() -> None:
     def _(unit, run, tables, at, k):  # type: ignore[no-untyped-def]
         return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)  # noqa: PLW0108
 
+    @overload(jit.call_row)
+    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j: row(unit, at, a, b, i, j)  # noqa: PLW0108
+
+    @overload(jit.call_row_value)
+    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j: row_value(unit, at, a, b, i, j)  # noqa: PLW0108
+
+    @overload(jit.call_row_tangent)
+    def _(unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
+        return lambda unit, at, a, b, i, j, f: row_tangent(unit, at, a, b, i, j, f)  # noqa: PLW0108
+
 
 def signature_of(function: Callable[..., Any]) -> Any:
     """Numba's signature of a unit, from its annotations."""
@@ -196,8 +221,37 @@ def _plain(hint: Any) -> Any:
     return hint.__metadata__[0] if hasattr(hint, "__metadata__") else hint
 
 
+class KernelType(types.Dispatcher):  # type: ignore[misc]
+    """Type of a kernel, which is compiled once for all constants that it is called with.
+
+    Numba by itself compiles a function anew for each integer that stands in a call.
+    """
+
+    def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
+        plain = tuple(types.unliteral(kind) for kind in arguments)
+        named = {name: types.unliteral(kind) for name, kind in named.items()}
+        return super().get_call_type(context, plain, named)
+
+
+register_model(KernelType)(models.OpaqueModel)
+
+
+class _Kernel:
+    """A function that Numba compiles into its callers."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        options = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self.compiled = numba.njit(**options)(function)
+        self.type = KernelType(self.compiled)
+
+
+@typeof_impl.register(_Kernel)
+def _type_of_kernel(kernel: _Kernel, _: Any) -> KernelType:
+    return kernel.type
+
+
 def _mark_kernel(function: Callable[..., Any]) -> Any:
-    return numba.njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return _Kernel(function)
 
 
 def _mark_unit(unit: jit.Unit) -> Any:

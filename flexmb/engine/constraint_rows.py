@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.joints.constraint import constraint_jacobian, evaluate_constraints
-from flexmb.engine.kernels.stages import begin_run, complete_poses, pose_stage, walk
+from flexmb.engine.kernels.joints.constraint import constraint_jacobian
+from flexmb.engine.kernels.stages import (
+    begin_run,
+    complete_poses,
+    constraint_stage,
+    pose_stage,
+    walk,
+)
 from flexmb.engine.state import Run
 
-STAGES = ("constants", "functions", "position", "axes")
+STAGES = ("constants", "functions", "position", "axes", "constraint")
 """The stages that `evaluate_rows` runs."""
 
 
@@ -19,5 +25,5 @@ def evaluate_rows(run: Run) -> int:
     walk(run.stages.functions, run, at)
     pose_stage(run, at)
     complete_poses(run, at)
-    evaluate_constraints(run)
+    constraint_stage(run, at)
     return constraint_jacobian(run)

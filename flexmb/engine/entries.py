@@ -13,6 +13,7 @@ from flexmb.engine.initial_conditions import (
 )
 from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
+from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.method import Method
@@ -20,7 +21,7 @@ from flexmb.engine.records import Packed, units_in
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.units import call, call_ready, prepare_units
-from flexmb.engine.work import new_run, stages_of
+from flexmb.engine.work import new_run, units_of
 from flexmb.progress import Progress, silent
 
 __all__ = [
@@ -62,7 +63,12 @@ def evaluate_rows(system: System, state: State, work: Work) -> None:
     run, none = new_run(system, state, work), Stage((), ())
     stages = Stages(*(none for _ in Stages._fields))
     used = {name: getattr(run.stages, name) for name in constraint_rows.STAGES}
-    call_ready(constraint_rows.evaluate_rows, run._replace(stages=stages._replace(**used)))
+    run = run._replace(
+        stages=stages._replace(**used),
+        rows=run.rows._replace(curvature=(), tangent=()),
+        sensors=run.sensors._replace(channel=(), measure=(), gradient=()),
+    )
+    call_ready(constraint_rows.evaluate_rows, run)
 
 
 def prepare_integration(system: System, method: Method, progress: Progress = silent) -> int:
@@ -88,7 +94,8 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
 def integration_units(system: System, method: Method) -> list[Unit]:
     """The units that a run calls, and those that stand in its tables."""
     units = [march.march, initial_conditions.solve_stage, constraint_rows.evaluate_rows]
-    return [*units, *units_in(stages_of(system)), *units_in(method)]
+    units.append(run_program)  # what few scenes do without
+    return [*units, *units_of(system), *units_in(method)]
 
 
 def integrate(run: Run | Packed, n_steps: int) -> int:
@@ -104,7 +111,7 @@ def prepare_kinematics(system: System, progress: Progress = silent) -> int:
 def kinematics_units(system: System) -> list[Unit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
     units = [kinematics_loop.kinematics_loop, constraint_rows.evaluate_rows]
-    return [*units, *units_in(stages_of(system))]
+    return [*units, *units_of(system)]
 
 
 def analyse_kinematics(

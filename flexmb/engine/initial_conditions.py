@@ -9,7 +9,6 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import solve_refined
 from flexmb.engine.kernels.algebra.vector import copy, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints.constraint import evaluate_constraints
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.kernels.sensors.sensor import count_turns
@@ -17,6 +16,7 @@ from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
     complete_poses,
+    constraint_stage,
     feedback_stage,
     position_stage,
     powers,
@@ -36,7 +36,7 @@ def solve_stage(run: Run, level: int) -> float:
     """Solve one level of the state in place with M as the metric; see `entries.solve_level`."""
     near, channels = run.work.feedback.near, run.system.sensors.channels
     for c in range(near.shape[0]):
-        near[c] = math.nan if channels[c]["turns"] != 0 else 0.0
+        near[c] = math.nan if run.sensors.turns[channels[c]["what"]] == 1 else 0.0
     copy(run.state.history, run.work.now.history)
     begin_run(run, run.state_point)
     result = _solve(run, run.state_point, level)
@@ -77,7 +77,7 @@ def _solve(run, at, level):
 def _correct_positions(run):
     dq, fac, kkt, weights = run.work.trial.dq, run.work.factor, run.system.kkt, run.system.weights
     C, place, q = run.work.con.C, kkt.place, run.state.q
-    evaluate_constraints(run)
+    constraint_stage(run, run.state_point)
     nv = dq.shape[0]
     for i in range(nv):
         fac.rhs[place[i]] = 0.0

@@ -15,8 +15,9 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 __all__ = [
-    "UNITS", "Reached", "Unit", "call_channel", "call_matrix", "call_stage", "call_step",
-    "call_value", "compile_with", "kernel", "reached", "unit",
+    "UNITS", "Reached", "Unit", "call_channel", "call_matrix", "call_row", "call_row_tangent",
+    "call_row_value", "call_stage", "call_step", "call_value", "compile_with", "kernel", "reached",
+    "unit",
 ]  # fmt: skip
 
 
@@ -159,3 +160,18 @@ def call_step(unit: Any, run: Any, tables: Any, h: float) -> int:
 def call_channel(unit: Any, run: Any, tables: Any, at: Any, k: int) -> float:
     """Value of channel or row k of one kind."""
     return unit(run, tables, at, k)  # type: ignore[no-any-return]
+
+
+def call_row(unit: Any, at: Any, a: int, b: int, i: int, j: int) -> int:
+    """Status of a unit of a kind of row."""
+    return unit(at, a, b, i, j)  # type: ignore[no-any-return]
+
+
+def call_row_value(unit: Any, at: Any, a: int, b: int, i: int, j: int) -> float:
+    """Number that a kind of row gives: its measure, its curvature."""
+    return unit(at, a, b, i, j)  # type: ignore[no-any-return]
+
+
+def call_row_tangent(unit: Any, at: Any, a: int, b: int, i: int, j: int, f: float) -> int:
+    """Status of the tangent of a kind of row."""
+    return unit(at, a, b, i, j, f)  # type: ignore[no-any-return]

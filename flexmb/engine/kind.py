@@ -1,9 +1,13 @@
-"""Kinds: what a model may hold, and which units each kind brings for the stages of the equations.
+"""Kinds: what a model may hold, and which units each kind brings.
 
-A stage of the equations (`engine.kernels.stages`) walks over the kinds that the scene holds and
-knows none of them by name. A kind is declared once, in the file of its kernels, and listed in
-`engine.kinds`. Signatures of the units, with `run` the Run, `tables` the kind's own record, `at`
-the Point where the stage is evaluated:
+Three modules list them: `engine.kinds` what takes part in the stages of the equations,
+`engine.row_kinds` the constraint rows of joints and drivers, `engine.sensor_kinds` the measures and
+channels of sensors. A kind is declared once, in the file of its kernels; what walks over rows,
+terms or channels calls its units through a table, by its number there, and names none of them. A
+scene loads and compiles only the units of what it holds.
+
+Stages of the equations (`engine.kernels.stages`): signatures of the units of a `Kind`, with `run`
+the Run, `tables` the kind's own record, `at` the Point where the stage is evaluated:
 
     stage                     returns
     constants   (run, tables, at)           status; what never changes in a run
@@ -12,6 +16,8 @@ the Point where the stage is evaluated:
     inertia     (run, tables, at)           status; what depends on positions alone
     velocity    (run, tables, at)           status; after position
     bias        (run, tables, at)           status; accelerations at zero v̇, after velocity
+    constraint  (run, tables, at)           status; C of its rows, after position
+    rate        (run, tables, at)           status; Cq v + C_t of its rows, after velocity
     axes        (run, tables, at)           status; poses that only outputs need
     feedback    (run, tables, at)           status; forces by what is measured
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
@@ -31,6 +37,26 @@ the Point where the stage is evaluated:
     wrenches    (run, tables, at, channel)  number; wrench pair of one element, for sensors
     unit_force  (run, tables, at, part)     number; force per unit of a function, for feedback;
                                             part = 6 row + 3 (0: on J, 1: on I) + component
+
+Constraint rows: units of a `RowKind`, `at` the RowWork, a and b axes of the markers i and j:
+
+    value       (at, a, b, i, j)            number; what the row measures
+    gradient    (at, a, b, i, j)            status; into at.g
+    curvature   (at, a, b, i, j)            number; its second time derivative at zero accelerations
+    tangent     (at, a, b, i, j, f)         status; f times the change of at.g, into at.H
+
+A row is C = measure − f, f its constant and its function of time. The gradient g (12) holds the
+partial derivatives of the measure for the virtual motion (δx_I, δφ_I, δx_J, δφ_J) in global axes,
+so λ g is the pair of wrenches of the row. The tangent H (12, 12), rows and columns as g, is the
+change of g with that motion; what the change of the lever arms adds is in `bodies.tangent`. A
+tangent may use at.g as scratch.
+
+Sensors: units of a `Measure` (a term of a sum) and of a `ChannelKind`, with `sensors` the Sensors:
+
+    value       (run, sensors, at, t)       number; term t; after position, velocity, bias stages
+    gradient    (run, sensors, at, t)       number, of no meaning; into FeedbackWork.g: with poses
+                                            g[0], with velocities or accelerations g[1], zero before
+    value       (run, sensors, at, c)       number; channel c
 """
 
 from __future__ import annotations
@@ -41,7 +67,7 @@ from typing import Any
 
 from flexmb.engine.jit import Unit
 
-__all__ = ["Couple", "Kind"]
+__all__ = ["ChannelKind", "Couple", "Kind", "Measure", "RowKind"]
 
 Couple = tuple[str, str, str]
 """Field of a row with the LINK of two bodies, and the fields of the two markers that it couples."""
@@ -95,3 +121,75 @@ class Kind:
     def is_unsymmetric(self, tables: Any) -> bool:
         """Whether its tangent is far from symmetric."""
         return self.unsymmetric is not None and self.unsymmetric(tables)
+
+
+@dataclass(frozen=True)
+class RowKind:
+    """One kind of constraint row between two marker frames.
+
+    Attributes
+    ----------
+    word : str
+        What a row is, for names of rows; `{a}` and `{b}` are its axes.
+    value, gradient, curvature : Unit
+        What it measures.
+    tangent : Unit, optional
+        None if the gradient never changes.
+    angular : bool
+        Whether it measures an angle or a cosine, no length.
+    is_distance : bool
+        Whether it measures a distance, which has no gradient where it is zero.
+    period : float
+        Of an angle, 0 of all others: C is then the one nearest to zero.
+    """
+
+    word: str
+    value: Unit
+    gradient: Unit
+    curvature: Unit
+    tangent: Unit | None = None
+    angular: bool = False
+    is_distance: bool = False
+    period: float = 0.0
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One kind of terms that channels are sums of.
+
+    Attributes
+    ----------
+    value, gradient : Unit
+        Its value, and for functions that act what it changes with.
+    level : int
+        Derivative in time that it is of: 0 of positions, 1 of velocities too, 2 of accelerations.
+    of_row : tuple of str
+        Units of a kind of row (`RowKind`) that its value calls, if it measures as a row does.
+    gradient_of_row : tuple of str
+        And those that its gradient calls.
+    """
+
+    value: Unit
+    gradient: Unit
+    level: int
+    of_row: tuple[str, ...] = ()
+    gradient_of_row: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """One kind of channels of sensors.
+
+    Attributes
+    ----------
+    value : Unit
+        Its value now, of an angle that counts turns the one nearest to the last accepted state.
+    reads : str
+        What it is read from: "terms", "state", "coordinate", "forces", or other "channels".
+    counts_turns : bool
+        Whether it is an angle that goes on through full turns.
+    """
+
+    value: Unit
+    reads: str
+    counts_turns: bool = False

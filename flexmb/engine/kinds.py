@@ -1,4 +1,4 @@
-"""The registry: all kinds that a model may hold, in the order in which stages walk over them."""
+"""The registry of what stages walk over, in their order: all kinds that a model may hold."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ from flexmb.engine.kernels.forces.load import LOADS
 from flexmb.engine.kernels.forces.six_component_force import SIX_COMPONENT_FORCES
 from flexmb.engine.kernels.forces.spring_damper import SPRINGS
 from flexmb.engine.kernels.functions.time_function import TIME_FUNCTIONS
-from flexmb.engine.kernels.joints.constraint import JOINTS
+from flexmb.engine.kernels.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.kernels.joints.coordinate import COORDINATES
 from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS
 from flexmb.engine.kernels.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kernels.sensors.feedback import FEEDBACK
-from flexmb.engine.kernels.sensors.sensor import TURNING_CHANNELS
+from flexmb.engine.kernels.sensors.row_measure import JOINT_ANGLES
+from flexmb.engine.kernels.sensors.turning import TURNING_ANGLES
 from flexmb.engine.kind import Kind
 
 __all__ = ["KINDS"]
@@ -55,6 +56,7 @@ KINDS: tuple[Kind, ...] = (
     FLEXIBLE_MARKERS,
     CURVE_MARKERS,
     JOINTS,
+    CONSTRAINT_ROWS,
     POINT_JOINTS,
     _lowered(SPRINGS, lower_springs),
     _lowered(LOADS, lower_loads),
@@ -63,6 +65,7 @@ KINDS: tuple[Kind, ...] = (
     _lowered(FORCE_CHARACTERISTICS, lower_force_characteristics),
     _lowered(CONTACTS, lower_contacts),
     replace(JOINT_FRICTIONS, lower=lower_joint_frictions, place=place_joint_frictions),
-    TURNING_CHANNELS,
+    JOINT_ANGLES,
+    TURNING_ANGLES,
     FEEDBACK,
 )

@@ -18,7 +18,6 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import solve_refined
 from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints.constraint import constraint_rates, evaluate_constraints
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
@@ -26,9 +25,11 @@ from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
     complete_poses,
+    constraint_stage,
     pose_stage,
     powers,
     put_energies,
+    rate_stage,
     remember,
     velocity_stage,
     walk,
@@ -124,7 +125,7 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, out.energy[row])
     remember(run, at, st.history)
-    read_channels(run, at, out.energy[row], st.angles, out.sensors[row])
+    read_channels(run, at, st.angles, out.sensors[row])
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(st.lam))):
         return NOT_FINITE
     out.rows[0] += 1
@@ -138,10 +139,10 @@ def evaluate_state(run: Run, path: Path) -> int:
     at = run.state_point
     walk(run.stages.functions, run, at)
     pose_stage(run, at)
-    evaluate_constraints(run)
+    constraint_stage(run, at)
     factorise_metric(run, at, path.metric)
     velocity_stage(run, at)
-    constraint_rates(run)
+    rate_stage(run, at)
     count_turns(run, at, run.state.angles)
     return complete_poses(run, at)
 

@@ -14,12 +14,12 @@ from flexmb.engine import control
 from flexmb.engine.events import accept_events, begin_events, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.kernels.algebra.vector import copy, largest, store
-from flexmb.engine.kernels.joints.constraint import evaluate_constraints
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_run,
+    constraint_stage,
     feedback_stage,
     pose_stage,
     powers,
@@ -165,7 +165,7 @@ def write_output(run: Run) -> int:
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status
-    evaluate_constraints(run)
+    constraint_stage(run, at)
     count_turns(run, at, tr.angles)
     read_reactions(run, at, out.reactions[row])
     out.t[row] = tr.t[0]
@@ -177,7 +177,7 @@ def write_output(run: Run) -> int:
     out.drift[row, 1] = con.drift[0]
     put_energies(run, at, tr.work_done, out.energy[row])
     copy(st.history, run.work.now.history)
-    read_channels(run, at, out.energy[row], tr.angles, out.sensors[row])
+    read_channels(run, at, tr.angles, out.sensors[row])
     copy(st.angles, run.work.feedback.near)
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE

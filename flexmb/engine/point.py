@@ -13,13 +13,15 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import multiply, solve
 from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints.constraint import (
-    constraint_rates,
-    constraint_right_side,
-    evaluate_constraints,
-)
+from flexmb.engine.kernels.joints.constraint import constraint_right_side
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.stages import bias_stage, pose_stage, velocity_stage
+from flexmb.engine.kernels.stages import (
+    bias_stage,
+    constraint_stage,
+    pose_stage,
+    rate_stage,
+    velocity_stage,
+)
 from flexmb.engine.kinematics_state import (
     FACTORISATIONS,
     ITERATIONS,
@@ -67,7 +69,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
     size, last, fresh = math.inf, 0.0, False
     for _ in range(_MAX_ITERATIONS):
         pose_stage(run, at)
-        evaluate_constraints(run)
+        constraint_stage(run, at)
         gap = weighted_size(C, sys.row_weights)
         closed = gap <= enough or (size <= enough and gap <= _REDUNDANT_GAP)
         if not gap < math.inf:
@@ -122,7 +124,7 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
     scale, off = 0.0, math.inf
     for n in range(_MAX_ROUNDS + 1):
         velocity_stage(run, at)
-        constraint_rates(run)
+        rate_stage(run, at)
         off = weighted_size(con.rate, sys.row_weights)
         scale = max(scale, off, weighted_size(v, sys.weights))
         if off <= _EXACT * scale or n == _MAX_ROUNDS:

@@ -4,8 +4,8 @@ A record class annotates every field that compiled code reads: an array (`array_
 float), another record, a table of units (`Units`) or of records (`Records`). In memory it is a row
 of words of 8 bytes. An array takes one for its data and one for each length (contiguous, in C
 order), a number one, a record within a record the words of that one; tables of units and of records
-are arrays of addresses. Other fields stay with Python. Compiled code is handed the address alone,
-so its types are the same for all scenes.
+are arrays of addresses, 0 for a unit that is None. Other fields stay with Python. Compiled code is
+handed the address alone, so its types are the same for all scenes.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def _addresses(
     values: Any, table: str, owned: list[Any], address_of: Callable[[Unit], int]
 ) -> np.ndarray:
     if table == "units":
-        found = [address_of(unit) for unit in values]
+        found = [0 if unit is None else address_of(unit) for unit in values]
     else:
         packed = [pack(record, address_of) for record in values]
         owned.append(packed)
@@ -185,7 +185,7 @@ def units_in(record: Any) -> Iterator[Unit]:
     for name, _, kind, table in layout(type(record))[0]:
         value = getattr(record, name)
         if table == "units":
-            yield from value
+            yield from (unit for unit in value if unit is not None)
         elif table == "records":
             for entry in value:
                 yield from units_in(entry)

@@ -15,19 +15,17 @@ from flexmb.engine.records import Integers, array_of
 _I = "i8"
 _F = "f8"
 
-# One channel: `what` it is (SUM, ...). SUM: `n` terms from `first` on. WRENCH: of row `first` (`n`
-# rows from there on) of a kind, by its number among those with an element wrench; force or moment
-# (`quantity` 0, 1) on marker J or I (`side` 0, 1), component `a` along the axes of a marker, -1:
-# global, -2: those of the side.
-# ENERGY: number `first` of the energies, of body `n` or -1. EXPRESSION: program `first` over
-# channels. STATE: velocity coordinate `first`. PLACE of a curve marker: position coordinate
-# `first`, or with `n` = 1 velocity coordinate `first`.
+# One channel: `what` it is, a number in `sensor_kinds`. Of terms: `n` terms from `first` on; number
+# `a` of three turning angles. WRENCH: of row `first` (`n` rows from there on) of a kind, by its
+# number among those with an element wrench; force or moment (`quantity` 0, 1) on marker J or I
+# (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
+# ENERGY: number `first` of the energies. BODY_ENERGY: of body `n`. EXPRESSION: program `first` over
+# channels. STATE, PLACE_RATE: velocity coordinate `first`. PLACE: position coordinate `first`.
 CHANNEL = np.dtype(
     [
         ("what", _I),
         ("first", _I),
         ("n", _I),
-        ("turns", _I),  # 1: an angle that counts turns, 2: number `a` of three angles of one term
         ("side", _I),
         ("quantity", _I),
         ("axes", _I),
@@ -37,11 +35,20 @@ CHANNEL = np.dtype(
     align=True,
 )
 
-# One term of a channel, times a factor: a kind of row between markers I and J with axes a and b,
-# or its rate (`level` 1) or second derivative (2); or a motion of marker J along axis a of marker I
-# (-1: global); or angle b of three, a being the code of the axes.
+# One term of a channel, times a factor: a measure by its number in `sensor_kinds`, between markers
+# I and J. As a row measures, or a derivative of it: kind and axes a and b of the row; a motion of J
+# along axis a of I (-1: global); angle b of three, a being the code of the axes.
 TERM = np.dtype(
-    [("kind", _I), ("I", _I), ("J", _I), ("a", _I), ("b", _I), ("level", _I), ("factor", _F)],
+    [
+        ("measure", _I),
+        ("kind", _I),  # of a row, -1
+        ("I", _I),
+        ("J", _I),
+        ("a", _I),
+        ("b", _I),
+        ("channel", _I),  # that it is part of
+        ("factor", _F),
+    ],
     align=True,
 )
 
@@ -85,13 +92,3 @@ class Feedback(NamedTuple):
     partials: array_of(PARTIAL)
     tangents: array_of(FEEDBACK_TANGENT)
     implicit: int  # 1: some depend on accelerations or reactions
-
-
-# What channels are.
-SUM, WRENCH, ENERGY, EXPRESSION, STATE, PLACE = range(6)
-# Kinds of terms beside the rows: three angles; motions along axes (x, velocity, acceleration,
-# angular velocity and acceleration, what turning axes add to the latter).
-TURNING = 90
-ALONG = 100
-ALONG_X, ALONG_V, ALONG_A, ALONG_OM, ALONG_OMD, SEEN_OMD = range(ALONG, ALONG + 6)
-ANGLE_TURNS, ANGLES_TURN = 1, 2

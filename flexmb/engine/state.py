@@ -26,22 +26,23 @@ BODY_NOW = np.dtype(
     ],
     align=True,
 )
-# A marker now. Position stage: x, R, s, th, arm; velocity stage: vx, om; bias stage: bx, bom;
-# force stage: W. `E` and `p` are scratch of the position stage.
+# A marker now. Position stage: x, R, s, and where modes move it th, c, T, E, arm; velocity stage:
+# vx, om; bias stage: bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
         ("R", _F, (3, 3)),  # marker axes to global
         ("s", _F, (3,)),  # from the body origin, body axes
-        ("th", _F, (3,)),  # rotation vector of the deformation
+        ("th", _F, (3,)),  # rotation vector θ of the deformation
+        ("c", _F, (4,)),  # coefficients of T(θ) and their slopes
+        ("T", _F, (3, 3)),  # T(θ)
+        ("E", _F, (3, 3)),  # exp(θ̃)
         ("arm", _F, (3,)),  # turned arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
         ("bx", _F, (3,)),  # acceleration at zero vd, global
         ("bom", _F, (3,)),  # angular acceleration at zero vd, global
         ("W", _F, (6,)),  # force and moment on it, global
-        ("E", _F, (3, 3)),
-        ("p", _F, (4,)),
     ],
     align=True,
 )
@@ -90,7 +91,7 @@ class Now(NamedTuple):
 
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
-    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
+    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body; 9 of a rate
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s
@@ -111,11 +112,28 @@ class Dense(NamedTuple):
 
     B: Matrix  # (6 + m, 6 + m) of one body or a pair
     J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
-    T: Matrix  # (6, 6 + m) one product
+    T: Matrix  # (24, 6 + m) one product, or wrenches and rates of damping pulled back
     H: Matrix  # (12, 12) tangent at two markers
-    g: Matrix  # (2, 12) gradient of one row, wrench pair of one group
+    g: Matrix  # (2, 12) RowWork.g, wrench pair of one group
+    X: Matrix  # (6, 12) wrench pairs that follow rates
+    U: Matrix  # (6, 12) these rates per velocities of two markers
     jac: Vector  # Jacobian rows, flat
     pair: Integers  # (2,) markers I and J of a wrench pair
+
+
+class RowWork(NamedTuple):
+    """What units of constraint rows read and write (`engine.kind`)."""
+
+    marker: array_of(MARKER_NOW)  # Now.marker
+    g: Vector  # (12,) gradient of one row
+    H: Matrix  # (12, 12) tangent at two markers, Dense.H
+
+
+def rows_between(xi: np.ndarray, Ri: np.ndarray, xj: np.ndarray, Rj: np.ndarray) -> RowWork:
+    """Two markers at rest, 0 and 1, for units of rows: positions (3,), axes (3, 3) to global."""
+    markers = np.zeros(2, MARKER_NOW)
+    markers["x"], markers["R"] = (xi, xj), (Ri, Rj)
+    return RowWork(markers, np.zeros(12), np.zeros((12, 12)))
 
 
 class Factor(NamedTuple):
@@ -238,6 +256,7 @@ class Work(NamedTuple):
     now: Now
     con: Constraints
     dense: Dense
+    row: RowWork
     factor: Factor
     collocation: Collocation
     trial: Trial
@@ -265,6 +284,8 @@ class Stages(NamedTuple):
     velocity: Stage
     force_velocity: Stage  # velocity, where wrenches need it
     bias: Stage
+    constraint: Stage
+    rate: Stage
     axes: Stage
     feedback: Stage
     reaction: Stage
@@ -283,6 +304,28 @@ class Stages(NamedTuple):
     angles: Stage
     wrenches: Stage
     unit_force: Stage
+
+
+class RowUnits(NamedTuple):
+    """Units of constraint rows by their kind (`engine.row_kinds`), those that the scene holds."""
+
+    value: Units
+    gradient: Units
+    curvature: Units
+    tangent: Units
+    curved: Integers  # (kinds,) 1: it has a tangent
+    period: Vector  # (kinds,) of what it measures; 0: none
+
+
+class SensorUnits(NamedTuple):
+    """Units of sensors by kind (`engine.sensor_kinds`), those that the scene holds."""
+
+    channel: Units  # values of channels
+    turns: Integers  # (kinds of channels,) 1: it counts turns
+    computed: Integers  # (kinds of channels,) 1: of other channels
+    measure: Units  # values of terms
+    gradient: Units  # gradients of terms, for functions that act
+    level: Integers  # (measures,) derivative in time
 
 
 class Output(NamedTuple):
@@ -316,6 +359,8 @@ class Run(NamedTuple):
     state_point: Point  # arrays of the state
     trial_point: Point  # arrays of the trial state
     stages: Stages
+    rows: RowUnits
+    sensors: SensorUnits
     method: Method
     settings: Settings
     plan: Plan

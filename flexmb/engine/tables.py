@@ -82,7 +82,7 @@ COORDINATE = np.dtype(
 # One constraint row between markers I and J; `fun` < 0: no function of time.
 ROW = np.dtype(
     [
-        ("kind", _I),
+        ("kind", _I),  # number in `row_kinds`
         ("I", _I),
         ("J", _I),
         ("a", _I),  # axis of marker I (0, 1, 2)
@@ -213,7 +213,3 @@ class System(NamedTuple):
     events: int  # values that the step control watches
     program_depth: int  # rows of stack that programs of the kinds need
     kinds: Mapping[str, Any]  # tables of the kinds that the model holds, by name (`engine.kinds`)
-
-
-# Kinds of constraint rows.
-POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = 0, 1, 2, 3, 4, 5, 6, 7

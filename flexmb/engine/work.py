@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.engine.jit import Unit
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_state import Path
 from flexmb.engine.method import (
@@ -15,6 +16,9 @@ from flexmb.engine.method import (
     Method,
     Settings,
 )
+from flexmb.engine.records import units_in
+from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,
     CURVE_MARKER_NOW,
@@ -31,7 +35,10 @@ from flexmb.engine.state import (
     Output,
     Plan,
     Point,
+    RowUnits,
+    RowWork,
     Run,
+    SensorUnits,
     Stage,
     Stages,
     State,
@@ -41,7 +48,8 @@ from flexmb.engine.state import (
 from flexmb.engine.tables import System
 
 __all__ = [
-    "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state", "new_work", "sizes", "stages_of",
+    "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state", "new_work",
+    "row_units", "sensor_units", "sizes", "stages_of", "units_of",
 ]  # fmt: skip
 
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
@@ -66,17 +74,78 @@ def kinds_of(system: System) -> list:
 
 def stages_of(system: System) -> Stages:
     """What each kind of a system does, stage by stage."""
-    kinds = kinds_of(system)
+    kinds, called = kinds_of(system), _called_by_number(system)
 
     def stage(name: str) -> Stage:
         acting = [kind for kind in kinds if name in kind.units]
-        units = tuple(kind.units[name] for kind in acting)
+        used = called.get(name, range(len(acting)))
+        units = tuple(kind.units[name] if k in used else None for k, kind in enumerate(acting))
         return Stage(units, tuple(system.kinds[kind.name] for kind in acting))
 
     stages = {name: stage(name) for name in Stages._fields}
     if any(kind.uses_velocity for kind in kinds):
         stages["force_velocity"] = stages["velocity"]
     return Stages(**stages)
+
+
+def _called_by_number(system: System) -> dict[str, set[int]]:
+    """Numbers in a stage of the kinds that sensors, and functions over them, call there."""
+    channels, feedback = system.sensors.channels, system.kinds.get("feedback")
+    read = set(channels["kind"].tolist())
+    acting = set() if feedback is None else set(feedback.tangents["kind"].tolist())
+    return {"wrenches": read, "unit_force": acting}
+
+
+def row_units(system: System) -> RowUnits:
+    """Units of the kinds of rows that a system holds, and of those that its sensors measure as."""
+    in_joints = np.flatnonzero(np.bincount(system.rows["kind"])).tolist()
+    used = {word: set(in_joints) for word in _OF_ROWS}
+    every, acting = _terms(system)
+    for number, kind in every:
+        for word in MEASURES[number].of_row:
+            used[word].add(kind)
+    for number, kind in acting:
+        for word in MEASURES[number].gradient_of_row:
+            used[word].add(kind)
+    units = {
+        word: tuple(
+            getattr(kind, word) if k in used[word] else None for k, kind in enumerate(ROW_KINDS)
+        )
+        for word in _OF_ROWS
+    }
+    curved = np.array([kind.tangent is not None for kind in ROW_KINDS], np.int64)
+    return RowUnits(**units, curved=curved, period=np.array([kind.period for kind in ROW_KINDS]))
+
+
+_OF_ROWS = ("value", "gradient", "curvature", "tangent")
+
+
+def sensor_units(system: System) -> SensorUnits:
+    """Units of the channels and terms that a system holds."""
+    channels = set(system.sensors.channels["what"].tolist())
+    measures, acting = ({number for number, _ in terms} for terms in _terms(system))
+    return SensorUnits(
+        channel=tuple(of.value if k in channels else None for k, of in enumerate(CHANNEL_KINDS)),
+        turns=np.array([of.counts_turns for of in CHANNEL_KINDS], np.int64),
+        computed=np.array([of.reads == "channels" for of in CHANNEL_KINDS], np.int64),
+        measure=tuple(of.value if k in measures else None for k, of in enumerate(MEASURES)),
+        gradient=tuple(of.gradient if k in acting else None for k, of in enumerate(MEASURES)),
+        level=np.array([of.level for of in MEASURES], np.int64),
+    )
+
+
+def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
+    """Measures of all terms with their kinds of rows, and of those that functions act by."""
+    terms, feedback = system.sensors.terms, system.kinds.get("feedback")
+    every = list(zip(terms["measure"].tolist(), terms["kind"].tolist(), strict=True))
+    acting = set() if feedback is None else set(feedback.tangents["term"].tolist()) - {-1}
+    return set(every), {every[t] for t in acting}
+
+
+def units_of(system: System) -> list[Unit]:
+    """All units of what a system holds."""
+    tables = stages_of(system), row_units(system), sensor_units(system)
+    return [unit for table in tables for unit in units_in(table)]
 
 
 def new_state(system: System, channels: int = 0) -> State:
@@ -114,7 +183,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
-        _nan(12 * int(m.sum()) + 1),
+        _nan(12 * int(m.sum()) + 9),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),
@@ -129,9 +198,11 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
+    dense = _new_dense(system)
+    row = RowWork(now.marker, dense.g[0], dense.H)
     return Work(
-        now, con, _new_dense(system), _new_factor(system),
-        _new_collocation(system, method.collocation), trial, _new_feedback(system),
+        now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
+        trial, _new_feedback(system),
         Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64),
     )  # fmt: skip
@@ -152,7 +223,8 @@ def _new_dense(system: System) -> Dense:
     n = 6 + int(system.parts.bodies["m"].max(initial=0))
     jac = max(_jac_end(system, "I", "jac_I"), _jac_end(system, "J", "jac_J"), 1)
     return Dense(
-        _nan(n, n), _nan(2, 6, n), _nan(6, n), _nan(12, 12), _nan(2, 12), _nan(jac),
+        _nan(n, n), _nan(2, 6, n), _nan(24, n), _nan(12, 12), _nan(2, 12), _nan(6, 12),
+        _nan(6, 12), _nan(jac),
         np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
@@ -222,7 +294,8 @@ def new_run(
         system, state, work,
         Point(state.t, state.q, state.v, state.vd, state.lam),
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
-        stages_of(system), method, settings, new_plan(0) if plan is None else plan,
+        stages_of(system), row_units(system), sensor_units(system), method, settings,
+        new_plan(0) if plan is None else plan,
         new_output(system, 0, len(state.angles)) if output is None else output,
     )  # fmt: skip
 

@@ -64,7 +64,7 @@ def _curves() -> Listing:
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
     from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
-    from flexmb.engine.tables import DOT1, DOT2, POINT
+    from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")
     for kind, a, b, _ in JOINT_ROWS.get(joint, ()):

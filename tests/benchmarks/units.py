@@ -16,7 +16,8 @@ from pathlib import Path
 
 _ROOT = Path(__file__).parents[2]
 KINDS = (
-    "spring", "law", "bushing", "contact", "joint friction", "line row", "cam", "expression",
+    "spring", "law", "bushing", "contact", "revolute joint", "joint friction", "line row", "cam",
+    "expression",
     "time event", "expression sensor", "reaction sensor", "planar", "flexible", "explicit-rk",
 )  # fmt: skip
 
@@ -74,6 +75,7 @@ def _add_body(made, kind):
         made.add_joint("one", "point-on-curve", between=between, curve="wire")
     else:
         made.add_joint("one", "revolute", between=between, axis="x")
+    if kind == "joint friction":
         made.add_force("rub", "joint-friction", joint="one", radius=0.01, dynamic=0.1,
                        stiffness=1e3)  # fmt: skip
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.contacts import branch_problems
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.joints.groups import ANGULAR
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
 from flexmb.engine.layout import BodyColumns
+from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import State, Work
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
@@ -64,7 +64,7 @@ def gaps(compiled: Compiled, work: Work) -> list[Gap]:
     for group in system.groups:
         rows = slice(int(group["row"]), int(group["row"] + group["n"]))
         C = np.where(np.isfinite(work.con.C[rows]), work.con.C[rows], np.inf)
-        turned = np.isin(system.rows["kind"][rows], ANGULAR)
+        turned = np.array([ROW_KINDS[kind].angular for kind in system.rows["kind"][rows]], bool)
         gap, angle = float(np.linalg.norm(C[~turned])), float(np.linalg.norm(C[turned]))
         where = names[rows.start].split(":")[0]
         gap, angle = _without_round_off(compiled, gap, angle)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints import primitive
-from flexmb.engine.state import Work
+from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.state import Work, rows_between
 from flexmb.engine.units import call_ready
 from flexmb.engine.work import new_state, new_work
 
@@ -91,10 +91,10 @@ def gradient(axes: tuple[int, int, int], xi: Array, Ri: Array, xj: Array, Rj: Ar
 
     Not finite where the row has none, such as a distance of zero.
     """
-    g = np.zeros(12)
+    (kind, a, b), at = axes, rows_between(xi, Ri, xj, Rj)
     with np.errstate(all="ignore"):
-        primitive.gradient(*axes, {"x": xi, "R": Ri}, {"x": xj, "R": Rj}, g)
-    return g
+        ROW_KINDS[kind].gradient(at, a, b, 0, 1)
+    return np.asarray(at.g)
 
 
 def dense_jacobian(compiled: Compiled, work: Work) -> Array:

@@ -11,13 +11,16 @@ from flexmb.engine.kernels.bodies.kinematics import Markers
 from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.functions.time_function import TimeFunctions
-from flexmb.engine.kernels.joints.constraint import Joints
+from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.kernels.joints.coordinate import Coordinates
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
 from flexmb.engine.kernels.joints.point_joint import PointJoints
-from flexmb.engine.kernels.sensors.sensor import TurningChannels
+from flexmb.engine.kernels.sensors.row_measure import JointAngles
+from flexmb.engine.kernels.sensors.turning import TurningAngles
+from flexmb.engine.row_kinds import POINT
+from flexmb.engine.sensor_kinds import JOINT_ANGLE, TURNING_CHANNEL
 from flexmb.engine.sensor_tables import Sensors
-from flexmb.engine.tables import POINT, Parts, System
+from flexmb.engine.tables import Parts, System
 
 __all__ = ["core_tables", "with_markers"]
 
@@ -40,7 +43,11 @@ def core_tables(
     point = parts.markers["point"] == 1
     driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
     points = _joints_of_points(parts, rows, groups)
-    held = np.repeat(points, groups["n"])
+    coincident = rows["kind"] == POINT
+    others = coincident & ~np.repeat(points, groups["n"])
+    channels = sensors.channels
+    angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
+    turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
     tables = {
         "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
         "coordinates": (Coordinates(), len(parts.coordinates)),
@@ -50,9 +57,14 @@ def core_tables(
         "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
         "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
         "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
-        "joints": (Joints(np.flatnonzero(~held), np.flatnonzero(~points), driven), True),
-        "point_joints": (PointJoints(np.flatnonzero(points)), points.any()),
-        "turning_channels": (TurningChannels(), np.any(sensors.channels["turns"] != 0)),
+        "joints": (Joints(np.flatnonzero(~points), driven), True),
+        "constraint_rows": (ConstraintRows(np.flatnonzero(~coincident)), not coincident.all()),
+        "point_joints": (
+            PointJoints(np.flatnonzero(coincident), np.flatnonzero(others), np.flatnonzero(points)),
+            coincident.any(),
+        ),
+        "joint_angles": (JointAngles(angles), len(angles)),
+        "turning_angles": (TurningAngles(turning), len(turning)),
     }
     if plane is not None:
         about = plane[1][rigid]
@@ -73,7 +85,8 @@ def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> Syste
     """The same system with another table of markers and their pool."""
     parts = system.parts._replace(markers=markers, pool=pool)
     core = core_tables(parts, system.rows, system.groups, system.functions, system.sensors)
-    words = ("point_markers", "rigid_markers", "flexible_markers", "joints", "point_joints")
+    markers_of = ("point_markers", "rigid_markers", "flexible_markers")
+    words = (*markers_of, "joints", "constraint_rows", "point_joints")
     kinds = {name: tables for name, tables in system.kinds.items() if name not in words}
     return system._replace(
         parts=parts, kinds=kinds | {name: core[name] for name in words if name in core}

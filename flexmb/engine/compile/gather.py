@@ -18,7 +18,8 @@ from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
 from flexmb.engine.compile.sensors import feedback, sensor
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.sensor_tables import WRENCH, Feedback, Sensors
+from flexmb.engine.sensor_kinds import WRENCH
+from flexmb.engine.sensor_tables import Feedback, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model

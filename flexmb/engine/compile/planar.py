@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexmb.engine.tables import ANGLE, DISTANCE, DOT2, POINT
+from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT2, POINT
 from flexmb.flexbody.planes import PLANES
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.markers import PlacedMarker

@@ -24,7 +24,8 @@ import numpy as np
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate_state
-from flexmb.engine.kernels.algebra.rotation import tangent
+from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
+from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
 from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
 from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
@@ -218,14 +219,21 @@ def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
             col.v[n, k] = s / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
-            x, y, z = tangent(u[o], u[o + 1], u[o + 2], v[o], v[o + 1], v[o + 2])
-            v[o], v[o + 1], v[o + 2] = x, y, z
+            put_part(v, o, _angular_velocity(part(u, o), part(v, o)))
     for k in range(nv):
         s = 0.0
         for j in range(_STAGES):
             s += radau.inverse[i, j] * (col.v[j, k] - st.v[k])
         col.a[i, k] = s / h
     return FINE
+
+
+@kernel
+def _angular_velocity(theta, rate):
+    """T(θ) θ̇ in body axes, of the orientation exp(θ̃) from the start of the step."""
+    c1, c2, _, _ = tangent_coefficients(inner(theta, theta))
+    once = outer(theta, rate)
+    return plus(plus(rate, -c1, once), c2, outer(theta, once))
 
 
 @unit

@@ -16,17 +16,15 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
-from flexmb.engine.kernels.joints.constraint import (
-    constraint_rates,
-    constraint_right_side,
-    evaluate_constraints,
-)
+from flexmb.engine.kernels.joints.constraint import constraint_right_side
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.stages import (
     bias_stage,
+    constraint_stage,
     feedback_stage,
     forces,
     position_stage,
+    rate_stage,
     reaction_stage,
     velocity_stage,
     walk,
@@ -64,7 +62,7 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
         return FINE
     for n in range(_ROUNDS):
         velocity_stage(run, at)
-        constraint_rates(run)
+        rate_stage(run, at)
         if n == 0:
             con.drift[0] = largest(rate)
         for i in range(nv):
@@ -97,7 +95,7 @@ def project_positions(run: Run, at: Point, rounds: int) -> int:
     C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
     nv = dq.shape[0]
     for _ in range(rounds):
-        evaluate_constraints(run)
+        constraint_stage(run, at)
         for i in range(nv):
             sol[place[i]] = 0.0
         for i in range(C.shape[0]):

@@ -7,7 +7,6 @@ The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0.
 from __future__ import annotations
 
 from flexmb.engine.jit import call_matrix, call_stage, call_value, kernel, unit
-from flexmb.engine.kernels.joints.constraint import evaluate_constraints
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
 
@@ -60,6 +59,18 @@ def bias_stage(run: Run, at: Point) -> int:
 
 
 @unit
+def constraint_stage(run: Run, at: Point) -> int:
+    """C of all rows, after a position stage."""
+    return walk(run.stages.constraint, run, at)
+
+
+@unit
+def rate_stage(run: Run, at: Point) -> int:
+    """Cq v + C_t of all rows, after a velocity stage."""
+    return walk(run.stages.rate, run, at)
+
+
+@unit
 def complete_poses(run: Run, at: Point) -> int:
     """Poses and velocities that only outputs need, after a velocity stage."""
     return walk(run.stages.axes, run, at)
@@ -96,7 +107,7 @@ def residual(run: Run, at: Point) -> int:
     position_stage(run, at)
     walk(run.stages.force_velocity, run, at)
     feedback_stage(run, at)
-    evaluate_constraints(run)
+    walk(run.stages.constraint, run, at)
     reaction_stage(run, at)
     return forces(run, at)
 

@@ -10,7 +10,8 @@ from generators import ROWS, Mechanism, cloud, interface
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.bodies import modal_block
 from flexmb.engine.compile.system import fingerprint
-from flexmb.engine.tables import ANGLE, DOT2, FLEX_LAYOUT, POINT
+from flexmb.engine.row_kinds import ANGLE, DOT2, POINT
+from flexmb.engine.tables import FLEX_LAYOUT
 from flexmb.errors import SceneError
 from flexmb.flexbody import load, save
 from flexmb.model import Model
@@ -99,7 +100,7 @@ def test_features_that_are_not_used_have_no_table():
     made = Mechanism(1, "chain", "mixed", n=2, acting=False)
     system = compile_system(made.model).system
     mechanism = {"rigid_bodies", "flexible_bodies", "point_markers", "rigid_markers"}
-    mechanism |= {"flexible_markers", "joints", "point_joints"}
+    mechanism |= {"flexible_markers", "joints", "constraint_rows", "point_joints"}
     assert set(system.kinds) <= mechanism
     assert len(system.parts.coordinates) == len(system.parts.curve_markers) == 0
     assert len(system.sensors.channels) == len(system.functions.ops) == 0

@@ -22,7 +22,7 @@ from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.bodies import motion
 from flexmb.engine.kernels.functions import time_function
 from flexmb.engine.units import call, missing_units, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, stages_of
+from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbWarning
 
 SOLVE, MOVE = ldl.solve.name, motion.move.name
@@ -76,8 +76,7 @@ def test_a_new_combination_of_known_kinds_compiles_nothing(topology):
     for bodies in ("rigid", "mixed", "flexible"):
         system = Bench(Mechanism(5, topology, bodies).model).sys
         run = new_run(system, new_state(system), new_work(system))
-        for stage in stages_of(system):
-            assert prepare_units(stage.units) == 0
+        assert prepare_units(units_of(system)) == 0
         assert not missing_units(units.units_in(run))
 
 

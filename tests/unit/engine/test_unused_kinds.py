@@ -9,26 +9,30 @@ from flexmb.engine import units
 from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
-FORCES_OF_TIME = {"forces.load", "forces.unit_force", "functions.time_function"}
+FORCES_OF_TIME = {"forces.load", "functions.time_function"}
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
-# Beside them any element may need markers with axes, where the chain has points only. Rows about
-# lines and jumps in time are part of units that all scenes call.
+# Beside them any element may need markers with axes, where the chain has points only. Jumps in time
+# are part of units that all scenes call.
 OWN = {
     None: set(),
-    "spring": {"forces.spring_damper"},
-    "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic",
-            "forces.unit_force"},
-    "bushing": {"forces.damping_tangent", "forces.six_component_force"},
-    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent"},
-    "joint friction": {"forces.joint_friction", "joints.coordinate"},
-    "line row": set(),
+    "spring": {"forces.damping_tangent", "forces.spring_damper"},
+    "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic"},
+    "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
+    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
+                "forces.damping_tangent"},
+    "revolute joint": {"joints.axis_rows", "joints.dots"},
+    "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
+                       "joints.dots"},
+    "line row": {"joints.line_rows"},
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
-    "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.feedback_tangent"},
+    "expression": FORCES_OF_TIME | {"forces.unit_force", "sensors.channel", "sensors.feedback",
+                                    "sensors.feedback_tangent", "sensors.motion"},
     "time event": FORCES_OF_TIME,
-    "expression sensor": set(),
-    "reaction sensor": set(),
+    "expression sensor": {"sensors.channel", "sensors.motion"},
+    "reaction sensor": {"sensors.channel"},
     "planar": {"bodies.planar_body"},
-    "flexible": {"functions.time_function"},
+    "flexible": {"functions.time_function", "joints.axis_rows", "joints.dots", "sensors.channel",
+                 "sensors.motion", "sensors.row_measure"},
     "explicit-rk": {"integrators.explicit_rk"},
 }  # fmt: skip
 
@@ -72,7 +76,8 @@ def test_no_other_kind_is_compiled(kind, called):
     more = {module(name) for name in calls - plain}
     assert len(plain) < 100
     assert more - {module(name) for name in plain} == OWN[kind]
-    wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics",
-                "sensors.sensor"}  # fmt: skip
-    assert more - OWN[kind] <= (wherever if kind == "flexible" else {"bodies.kinematics"})
+    wherever = {"bodies.energy", "bodies.inertia", "bodies.inertia_tangent", "bodies.kinematics"}
+    # the chain has rows of coincidence only
+    shared = {"bodies.kinematics", "joints.constraint", "joints.point_rows"}
+    assert more - OWN[kind] <= shared | (wherever if kind == "flexible" else set())
     assert compiled == calls

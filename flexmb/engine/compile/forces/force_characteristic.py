@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.forces.six_component_force import velocity_slopes
 from flexmb.engine.compile.forces.spring_damper import line_ends
 from flexmb.engine.compile.lowering import Action, Element, Lowering
 from flexmb.engine.functions import lower
@@ -52,8 +51,8 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
     stops = np.flatnonzero(rows["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
     s, R, g = (np.full(n, np.nan) for n in (2, 3, 12))
-    scratch = Scratch(s, R, g, np.full((12, 12), np.nan), velocity_slopes(lowering))
-    return ForceCharacteristics(rows, programs, stops, lowering.watch(len(stops)), scratch)
+    first = lowering.watch(len(stops))
+    return ForceCharacteristics(rows, programs, stops, first, Scratch(s, R, g))
 
 
 @dataclass

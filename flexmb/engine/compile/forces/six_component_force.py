@@ -25,7 +25,7 @@ from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix, triad
 
-__all__ = ["beam_matrix", "lower_six_component_forces", "velocity_slopes"]
+__all__ = ["beam_matrix", "lower_six_component_forces"]
 
 Array = NDArray[np.float64]
 Numbers = tuple[tuple[PlacedMarker, PlacedMarker], Array, bool]
@@ -47,19 +47,14 @@ def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
         rows.append((i, j, -1, pool.add(numbers), damped))
     if not rows:
         return None
-    scratch = {name: _nan(6) for name in ("x", "rate", "p", "f")}
-    scratch |= {name: _nan(6, 6) for name in "KC"} | {name: _nan(6, 12) for name in "EDS"}
-    motion = RelativeMotion(**scratch, Q=_nan(3, 3), W=_nan(12, 12), N=velocity_slopes(lowering))
+    scratch = {name: _nan(6) for name in ("x", "rate", "elastic", "viscous", "p")}
+    scratch |= {name: _nan(3, 3) for name in "QS"} | {name: _nan(6, 12) for name in "ED"}
+    motion = RelativeMotion(**scratch, e=_nan(2))
     return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE), pool.array(), motion)
 
 
 def _nan(*shape: int) -> Array:
     return np.full(shape, np.nan)
-
-
-def velocity_slopes(lowering: Lowering) -> Array:
-    """Scratch (6, 6 + m) for a marker of the body with the most modes."""
-    return _nan(6, 6 + max((body.m for body in lowering.flexbodies.values()), default=0))
 
 
 def _bushing_numbers(lowering: Lowering, spec: BushingSpec) -> Numbers:

@@ -34,7 +34,7 @@ from flexmb.engine.compile.joints.curves import (
     placed_frame,
 )
 from flexmb.engine.compile.markers import Markers
-from flexmb.engine.tables import DOT1, DOT2, POINT
+from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 from flexmb.errors import Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker

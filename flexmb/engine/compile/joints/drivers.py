@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from flexmb.engine.compile.joints.joint_rows import measured
-from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
+from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT2
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup

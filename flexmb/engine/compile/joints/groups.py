@@ -10,21 +10,10 @@ import numpy as np
 
 from flexmb.engine.compile.joints.curves import Sliders
 from flexmb.engine.compile.markers import Markers
-from flexmb.engine.tables import (
-    ANGLE,
-    DISTANCE,
-    DOT1,
-    DOT2,
-    FOLLOW,
-    MOMENT,
-    POINT,
-    RADIAL,
-    ROW,
-    TWIST,
-)
+from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.tables import FOLLOW, ROW
 
 __all__ = [
-    "ANGULAR",
     "Entry",
     "Groups",
     "check_ends",
@@ -33,20 +22,6 @@ __all__ = [
     "row_table",
     "row_weights",
 ]
-
-ANGULAR = (DOT1, ANGLE, TWIST)
-"""Kinds of rows that measure no length."""
-
-_ROW_WORDS = {
-    POINT: "place {a}",
-    DOT1: "axes {a} and {b}",
-    DOT2: "offset {a}",
-    DISTANCE: "length",
-    ANGLE: "angle",
-    TWIST: "twist",
-    RADIAL: "distance from the axis",
-    MOMENT: "distance of the axes",
-}
 
 
 class Entry(NamedTuple):
@@ -66,7 +41,7 @@ def _word(row: Entry) -> str:
         return "driven"
     if row.follows:
         return "coordinate"
-    return _ROW_WORDS[row.kind].format(a="xyz"[row.a], b="xyz"[row.b])
+    return ROW_KINDS[row.kind].word.format(a="xyz"[row.a], b="xyz"[row.b])
 
 
 class PlacedEntry(NamedTuple):
@@ -115,7 +90,7 @@ def couples(groups: Groups) -> list[tuple[int, int]]:
     """Pairs of bodies whose tangents a group couples: all but mere coincidence."""
     pairs = []
     for k, (_, _, i, j) in enumerate(groups.groups):
-        curved = any(row.entry.kind != POINT for row in groups.in_group(k))
+        curved = any(ROW_KINDS[row.entry.kind].tangent for row in groups.in_group(k))
         if curved and i >= 0 and j >= 0:
             pairs.append((i, j))
     return pairs
@@ -128,7 +103,8 @@ def check_ends(groups: Groups) -> list[str]:
 
 def row_weights(groups: Groups, length: float) -> np.ndarray:
     """(nc,) size of one unit of every row: metres over the model size, radians."""
-    return np.array([1.0 if row.entry.kind in ANGULAR else 1.0 / length for row in groups.rows])
+    angular = [ROW_KINDS[row.entry.kind].angular for row in groups.rows]
+    return np.where(np.array(angular, bool), 1.0, 1.0 / length)
 
 
 def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from flexmb.engine.compile.joints.joint_rows import (
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.planar import STROKE, planar_joint
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.tables import DISTANCE, POINT
+from flexmb.engine.row_kinds import DISTANCE, POINT
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup

@@ -9,12 +9,10 @@ Computer Aided Kinematics and Dynamics, 1989, ch. 3, 9.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.tables import (
+from flexmb.engine.row_kinds import (
     ANGLE,
     DISTANCE,
     DOT1,
@@ -22,8 +20,10 @@ from flexmb.engine.tables import (
     MOMENT,
     POINT,
     RADIAL,
+    ROW_KINDS,
     TWIST,
 )
+from flexmb.engine.state import rows_between
 from flexmb.errors import Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
@@ -138,27 +138,15 @@ def measured(
     ZeroDivisionError
         A length that is kept is zero: its direction is not known.
     """
-    kind, a, b, kept = row
+    number, a, b, kept = row
     if not kept:
         return 0.0
     (xi, Ri), (xj, Rj) = (_placed(model, marker) for marker in (I, J))
-    h = xj - xi
-    if kind == DOT1:
-        return float(Ri[:, a] @ Rj[:, b])
-    if kind == ANGLE:
-        return math.atan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b])
-    if kind == DOT2:
-        return float(Ri[:, a] @ h)
-    if kind == ANGLE:
-        return float(np.arctan2(Ri[:, Y] @ Rj[:, b], Ri[:, X] @ Rj[:, b]))
-    if kind == MOMENT:
-        return float(h @ np.cross(Ri[:, Z], Rj[:, Z]))
-    if kind == RADIAL:
-        h = h - (h @ Ri[:, Z]) * Ri[:, Z]
-    length = float(np.linalg.norm(h))
-    if length <= _nothing(xi, xj):
+    kind = ROW_KINDS[number]
+    value = float(kind.value(rows_between(xi, Ri, xj, Rj), a, b, 0, 1))
+    if kind.is_distance and value <= _nothing(xi, xj):
         raise ZeroDivisionError
-    return length
+    return value
 
 
 def _nothing(*points: Array) -> float:

@@ -17,13 +17,10 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.lowering import Lowering
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions
-from flexmb.engine.compile.sensors.sensor import of_acceleration, sides_of
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
 from flexmb.engine.sensor_tables import (
     FEEDBACK_TANGENT,
     PARTIAL,
-    PLACE,
-    STATE,
-    SUM,
     Feedback,
     Sensors,
 )
@@ -145,14 +142,15 @@ def _effects(
 def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies: int):
     """(term, side, state, block) of everything that a channel depends on."""
     channel = sensors.channels[number]
-    if channel["what"] == STATE:
+    reads = CHANNEL_KINDS[channel["what"]].reads
+    if reads == "state":
         iv = int(channel["first"])
         yield -1, 0, iv, n_bodies + int(np.flatnonzero(scalars["iv"] == iv)[0])
-    elif channel["what"] == SUM:
+    elif reads == "terms":
         for k in range(channel["first"], channel["first"] + channel["n"]):
             term = sensors.terms[k]
-            for side in sides_of(term):
-                body = markers.body(int(term["I" if side == 0 else "J"]))
+            for side, marker in enumerate((int(term["I"]), int(term["J"]))):
+                body = markers.body(marker) if marker >= 0 else -1
                 if body >= 0:
                     yield k, side, -1, body
 
@@ -160,7 +158,8 @@ def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies:
 def _implicit(sensors: Sensors, number: int) -> bool:
     """Whether a channel depends on accelerations, or on reactions and other forces."""
     channel = sensors.channels[number]
-    terms = sensors.terms[channel["first"] : channel["first"] + max(channel["n"], 0)]
-    if channel["what"] == SUM:
-        return any(of_acceleration(term) for term in terms)
-    return int(channel["what"]) not in (STATE, PLACE)
+    reads = CHANNEL_KINDS[channel["what"]].reads
+    if reads == "terms":
+        terms = sensors.terms[channel["first"] : channel["first"] + channel["n"]]
+        return any(MEASURES[term["measure"]].level == 2 for term in terms)
+    return reads in ("forces", "channels")

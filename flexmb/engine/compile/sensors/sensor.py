@@ -4,35 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.engine.compile.joints.joint_rows import SECOND_TURN, driver_row
 from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.functions import lower
-from flexmb.engine.sensor_tables import (
-    ALONG,
-    ALONG_A,
-    ALONG_OM,
-    ALONG_OMD,
-    ALONG_V,
-    ALONG_X,
-    ANGLE_TURNS,
-    ANGLES_TURN,
-    CHANNEL,
+from flexmb.engine.row_kinds import DISTANCE, DOT2, ROW_KINDS
+from flexmb.engine.sensor_kinds import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
+    BODY_ENERGY,
+    COORDINATE,
+    COORDINATE_ACCELERATION,
+    COORDINATE_RATE,
     ENERGY,
     EXPRESSION,
+    JOINT_ANGLE,
     PLACE,
-    SEEN_OMD,
+    PLACE_RATE,
+    POSITION,
     STATE,
     SUM,
-    TERM,
-    TURNING,
+    TURNING_ANGLE,
+    TURNING_CHANNEL,
+    TURNING_OF_AXES,
+    VELOCITY,
     WRENCH,
-    Sensors,
 )
-from flexmb.engine.tables import ANGLE, DISTANCE, DOT2
+from flexmb.engine.sensor_tables import CHANNEL, TERM, Sensors
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
@@ -51,15 +53,28 @@ from flexmb.model.values.reading import Spec
 __all__ = ["Channels", "sensor_tables"]
 
 _MOTIONS = {
-    "position": ALONG_X,
-    "velocity": ALONG_V,
-    "acceleration": ALONG_A,
-    "angular_velocity": ALONG_OM,
-    "angular_acceleration": ALONG_OMD,
+    "position": POSITION,
+    "velocity": VELOCITY,
+    "acceleration": ACCELERATION,
+    "angular_velocity": ANGULAR_VELOCITY,
+    "angular_acceleration": ANGULAR_ACCELERATION,
 }
+_POINT_MOTIONS = (POSITION, VELOCITY, ACCELERATION)
+_ROW_MEASURES = (COORDINATE, COORDINATE_RATE, COORDINATE_ACCELERATION)  # by derivative
 _ENERGIES = ("kinetic", "strain", "gravity", "spring", "total")
 _GLOBAL, _OWN = -1, -2
-Term = tuple[int, int, int, int, int, int, float]
+
+
+class Term(NamedTuple):
+    """A term as `sensor_tables.TERM` says, but for its channel."""
+
+    measure: int
+    kind: int
+    I: int  # noqa: E741
+    J: int
+    a: int
+    b: int
+    factor: float = 1.0
 
 
 @dataclass
@@ -71,7 +86,7 @@ class Channels:
     places: tuple[int, int]  # position and velocity coordinate of the first curve marker
     states: Mapping[str, int]  # velocity coordinate of each state
     rows: list[tuple[int, ...]] = field(default_factory=list)
-    terms: list[Term] = field(default_factory=list)
+    terms: list[tuple[float, ...]] = field(default_factory=list)
     programs: list[Expression] = field(default_factory=list)
 
     @property
@@ -88,14 +103,15 @@ class Channels:
         fixed = {"global": _GLOBAL, "joint": own}
         return fixed[reference] if reference in fixed else self.marker(reference)
 
-    def add_sum(self, terms: list[Term], turns: int = 0, number: int = 0) -> None:
-        """A channel that is a sum of terms."""
-        self.rows.append((SUM, len(self.terms), len(terms), turns, 0, 0, 0, number, -1))
-        self.terms += terms
+    def add_sum(self, terms: list[Term], what: int = SUM, number: int = 0) -> None:
+        """A channel of terms: a sum of them, or one angle that counts turns."""
+        channel = len(self.rows)
+        self.rows.append((what, len(self.terms), len(terms), 0, 0, 0, number, -1))
+        self.terms += [(*term[:-1], channel, term.factor) for term in terms]
 
     def add(self, what: int, first: int, n: int = -1) -> None:
         """A channel without terms."""
-        self.rows.append((what, first, n, 0, 0, 0, 0, 0, -1))
+        self.rows.append((what, first, n, 0, 0, 0, 0, -1))
 
     def add_program(self, expression: Expression) -> None:
         """A channel that is computed of others."""
@@ -112,28 +128,31 @@ class Channels:
             self._joint(spec)
         elif isinstance(spec, DistanceSensorSpec):
             i, j = (self.marker(reference) for reference in spec.between)
-            self.add_sum([(DISTANCE, i, j, 0, 0, spec.derivative, 1.0)])
+            self.add_sum([Term(_ROW_MEASURES[spec.derivative], DISTANCE, i, j, 0, 0)])
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
         elif isinstance(spec, PlaceSensorSpec):
             k = self.lowering.groups.sliders.number(spec.joint, spec.on)
-            self.add(PLACE, self.places[spec.derivative] + k, spec.derivative)
+            self.add((PLACE, PLACE_RATE)[spec.derivative], self.places[spec.derivative] + k)
         elif isinstance(spec, EnergySensorSpec):
-            body = -1 if spec.body is None else self.lowering.markers.numbers[spec.body]
-            self.add(ENERGY, _ENERGIES.index(spec.quantity), body)
+            number, body = _ENERGIES.index(spec.quantity), spec.body
+            if body is None:
+                self.add(ENERGY, number)
+            else:
+                self.add(BODY_ENERGY, number, self.lowering.markers.numbers[body])
         else:
             self.add_program(signals.channel_program(self.model, name))
 
     def _motion(self, spec: MarkerSensorSpec) -> None:
-        j, kind = self.marker(spec.of), _MOTIONS[spec.type]
+        j, motion = self.marker(spec.of), _MOTIONS[spec.type]
         for a in range(3):
             if spec.seen_from is not None:
-                self.add_sum(_seen(kind, self.marker(spec.seen_from), j, a))
+                self.add_sum(_seen(motion, self.marker(spec.seen_from), j, a))
                 continue
             axes = self.axes(spec.axes)
-            terms: list[Term] = [(kind, axes, j, a, 0, 0, 1.0)]
+            terms = [Term(motion, -1, axes, j, a, 0)]
             if spec.relative_to is not None:
-                terms.append((kind, axes, self.marker(spec.relative_to), a, 0, 0, -1.0))
+                terms.append(Term(motion, -1, axes, self.marker(spec.relative_to), a, 0, -1.0))
             self.add_sum(terms)
 
     def _orientation(self, spec: OrientationSensorSpec) -> None:
@@ -141,7 +160,8 @@ class Channels:
         first, second, third = ("xyz".index(axis) for axis in spec.sequence)
         code = 9 * first + 3 * second + third
         for number in range(3):
-            self.add_sum([(TURNING, i, j, code, number, 0, 1.0)], ANGLES_TURN, number)
+            term = Term(TURNING_ANGLE, -1, i, j, code, number)
+            self.add_sum([term], TURNING_CHANNEL, number)
 
     def _joint(self, spec: JointSensorSpec) -> None:
         if spec.joint is not None:
@@ -154,8 +174,9 @@ class Channels:
             frames = lookup.frames(self.model, spec.between, spec.axis, self.lowering.flexbodies)
             kind, a, b = driver_row("", spec.type)
         i, j = (self.lowering.markers.add(marker) for marker in frames)
-        turns = ANGLE_TURNS if kind == ANGLE and spec.derivative == 0 else 0
-        self.add_sum([(kind, i, j, a, b, spec.derivative, 1.0)], turns)
+        turns = ROW_KINDS[kind].period > 0.0 and spec.derivative == 0
+        term = Term(_ROW_MEASURES[spec.derivative], kind, i, j, a, b)
+        self.add_sum([term], JOINT_ANGLE if turns else SUM)
 
     def _reaction(self, spec: ReactionSensorSpec) -> None:
         element = self._element(spec)
@@ -163,7 +184,7 @@ class Channels:
         axes = self.axes(spec.axes, _OWN)
         kind = self.kinds.index(element.kind)
         for a in range(3):
-            self.rows.append((WRENCH, element.row, element.n, 0, side, quantity, axes, a, kind))
+            self.rows.append((WRENCH, element.row, element.n, side, quantity, axes, a, kind))
 
     def _element(self, spec: ReactionSensorSpec) -> Element:
         """Where the element stands whose wrench is read."""
@@ -180,12 +201,14 @@ class Channels:
         return self.lowering.elements[f"forces.{spec.force}"]
 
 
-def _seen(kind: int, K: int, j: int, a: int) -> list[Term]:
+def _seen(motion: int, K: int, j: int, a: int) -> list[Term]:
     """Component a of a motion of j as an observer on K sees it."""
-    if kind in (ALONG_X, ALONG_V, ALONG_A):
-        return [(DOT2, K, j, a, a, kind - ALONG_X, 1.0)]
-    terms: list[Term] = [(kind, K, j, a, 0, 0, 1.0), (kind, K, K, a, 0, 0, -1.0)]
-    return terms if kind == ALONG_OM else [*terms, (SEEN_OMD, K, j, a, 0, 0, -1.0)]
+    if motion in _POINT_MOTIONS:
+        return [Term(_ROW_MEASURES[_POINT_MOTIONS.index(motion)], DOT2, K, j, a, a)]
+    terms = [Term(motion, -1, K, j, a, 0), Term(motion, -1, K, K, a, 0, -1.0)]
+    if motion == ANGULAR_ACCELERATION:
+        terms.append(Term(TURNING_OF_AXES, -1, K, j, a, 0, -1.0))
+    return terms
 
 
 def sensor_tables(
@@ -216,13 +239,3 @@ def sensor_tables(
     numbers = {name: k for k, name in enumerate([*names, *hidden])}
     programs = lower(made.programs, numbers)
     return Sensors(np.array(made.rows, CHANNEL), np.array(made.terms, TERM), programs), numbers
-
-
-def of_acceleration(term: NDArray[np.void]) -> bool:
-    """Whether a term depends on accelerations."""
-    return bool(term["level"] == 2 or term["kind"] in (ALONG_A, ALONG_OMD))
-
-
-def sides_of(term: NDArray[np.void]) -> tuple[int, ...]:
-    """The sides (0: I, 1: J) whose markers a term depends on."""
-    return (0, 1) if term["kind"] < ALONG or term["I"] >= 0 else (1,)

@@ -6,7 +6,10 @@
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix
+from flexmb.engine.state import Run
 
 
 @kernel
@@ -17,9 +20,15 @@ def clear(B, n, m):
             B[r, c] = 0.0
 
 
-@kernel
-def add_body_block(body, kkt, B, low, up):
-    """Add a dense block to the diagonal block of a body."""
+@unit
+def add_body_block(run: Run, b: int, B: Matrix) -> int:
+    """Add a dense block to the diagonal block of body b."""
+    body, kkt, low, up = (
+        run.system.parts.bodies[b],
+        run.system.kkt,
+        run.work.factor.low,
+        run.work.factor.up,
+    )
     panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
     at, nc = panel["at"], panel["nc"]
     for r in range(6 + body["m"]):
@@ -32,14 +41,16 @@ def add_body_block(body, kkt, B, low, up):
                 low[at + pr * nc + pc] += B[r, c]
             if pr <= pc:
                 up[at + pc * nc + pr] += B[r, c]
+    return FINE
 
 
-@kernel
-def add_coupling(B, first, second, kkt, k, swapped, low, up):
-    """Add B as the block of two bodies; link k is that of the transpose if swapped."""
-    link, column = kkt.links[k], kkt.column
+@unit
+def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> int:
+    """Add B as the block of bodies a and b; link k is that of the transpose if swapped is 1."""
+    bodies, link, column = run.system.parts.bodies, run.system.kkt.links[k], run.system.kkt.column
+    first, second, low, up = bodies[a], bodies[b], run.work.factor.low, run.work.factor.up
     at, stride = link["at"], link["stride"]
-    early = (link["flipped"] == 1) != swapped  # the rows' body is eliminated first
+    early = (link["flipped"] == 1) != (swapped == 1)  # the rows' body is eliminated first
     for r in range(6 + first["m"]):
         pr = column[first["iv"] + r]
         if pr < 0:
@@ -52,6 +63,7 @@ def add_coupling(B, first, second, kkt, k, swapped, low, up):
                 up[at + pc * stride + pr] += B[r, c]
             else:
                 low[at + pr * stride + pc] += B[r, c]
+    return FINE
 
 
 @kernel

@@ -81,6 +81,23 @@ def tangent_coefficients(x):
 
 
 @kernel
+def put_polynomial(th, f, g, M):
+    """M (3, 3) = I + f θ̃ + g θ̃², θ = th."""
+    square = th[0] * th[0] + th[1] * th[1] + th[2] * th[2]
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = g * th[i] * th[j]
+        M[i, i] += 1.0 - g * square
+    x, y, z = f * th[0], f * th[1], f * th[2]
+    M[0, 1] -= z
+    M[1, 0] += z
+    M[0, 2] += y
+    M[2, 0] -= y
+    M[1, 2] -= x
+    M[2, 1] += x
+
+
+@kernel
 def transform(A, x, y, z):
     """A (x, y, z) as three numbers."""
     return (
@@ -104,18 +121,3 @@ def transform_back(A, x, y, z):
 def cross(ax, ay, az, bx, by, bz):
     """a × b as three numbers."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@kernel
-def tangent_transposed(tx, ty, tz, x, y, z):
-    """Tᵀ(θ) (x, y, z) = v + c1 θ×v + c2 θ×(θ×v)."""
-    c1, c2, _, _ = tangent_coefficients(tx * tx + ty * ty + tz * tz)
-    ux, uy, uz = cross(tx, ty, tz, x, y, z)
-    wx, wy, wz = cross(tx, ty, tz, ux, uy, uz)
-    return x + c1 * ux + c2 * wx, y + c1 * uy + c2 * wy, z + c1 * uz + c2 * wz
-
-
-@kernel
-def tangent(tx, ty, tz, x, y, z):
-    """T(θ) (x, y, z) = v − c1 θ×v + c2 θ×(θ×v)."""
-    return tangent_transposed(-tx, -ty, -tz, x, y, z)

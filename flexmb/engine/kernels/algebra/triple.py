@@ -13,6 +13,26 @@ def triple(a):
 
 
 @kernel
+def part(a, o):
+    """Three numbers of an array from o on."""
+    return a[o], a[o + 1], a[o + 2]
+
+
+@kernel
+def put_part(out, o, a):
+    """out[o:o+3] = a."""
+    out[o], out[o + 1], out[o + 2] = a
+
+
+@kernel
+def add_part(out, o, f, a):
+    """out[o:o+3] += f a."""
+    out[o] += f * a[0]
+    out[o + 1] += f * a[1]
+    out[o + 2] += f * a[2]
+
+
+@kernel
 def column(R, k):
     """Column k of a matrix."""
     return R[0, k], R[1, k], R[2, k]

@@ -9,9 +9,7 @@ from flexmb.engine.kernels.bodies import inertia, inertia_tangent
 from flexmb.engine.kernels.bodies.inertia import Bodies
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, Vector
-from flexmb.engine.state import Now, Point, Run
-from flexmb.engine.tables import Parts
+from flexmb.engine.state import Point, Run
 
 
 @kernel
@@ -31,25 +29,24 @@ def rigid_kinetic(parts, now, v, i):
 
 
 @unit
-def flexible_kinetic(parts: Parts, now: Now, v: Vector, i: int, B: Matrix) -> float:
-    """½ vᵀ M v of one body, J; B is scratch for its M."""
-    e = 0.0
-    o, n = parts.bodies[i]["iv"], 6 + parts.bodies[i]["m"]
-    inertia_tangent.flexible_mass_block(parts.bodies[i], now.body[i], parts.pool, now.Z, B)
+def flexible_kinetic(run: Run, i: int, at: Point) -> float:
+    """½ vᵀ M v of one body, J."""
+    bodies, B, e = run.system.parts.bodies, run.work.dense.B, 0.0
+    o, n = bodies[i]["iv"], 6 + bodies[i]["m"]
+    inertia_tangent.put_frame_matrix(run, i, at, 0.0, 0.0)
+    inertia_tangent.put_modal_mass(run, i)
     for r in range(n):
-        for c in range(n):
-            e += 0.5 * v[o + r] * B[r, c] * v[o + c]
+        e += 0.5 * at.v[o + r] * dot(B[r], 0, at.v, o, n)
     return e
 
 
 @kernel
-def body_strain(parts, q, i):
-    """½ ηᵀ K η of one body, J."""
-    body, e = parts.bodies[i], 0.0
-    m, o = body["m"], body["iq"] + 7
-    at = body["flex"] + 12 * m + 13 * m * m
+def _modal_form(parts, i, block, x, o):
+    """yᵀ A y of one body, y = x[o:o+m] and A an (m, m) block of its pool: 13 is K, 14 is D."""
+    m, e = parts.bodies[i]["m"], 0.0
+    at = parts.bodies[i]["flex"] + 12 * m + block * m * m
     for r in range(m):
-        e += 0.5 * q[o + r] * dot(parts.pool, at + r * m, q, o, m)
+        e += x[o + r] * dot(parts.pool, at + r * m, x, o, m)
     return e
 
 
@@ -67,12 +64,12 @@ def body_energy(run: Run, i: int, what: int, at: Point) -> float:
     """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
     parts, now = run.system.parts, run.work.now
     if what == 1:
-        return body_strain(parts, at.q, i)
+        return 0.5 * _modal_form(parts, i, 13, at.q, parts.bodies[i]["iq"] + 7)
     if what == 2:
         return body_weight(parts, now, at.q, i)
     if parts.bodies[i]["m"] == 0:
         return rigid_kinetic(parts, now, at.v, i)
-    return flexible_kinetic(parts, now, at.v, i, run.work.dense.B)
+    return flexible_kinetic(run, i, at)
 
 
 @unit
@@ -91,27 +88,20 @@ def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
 @unit
 def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
     """Kinetic, strain and gravity energy of flexible bodies."""
-    parts, now, out, rows = run.system.parts, run.work.now, run.work.energies, of.rows
+    rows, out = of.rows, run.work.energies
     for n in range(rows.shape[0]):
-        out[0] += flexible_kinetic(parts, now, at.v, rows[n], run.work.dense.B)
-        out[1] += body_strain(parts, at.q, rows[n])
-        out[2] += body_weight(parts, now, at.q, rows[n])
+        for what in range(3):
+            out[what] += body_energy(run, rows[n], what, at)
     return FINE
 
 
 @unit
 def damping_power(run: Run, of: Bodies, at: Point) -> int:
     """−η̇ᵀ D η̇ of flexible bodies."""
-    parts, v, rows = run.system.parts, at.v, of.rows
-    p = 0.0
+    parts, rows, out = run.system.parts, of.rows, run.work.powers
     for n in range(rows.shape[0]):
-        body = parts.bodies[rows[n]]
-        if body["damped"] == 1:
-            m, o = body["m"], body["iv"] + 6
-            at_D = body["flex"] + 12 * m + 14 * m * m
-            for r in range(m):
-                p -= v[o + r] * dot(parts.pool, at_D + r * m, v, o, m)
-    run.work.powers[1] += p
+        if parts.bodies[rows[n]]["damped"] == 1:
+            out[1] -= _modal_form(parts, rows[n], 14, at.v, parts.bodies[rows[n]]["iv"] + 6)
     return FINE
 
 

@@ -18,16 +18,22 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import (
-    cross,
-    rotation_matrix,
-    transform,
-    transform_back,
+from flexmb.engine.kernels.algebra.rotation import rotation_matrix
+from flexmb.engine.kernels.algebra.triple import (
+    add_part,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    triple,
+    turned,
+    turned_back,
 )
-from flexmb.engine.kernels.algebra.vector import dot, put
-from flexmb.engine.kernels.bodies.kinematics import modal_vector
+from flexmb.engine.kernels.algebra.vector import dot
+from flexmb.engine.kernels.bodies.kinematics import modal_vector, mode_vector
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
+from flexmb.engine.records import Integers, Vector
 from flexmb.engine.state import Point, Run
 
 
@@ -37,8 +43,10 @@ class Bodies(NamedTuple):
     rows: Integers  # their rows in the table of bodies
 
 
-@kernel
-def add_product(pool, at, m, v, o, f, out, oo):
+@unit
+def add_product(
+    pool: Vector, at: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
+) -> int:
     """out[oo:oo+m] += f × (m × m block of the pool at `at`) v[o:o+m]."""
     for i in range(m):
         s = 0.0
@@ -46,6 +54,7 @@ def add_product(pool, at, m, v, o, f, out, oo):
         for j in range(m):
             s += pool[row + j] * v[o + j]
         out[oo + i] += f * s
+    return FINE
 
 
 @unit
@@ -109,8 +118,7 @@ def _add_deformation(body, S, c, pool, Z, q):
     m, z, eta = body["m"], body["z"], body["iq"] + 7
     at_P = body["flex"] + 3 * m
     at_M = at_P + 9 * m
-    cx, cy, cz = modal_vector(pool, body["flex"], m, q, eta)
-    put(c, 0, c[0] + cx, c[1] + cy, c[2] + cz)
+    add_part(c, 0, 1.0, modal_vector(pool, body["flex"], m, q, eta))
     for k in range(9 * m):
         Z[z + k] = pool[at_P + k]
     for k in range(9):
@@ -131,11 +139,8 @@ def _add_deformation(body, S, c, pool, Z, q):
 @unit
 def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
-    parts, body_now, out, rows = run.system.parts, run.work.now.body, run.work.trial.res, of.rows
-    bodies, g, v, vd = parts.bodies, parts.gravity, at.v, at.vd
-    for n in range(rows.shape[0]):
-        body, bn = bodies[rows[n]], body_now[rows[n]]
-        _rigid_forces(body, bn, g, v, vd, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, out)
+    for n in range(of.rows.shape[0]):
+        put_frame_forces(run, of.rows[n], at)
     return FINE
 
 
@@ -143,80 +148,79 @@ def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
     parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
-    q, v, vd = at.q, at.v, at.vd
     for n in range(rows.shape[0]):
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
-        flex, m, o = body["flex"], body["m"], body["iv"] + 6
-        ux, uy, uz = modal_vector(parts.pool, flex, m, v, o)
-        wx, wy, wz = modal_vector(parts.pool, flex, m, vd, o)
-        _rigid_forces(body, bn, parts.gravity, v, vd, ux, uy, uz, wx, wy, wz, out)
-        _add_relative_moment(body, now.Z, v, vd, out)
-        _modal_forces(body, bn, parts, now.Z, q, v, vd, out)
+        put_frame_forces(run, rows[n], at)
+        _add_relative_moment(body, now.Z, at.v, at.vd, out)
+        _modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
+    return FINE
+
+
+@unit
+def put_frame_forces(run: Run, i: int, at: Point) -> int:
+    """Force and moment rows of the frame of body i in Trial.res, without M_ωη and V."""
+    parts, v, vd, out = run.system.parts, at.v, at.vd, run.work.trial.res
+    body, bn = parts.bodies[i], run.work.now.body[i]
+    iv, m, flex, A, J = body["iv"], body["m"], body["flex"], bn["A"], bn["J"]
+    c, om, e = triple(bn["c"]), part(v, iv + 3), part(vd, iv + 3)
+    a = plus(part(vd, iv), -1.0, triple(parts.gravity))
+    # ω̇×c + ω×(ω×c + 2 p η̇) + p η̈
+    x = plus(outer(om, c), 2.0, modal_vector(parts.pool, flex, m, v, iv + 6))
+    x = plus(outer(om, x), 1.0, outer(e, c))
+    x = turned(A, plus(x, 1.0, modal_vector(parts.pool, flex, m, vd, iv + 6)))
+    put_part(out, iv, plus(x, body["mass"], a))
+    moment = plus(turned(J, e), 1.0, outer(om, turned(J, om)))
+    put_part(out, iv + 3, plus(moment, 1.0, outer(c, turned_back(A, a))))
     return FINE
 
 
 @kernel
-def _rigid_forces(body, bn, g, v, vd, ux, uy, uz, px, py, pz, out):
-    """Force and moment rows of the frame; u = p η̇, p = p η̈."""
-    iv, mass, A, J, c = body["iv"], body["mass"], bn["A"], bn["J"], bn["c"]
-    wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-    ex, ey, ez = vd[iv + 3], vd[iv + 4], vd[iv + 5]
-    ax, ay, az = vd[iv] - g[0], vd[iv + 1] - g[1], vd[iv + 2] - g[2]
-    hx, hy, hz = transform(J, wx, wy, wz)
-    gx, gy, gz = cross(wx, wy, wz, hx, hy, hz)
-    tx, ty, tz = transform(J, ex, ey, ez)
-    qx, qy, qz = cross(wx, wy, wz, c[0], c[1], c[2])
-    fx, fy, fz = cross(wx, wy, wz, qx + 2.0 * ux, qy + 2.0 * uy, qz + 2.0 * uz)
-    qx, qy, qz = cross(ex, ey, ez, c[0], c[1], c[2])
-    fx, fy, fz = transform(A, fx + qx + px, fy + qy + py, fz + qz + pz)
-    put(out, iv, mass * ax + fx, mass * ay + fy, mass * az + fz)
-    ax, ay, az = transform_back(A, ax, ay, az)
-    qx, qy, qz = cross(c[0], c[1], c[2], ax, ay, az)
-    put(out, iv + 3, tx + gx + qx, ty + gy + qy, tz + gz + qz)
+def put_rate(a, at, step, v, o, m, Z):
+    """The last nine numbers of Z: blocks of m numbers of a, each `step` on, times v[o:o+m]."""
+    for n in range(9):
+        Z[Z.shape[0] - 9 + n] = dot(a, at + n * step, v, o, m)
+
+
+@kernel
+def less_trace(Z, z, i, j, x):
+    """tr(V) x − Vᵀ x, V_ab at z + i a + j b in Z."""
+    trace = Z[z] + Z[z + i + j] + Z[z + 2 * (i + j)]
+    return (
+        trace * x[0] - Z[z] * x[0] - Z[z + i] * x[1] - Z[z + 2 * i] * x[2],
+        trace * x[1] - Z[z + j] * x[0] - Z[z + i + j] * x[1] - Z[z + 2 * i + j] * x[2],
+        trace * x[2] - Z[z + 2 * j] * x[0] - Z[z + i + 2 * j] * x[1] - Z[z + 2 * (i + j)] * x[2],
+    )
 
 
 @kernel
 def _add_relative_moment(body, Z, v, vd, out):
     """Moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇."""
     m, iv, z = body["m"], body["iv"], body["z"]
-    o = iv + 6
-    trace = 0.0
-    for a in range(3):
-        trace += dot(Z, z + 4 * a * m, v, o, m)
-        out[iv + 3 + a] += dot(Z, z + (9 + a) * m, vd, o, m)
-    for b in range(3):
-        s = trace * v[iv + 3 + b]
-        for c in range(3):
-            s -= v[iv + 3 + c] * dot(Z, z + (3 * c + b) * m, v, o, m)
-        out[iv + 3 + b] += 2.0 * s
+    put_rate(Z, z, m, v, iv + 6, m, Z)
+    add_part(out, iv + 3, 2.0, less_trace(Z, Z.shape[0] - 9, 3, 1, part(v, iv + 3)))
+    add_part(out, iv + 3, 1.0, modal_vector(Z, z + 9 * m, m, vd, iv + 6))
 
 
 @kernel
 def _modal_forces(body, bn, parts, Z, q, v, vd, out):
     """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms."""
     m, iv, at, z = body["m"], body["iv"], body["flex"], body["z"]
-    pool, g, o, eta = parts.pool, parts.gravity, body["iv"] + 6, body["iq"] + 7
-    at_G = at + 12 * m + 9 * m * m
-    at_M = at_G + 3 * m * m
-    ax, ay, az = transform_back(bn["A"], vd[iv] - g[0], vd[iv + 1] - g[1], vd[iv + 2] - g[2])
-    ex, ey, ez = vd[iv + 3], vd[iv + 4], vd[iv + 5]
-    zw = z + 9 * m
+    pool, o, size = parts.pool, iv + 6, m * m
+    a = turned_back(bn["A"], plus(part(vd, iv), -1.0, triple(parts.gravity)))
+    e, om, zw = part(vd, iv + 3), part(v, iv + 3), z + 9 * m
     for i in range(m):
-        s = pool[at + i] * ax + pool[at + m + i] * ay + pool[at + 2 * m + i] * az
-        s += Z[zw + i] * ex + Z[zw + m + i] * ey + Z[zw + 2 * m + i] * ez
-        out[o + i] = s
+        out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)
+    at_M = at + 12 * m + 12 * size
     add_product(pool, at_M, m, vd, o, 1.0, out, o)
-    add_product(pool, at_M + m * m, m, q, eta, 1.0, out, o)
+    add_product(pool, at_M + size, m, q, body["iq"] + 7, 1.0, out, o)
     if body["damped"] == 1:
-        add_product(pool, at_M + 2 * m * m, m, v, o, 1.0, out, o)
-    w2 = v[iv + 3] * v[iv + 3] + v[iv + 4] * v[iv + 4] + v[iv + 5] * v[iv + 5]
+        add_product(pool, at_M + 2 * size, m, v, o, 1.0, out, o)
     for b in range(3):
-        wb = v[iv + 3 + b]
-        if wb != 0.0:
-            add_product(pool, at_G + b * m * m, m, v, o, -2.0 * wb, out, o)
+        w = v[iv + 3 + b]
+        if w != 0.0:
+            add_product(pool, at_M + (b - 3) * size, m, v, o, -2.0 * w, out, o)
         for c in range(3):
-            f = wb * v[iv + 3 + c] - (w2 if b == c else 0.0)
-            zc = z + (3 * c + b) * m
+            f = w * v[iv + 3 + c] - (inner(om, om) if b == c else 0.0)
             if f != 0.0:
                 for i in range(m):
-                    out[o + i] += f * Z[zc + i]
+                    out[o + i] += f * Z[z + (3 * c + b) * m + i]

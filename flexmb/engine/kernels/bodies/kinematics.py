@@ -13,14 +13,23 @@ from typing import NamedTuple
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import (
-    compose,
     cross,
-    rotation_matrix,
-    tangent,
+    put_polynomial,
     tangent_coefficients,
-    tangent_transposed,
     transform,
-    transform_back,
+)
+from flexmb.engine.kernels.algebra.triple import (
+    add_part,
+    column,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
 )
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kind import Kind
@@ -42,6 +51,12 @@ def modal_vector(pool, at, m, v, o):
         b += pool[at + m + j] * y
         c += pool[at + 2 * m + j] * y
     return a, b, c
+
+
+@kernel
+def mode_vector(pool, at, m):
+    """One column of three rows of the pool: that of a mode, which starts at `at`."""
+    return pool[at], pool[at + m], pool[at + 2 * m]
 
 
 class Markers(NamedTuple):
@@ -74,10 +89,11 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
         body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
-        _flexible_position(mk, mn, body["m"], parts.pool, q, body["iq"] + 7, A)
-        s, iq = mn["s"], body["iq"]
-        x, y, z = transform(A, s[0], s[1], s[2])
-        put(mn["x"], 0, q[iq] + x, q[iq + 1] + y, q[iq + 2] + z)
+        _deform(mk, mn, body["m"], parts.pool, q, body["iq"] + 7)
+        put_part(mn["x"], 0, plus(part(q, body["iq"]), 1.0, turned(A, triple(mn["s"]))))
+        for c in range(3):
+            x = turned(A, turned(mn["E"], column(mk["R"], c)))
+            mn["R"][0, c], mn["R"][1, c], mn["R"][2, c] = x
     return FINE
 
 
@@ -100,34 +116,25 @@ def _rigid_position(mk, mn, A, q, iq):
 
 
 @kernel
-def _flexible_position(mk, mn, m, pool, q, eta, A):
-    E, p, at = mn["E"], mn["p"], mk["modes"]
-    ux, uy, uz = modal_vector(pool, at, m, q, eta)
-    tx, ty, tz = modal_vector(pool, at + 3 * m, m, q, eta)
-    put(mn["th"], 0, tx, ty, tz)
-    p[0] = 1.0
-    put(p, 1, 0.0, 0.0, 0.0)
-    compose(p, 0, tx, ty, tz, p, 0)
-    rotation_matrix(p, 0, E)
-    ax, ay, az = transform(E, mk["arm"][0], mk["arm"][1], mk["arm"][2])
-    put(mn["arm"], 0, ax, ay, az)
-    rho = mk["rho"]
-    put(mn["s"], 0, rho[0] + ux + ax, rho[1] + uy + ay, rho[2] + uz + az)
-    R = mk["R"]
-    for c in range(3):
-        x, y, z = transform(E, R[0, c], R[1, c], R[2, c])
-        mn["R"][0, c], mn["R"][1, c], mn["R"][2, c] = transform(A, x, y, z)
+def _deform(mk, mn, m, pool, q, eta):
+    """Rotation and place of a marker in its deformed body."""
+    th, c, at = mn["th"], mn["c"], mk["modes"]
+    put_part(th, 0, modal_vector(pool, at + 3 * m, m, q, eta))
+    square = inner(th, th)
+    c[0], c[1], c[2], c[3] = tangent_coefficients(square)
+    put_polynomial(th, -c[0], c[1], mn["T"])
+    put_polynomial(th, 1.0 - c[1] * square, c[0], mn["E"])  # sin θ/θ = 1 − c2 θ²
+    put_part(mn["arm"], 0, turned(mn["E"], triple(mk["arm"])))
+    s = plus(triple(mk["rho"]), 1.0, modal_vector(pool, at, m, q, eta))
+    put_part(mn["s"], 0, plus(s, 1.0, triple(mn["arm"])))
 
 
 @kernel
 def _deformation_rates(mk, mn, m, pool, v, o):
-    """Velocity of a flexible marker from η̇ alone, body axes: (of the point, angular)."""
-    th, arm = mn["th"], mn["arm"]
-    ux, uy, uz = modal_vector(pool, mk["modes"], m, v, o)
-    tx, ty, tz = modal_vector(pool, mk["modes"] + 3 * m, m, v, o)
-    wx, wy, wz = tangent_transposed(th[0], th[1], th[2], tx, ty, tz)
-    cx, cy, cz = cross(wx, wy, wz, arm[0], arm[1], arm[2])
-    return ux + cx, uy + cy, uz + cz, wx, wy, wz
+    """Velocity of a flexible marker from η̇ alone, body axes: of the point, angular."""
+    turning = turned_back(mn["T"], modal_vector(pool, mk["modes"] + 3 * m, m, v, o))
+    point = modal_vector(pool, mk["modes"], m, v, o)
+    return plus(point, 1.0, outer(turning, triple(mn["arm"]))), turning
 
 
 @unit
@@ -160,15 +167,13 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A, s = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
+        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
         iv = body["iv"]
-        wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-        ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
-        dx, dy, dz, ex, ey, ez = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
-        ux, uy, uz = transform(A, ux + dx, uy + dy, uz + dz)
-        put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
-        wx, wy, wz = transform(A, wx + ex, wy + ey, wz + ez)
-        put(mn["om"], 0, wx, wy, wz)
+        om = part(v, iv + 3)
+        point, turning = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
+        point = plus(point, 1.0, outer(om, triple(mn["s"])))
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, point)))
+        put_part(mn["om"], 0, turned(A, plus(om, 1.0, turning)))
     return FINE
 
 
@@ -199,65 +204,49 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A, s = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["s"]
-        iv = body["iv"]
-        wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-        cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
-        ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
-        dx, dy, dz, ox, oy, oz = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
-        cx, cy, cz = cross(wx, wy, wz, dx, dy, dz)
-        ex, ey, ez = cross(wx, wy, wz, ox, oy, oz)
-        tx, ty, tz = _tangent_rate(mk, mn, body["m"], parts.pool, v, iv + 6)
-        px, py, pz = _arm_bias(mn["arm"], ox, oy, oz, tx, ty, tz)
-        ax, ay, az = transform(A, ax + 2.0 * cx + px, ay + 2.0 * cy + py, az + 2.0 * cz + pz)
-        put(mn["bx"], 0, ax, ay, az)
-        ex, ey, ez = transform(A, ex + tx, ey + ty, ez + tz)
-        put(mn["bom"], 0, ex, ey, ez)
+        body, A, arm = bodies[mk["body"]], now.body[mk["body"]]["A"], triple(mn["arm"])
+        m, iv = body["m"], body["iv"]
+        om, th = part(v, iv + 3), modal_vector(parts.pool, mk["modes"] + 3 * m, m, v, iv + 6)
+        point, turning = _deformation_rates(mk, mn, m, parts.pool, v, iv + 6)
+        change = tangent_slope(mn, 1.0, th, th)  # Ṫᵀ θ̇
+        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm, u and e of the deformation
+        a = outer(om, plus(outer(om, triple(mn["s"])), 2.0, point))
+        a = plus(a, 1.0, outer(turning, outer(turning, arm)))
+        put_part(mn["bx"], 0, turned(A, plus(a, 1.0, outer(change, arm))))
+        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, turning))))
     return FINE
 
 
 @kernel
-def _tangent_rate(mk, mn, m, pool, v, o):
-    """Ṫᵀ θ̇ in body axes."""
-    rx, ry, rz = modal_vector(pool, mk["modes"] + 3 * m, m, v, o)
-    tx, ty, tz = mn["th"][0], mn["th"][1], mn["th"][2]
-    _, c2, d1, d2 = tangent_coefficients(tx * tx + ty * ty + tz * tz)
-    rate = 2.0 * (tx * rx + ty * ry + tz * rz)
-    ux, uy, uz = cross(tx, ty, tz, rx, ry, rz)
-    wx, wy, wz = cross(tx, ty, tz, ux, uy, uz)
-    px, py, pz = cross(rx, ry, rz, ux, uy, uz)
-    return (
-        rate * (d1 * ux + d2 * wx) + c2 * px,
-        rate * (d1 * uy + d2 * wy) + c2 * py,
-        rate * (d1 * uz + d2 * wz) + c2 * pz,
-    )
+def tangent_slope(mn, sign, r, m):
+    """Derivative of Tᵀ(θ) m along δθ = r, of T(θ) m with sign −1."""
+    th, c = triple(mn["th"]), mn["c"]
+    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
+    x = plus(times(sign * c[0], w), sign * s * c[2], u)
+    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
+    return plus(x, s * c[3], outer(th, u))
 
 
-@kernel
-def _arm_bias(arm, ox, oy, oz, tx, ty, tz):
-    """ω_E × (ω_E × arm) + (Ṫᵀ θ̇) × arm."""
-    ux, uy, uz = cross(ox, oy, oz, arm[0], arm[1], arm[2])
-    ax, ay, az = cross(ox, oy, oz, ux, uy, uz)
-    bx, by, bz = cross(tx, ty, tz, arm[0], arm[1], arm[2])
-    return ax + bx, ay + by, az + bz
-
-
-@kernel
-def add_pulled_back(parts, now, k, w, i, f, out, o):
+@unit
+def add_pulled_back(
+    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector, o: int
+) -> int:
     """out[o:o+6+m] += f Jᵀ w[i:i+6] for marker k; w = (force, moment) in global axes."""
+    _pull_back(parts, now, k, w, i, f, out, o)
+    return FINE
+
+
+@kernel
+def _pull_back(parts, now, k, w, i, f, out, o):
     mk, mn = parts.markers[k], now.marker[k]
     A, s = now.body[mk["body"]]["A"], mn["s"]
-    x, y, z = f * w[i], f * w[i + 1], f * w[i + 2]
-    out[o] += x
-    out[o + 1] += y
-    out[o + 2] += z
-    fx, fy, fz = transform_back(A, x, y, z)
-    tx, ty, tz = transform_back(A, f * w[i + 3], f * w[i + 4], f * w[i + 5])
-    mx, my, mz = cross(s[0], s[1], s[2], fx, fy, fz)
-    out[o + 3] += mx + tx
-    out[o + 4] += my + ty
-    out[o + 5] += mz + tz
+    force = times(f, part(w, i))
+    add_part(out, o, 1.0, force)
+    force, moment = turned_back(A, force), turned_back(A, times(f, part(w, i + 3)))
+    add_part(out, o + 3, 1.0, plus(moment, 1.0, outer(triple(s), force)))
     if mk["modes"] >= 0:
+        fx, fy, fz = force
+        tx, ty, tz = moment
         add_modal_forces(parts, now, k, fx, fy, fz, tx, ty, tz, out, o + 6)
 
 
@@ -278,14 +267,12 @@ def add_modal_forces(
     """out[o:o+m] += what a force and a moment in body axes on marker k do to the modes."""
     mk, mn = parts.markers[k], now.marker[k]
     m = parts.bodies[mk["body"]]["m"]
-    at, arm, th = mk["modes"], mn["arm"], mn["th"]
-    mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
-    tx, ty, tz = tangent(th[0], th[1], th[2], tx + mx, ty + my, tz + mz)
-    pool = parts.pool
+    at, pool = mk["modes"], parts.pool
+    turn = turned(mn["T"], plus((tx, ty, tz), 1.0, outer(triple(mn["arm"]), (fx, fy, fz))))
     for j in range(m):
         s = pool[at + j] * fx + pool[at + m + j] * fy
-        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * tx
-        out[o + j] += s + pool[at + 4 * m + j] * ty + pool[at + 5 * m + j] * tz
+        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * turn[0]
+        out[o + j] += s + pool[at + 4 * m + j] * turn[1] + pool[at + 5 * m + j] * turn[2]
     return FINE
 
 
@@ -309,7 +296,7 @@ def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
         b = table[rows[n]]["body"]
         if b >= 0:
             o = bodies[b]["iv"]
-            add_pulled_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+            _pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
     return FINE
 
 

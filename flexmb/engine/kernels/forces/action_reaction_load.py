@@ -15,7 +15,7 @@ from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, c
 from flexmb.engine.kernels.algebra.rotation import cross, transform
 from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
-from flexmb.engine.kernels.bodies.tangent import add_product_block, marker_jacobian
+from flexmb.engine.kernels.bodies.tangent import marker_jacobian, put_product_block
 from flexmb.engine.kernels.forces.unit_force import pull_back
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
@@ -159,8 +159,8 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
         if i >= 0:
             clear(H, 12, 12)
             if load["torque"] == 0:  # the wrench on I changes with h
-                add_skew(H, 3, 6, -1.0, x, y, z)
-                add_skew(H, 3, 0, 1.0, x, y, z)
+                add_skew(H, 3, 6, -1.0, (x, y, z))
+                add_skew(H, 3, 0, 1.0, (x, y, z))
             add_pair(run, i, j, load["couple"], cp)
             add_moment_arms(run, i, j, cp)
         else:
@@ -169,7 +169,7 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
             add_moment_arms(run, j, -1, cp)
         if axes >= 0:
             clear(H, 12, 12)
-            add_skew(H, 3 * load["torque"], 9, 1.0, x, y, z)
+            add_skew(H, 3 * load["torque"], 9, 1.0, (x, y, z))
             _add_block(run, j, axes, load["couple_marker"], cp)
         if axes >= 0 and i >= 0:
             clear(H, 12, 12)
@@ -181,7 +181,7 @@ def add_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp:
 @kernel
 def _add_turn_of_other(load, markers, x, y, z, H):
     """Add minus the change of the wrench on I, rows 0 to 6, with the turn of `axes`, at 9."""
-    add_skew(H, 3 * load["torque"], 9, -1.0, x, y, z)
+    add_skew(H, 3 * load["torque"], 9, -1.0, (x, y, z))
     if load["torque"] == 0:
         hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
         # −h̃ F̃ = (h·F) I − F hᵀ
@@ -197,21 +197,18 @@ def _add_turn_of_other(load, markers, x, y, z, H):
 @unit
 def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
     """Add f J_iᵀ H[:6, 6:] J_j alone, for two markers that may be on one body."""
-    parts, kkt, now, d = run.system.parts, run.system.kkt, run.work.now, run.work.dense
-    low, up = run.work.factor.low, run.work.factor.up
+    parts, now, d = run.system.parts, run.work.now, run.work.dense
     a, b = parts.markers[i]["body"], parts.markers[j]["body"]
     if a < 0 or b < 0:
         return FINE
-    first, second, B, J = parts.bodies[a], parts.bodies[b], d.B, d.J
-    n, m = 6 + first["m"], 6 + second["m"]
+    B, J, n, m = d.B, d.J, 6 + parts.bodies[a]["m"], 6 + parts.bodies[b]["m"]
     marker_jacobian(parts, now, i, J[0])
     marker_jacobian(parts, now, j, J[1])
-    clear(B, n, m)
-    add_product_block(d.H, 0, 1, J[0], n, J[1], m, f, d.T, B)
+    put_product_block(d.H, 0, 1, J[0], n, J[1], m, f, d.T, B)
     if a == b:
-        add_body_block(first, kkt, B, low, up)
+        add_body_block(run, a, B)
     else:
-        add_coupling(B, first, second, kkt, link, False, low, up)
+        add_coupling(run, a, b, link, 0, B)
     return FINE
 
 

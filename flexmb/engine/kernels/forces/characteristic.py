@@ -39,6 +39,7 @@ FORCE_CHARACTERISTIC = np.dtype(
     align=True,
 )
 # Measures.
+# The first two are those of the rows of joints.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 
 _PANELS = 16

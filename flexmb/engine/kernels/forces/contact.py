@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.algebra.triple import inner, outer, triple, turned_back
-from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.kernels.algebra.triple import (
+    add_part,
+    inner,
+    outer,
+    put_part,
+    triple,
+    turned_back,
+)
 from flexmb.engine.kernels.forces.contact_force import (
     Contacts,
     bristle,
@@ -23,6 +29,7 @@ from flexmb.engine.state import Point, Run
 
 # A step that ends within this share of itself after an onset tells the speed of the impact.
 _ONSET_SHARE = 0.05
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @unit
@@ -57,8 +64,7 @@ def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
             put_wrench(c, triple(cn["n"]), mi, mj, f, g)
             for r in range(12):
                 w[r] += g[r]
-            x, y, z = outer(separation(markers[i], mi), f)
-            put(w, 3, w[3] + x, w[4] + y, w[5] + z)
+            add_part(w, 3, 1.0, outer(separation(markers[i], mi), f))
     return 0.0
 
 
@@ -70,8 +76,8 @@ def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
             out[3] += c["K"] * d ** (c["n"] + 1.0) / (c["n"] + 1.0)
-            s = cn["bristle"]
-            out[4] += 0.5 * c["k"] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
+            s = triple(cn["bristle"])
+            out[4] += 0.5 * c["k"] * inner(s, s)
     return FINE
 
 
@@ -82,8 +88,7 @@ def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
-            f, g = cn["friction"], cn["g"]
-            out[1] += f[0] * g[0] + f[1] * g[1] + f[2] * g[2]
+            out[1] += inner(triple(cn["friction"]), triple(cn["g"]))
             out[1] -= (cn["N"] - c["K"] * d ** c["n"]) * cn["rate"]
     return FINE
 
@@ -98,11 +103,9 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
         if d <= 0.0 or d <= _ONSET_SHARE * rate * now.span[0]:
             history[o] = max(rate, c["slow"])
         if c["model"] != NO_FRICTION:
-            x, y, z = 0.0, 0.0, 0.0
-            if d > 0.0:
-                x, y, z = turned_back(now.marker[c["J"]]["R"], triple(cn["bristle"]))
+            s = turned_back(now.marker[c["J"]]["R"], triple(cn["bristle"]))
             history[o + 1] = cn["mode"]
-            put(history, o + 2, x, y, z)
+            put_part(history, o + 2, s if d > 0.0 else _ZERO)
     return FINE
 
 

@@ -21,8 +21,17 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.triple import column, inner, outer, plus, times, triple, turned
-from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.kernels.algebra.triple import (
+    column,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+)
 from flexmb.engine.kernels.forces.friction import (
     FRICTION_FIELDS,
     NO_FRICTION,
@@ -136,7 +145,7 @@ def normal_force(c, history, d, rate):
 def bristle(c, history, mj):
     """The bristle of the last accepted step, global axes."""
     o = c["history"] + 2
-    return turned(mj["R"], (history[o], history[o + 1], history[o + 2]))
+    return turned(mj["R"], part(history, o))
 
 
 @unit
@@ -148,8 +157,8 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
     g = _relative_velocity(c, n, mi, mj)
     rate = -inner(n, g)
     out["rho"], out["rate"], out["mode"] = rho, rate, OPEN
-    put(out["n"], 0, n[0], n[1], n[2])
-    put(out["g"], 0, g[0], g[1], g[2])
+    put_part(out["n"], 0, n)
+    put_part(out["g"], 0, g)
     if d > 0.0:
         N, _, _ = normal_force(c, now.history, d, rate)
         f, s, mode, excess = _ZERO, _ZERO, OPEN, 0.0
@@ -157,8 +166,8 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
             before = bristle(c, now.history, mj)
             f, s, mode, excess = tangential(c, n, N, g, before, now.span[0])
         out["N"], out["mode"], out["excess"] = N, mode, excess
-        put(out["friction"], 0, f[0], f[1], f[2])
-        put(out["bristle"], 0, s[0], s[1], s[2])
+        put_part(out["friction"], 0, f)
+        put_part(out["bristle"], 0, s)
     return d
 
 
@@ -172,9 +181,7 @@ def force(cn):
 def put_wrench(c, n, mi, mj, f, w):
     """w (12) = the wrench pair of the force f on I, the opposite on J, where they meet."""
     s = times(-c["ri"], n)
-    x, y, z = outer(s, f)
-    put(w, 0, f[0], f[1], f[2])
-    put(w, 3, x, y, z)
-    x, y, z = outer(plus(separation(mi, mj), 1.0, s), f)
-    put(w, 6, -f[0], -f[1], -f[2])
-    put(w, 9, -x, -y, -z)
+    put_part(w, 0, f)
+    put_part(w, 3, outer(s, f))
+    put_part(w, 6, times(-1.0, f))
+    put_part(w, 9, outer(f, plus(separation(mi, mj), 1.0, s)))

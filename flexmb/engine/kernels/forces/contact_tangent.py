@@ -8,11 +8,17 @@ moment arms of the markers do to V at constant v adds B D ∂g.
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
-from flexmb.engine.kernels.algebra.triple import column, inner, outer, plus, times, triple
+from flexmb.engine.kernels.algebra.blocks import clear
+from flexmb.engine.kernels.algebra.triple import (
+    column,
+    inner,
+    outer,
+    plus,
+    times,
+    triple,
+)
 from flexmb.engine.kernels.algebra.triple import unit as axis
-from flexmb.engine.kernels.bodies import tangent
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair, put_outer
+from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.forces.contact_force import (
     BALL,
     PLANE,
@@ -24,9 +30,9 @@ from flexmb.engine.kernels.forces.contact_force import (
     put_wrench,
     separation,
 )
+from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.friction import NO_FRICTION, tangential_change
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -60,15 +66,6 @@ def _force_change(c, now, n, d, g, mj, dd, dn, dg, turn):
     s0 = bristle(c, now.history, mj)
     more = tangential_change(c, n, N, g, s0, now.span[0], dn, dN, dg, outer(turn, s0))
     return plus(df, 1.0, more)
-
-
-@kernel
-def _times_slopes(D, a):
-    return (
-        D[0, 0] * a[0] + D[0, 1] * a[1] + D[0, 2] * a[2],
-        D[1, 0] * a[0] + D[1, 1] * a[1] + D[1, 2] * a[2],
-        D[2, 0] * a[0] + D[2, 1] * a[1] + D[2, 2] * a[2],
-    )
 
 
 @kernel
@@ -112,64 +109,6 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
     return FINE
 
 
-@kernel
-def _add_velocity(c, n, mi, mj, cv, D, dense):
-    """Subtract cv B D Bᵀ from dense.H; columns of B into dense.T: 0 to 2 of I, 3 to 5 of J."""
-    w, T, H = dense.g[0], dense.T, dense.H
-    for a in range(3):
-        put_wrench(c, n, mi, mj, axis(a), w)
-        for r in range(6):
-            T[a, r], T[3 + a, r] = w[r], w[6 + r]
-    for i in range(2):
-        for j in range(2):
-            for a in range(3):
-                for b in range(3):
-                    f = cv * D[a, b]
-                    for r in range(6):
-                        for k in range(6):
-                            H[6 * i + r, 6 * j + k] -= f * T[3 * i + a, r] * T[3 * j + b, k]
-
-
-@unit
-def add_rate_arms(run: Run, i: int, j: int, couple: int, v: Vector, f: float) -> int:
-    """Add f Jᵀ w (L(u) v)ᵀ, w = dense.g[0] a wrench pair on markers i and j, u = dense.g[1].
-
-    L is the tangent of the moment arms: what they do to the rate uᵀV at constant v; J of the
-    markers is in dense.J. Rows of dense.T: Jᵀ w of the two bodies, Lᵀ v of the two bodies.
-    """
-    parts, kkt, d = run.system.parts, run.system.kkt, run.work.dense
-    low, up, bodies, n = run.work.factor.low, run.work.factor.up, parts.bodies, (0, 0)
-    B, T = d.B, d.T
-    for side in range(2):
-        k = i if side == 0 else j
-        b = parts.markers[k]["body"]
-        size = 6 + bodies[b]["m"] if b >= 0 else 0
-        n = (n[1], size)
-        if b < 0:
-            continue
-        clear(B, size, size)
-        tangent.add_lever_tangent(parts, run.work.now, k, d.g[1], 6 * side, 1.0, B)
-        J, w, o = d.J[side], d.g[0], bodies[b]["iv"]
-        for col in range(size):
-            T[side, col] = 0.0
-            T[2 + side, col] = 0.0
-            for r in range(6):
-                T[side, col] += w[6 * side + r] * J[r, col]
-            for r in range(size):
-                T[2 + side, col] += v[o + r] * B[r, col]
-    for side in range(2):
-        here = parts.markers[i if side == 0 else j]["body"]
-        there = parts.markers[j if side == 0 else i]["body"]
-        if here < 0:
-            continue
-        put_outer(T, side, n[side], 2 + side, n[side], f, B)
-        add_body_block(bodies[here], kkt, B, low, up)
-        if couple >= 0:
-            put_outer(T, side, n[side], 3 - side, n[1 - side], f, B)
-            add_coupling(B, bodies[here], bodies[there], kkt, couple, side == 1, low, up)
-    return FINE
-
-
 @unit
 def contact_tangents(run: Run, contacts: Contacts, at: Point, cv: float, cp: float) -> int:
     """−(cv ∂Q/∂v + cp ∂Q/∂q) of all contacts."""
@@ -189,14 +128,21 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
     i, j, couple = c["I"], c["J"], c["couple"]
     mi, mj, n = markers[i], markers[j], triple(cn["n"])
     put_contact_changes(run, contacts, k, d, cp)
-    _add_velocity(c, n, mi, mj, cv, D, dense)
-    add_pair(run, i, j, couple, 1.0)
-    if cp == 0.0:
-        return
     smooth = c["model"] == NO_FRICTION  # then D = −viscous n nᵀ
-    for a in range(1 if smooth else 3):
-        put_wrench(c, n, mi, mj, _times_slopes(D, n) if smooth else column(D, a), dense.g[0])
-        put_wrench(c, n, mi, mj, n if smooth else axis(a), dense.g[1])
-        add_rate_arms(run, i, j, couple, v, -cp)
-    put_wrench(c, n, mi, mj, times(-1.0, force(cn)), dense.g[1])
-    add_moment_arms(run, i, j, cp)
+    rates = 1 if smooth else 3
+    for a in range(rates):
+        put_wrench(
+            c,
+            n,
+            mi,
+            mj,
+            times(D[0, 0] + D[1, 1] + D[2, 2], n) if smooth else column(D, a),
+            dense.X[a],
+        )
+        put_wrench(c, n, mi, mj, n if smooth else axis(a), dense.U[a])
+    add_rates(run, rates, -cv)
+    add_pair(run, i, j, couple, 1.0)
+    if cp != 0.0:
+        add_rate_arms(run, v, i, j, couple, rates, -cp)
+        put_wrench(c, n, mi, mj, times(-1.0, force(cn)), dense.g[1])
+        add_moment_arms(run, i, j, cp)

@@ -1,61 +1,69 @@
-"""What damping between two markers does at constant v while the moment arms change."""
+"""Tangents of forces that follow rates of two markers: wrench pairs Σ X_r (U_r·V).
+
+V (12) holds the velocities of both markers, X_r and U_r the rows of dense.X and dense.U (n, 12). At
+constant velocities v of the bodies V changes too, while the moment arms do.
+"""
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import unit
 from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
-from flexmb.engine.kernels.bodies.tangent import add_lever_tangent, add_product_block
+from flexmb.engine.kernels.bodies.tangent import add_lever_tangent
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix
-from flexmb.engine.state import Point, Run
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Run
 
 
 @unit
-def add_damping_moment_arms(
-    run: Run, at: Point, i: int, j: int, link: int, cp: float, W: Matrix, N: Matrix
-) -> int:
-    """Add cp Jᵀ W ∂(J v)/∂q of markers i and j; J of the markers is in dense.J.
+def add_rates(run: Run, n: int, f: float) -> int:
+    """Add f Σ X_r U_rᵀ, r < n, to dense.H (12, 12)."""
+    X, U, H = run.work.dense.X, run.work.dense.U, run.work.dense.H
+    for r in range(12):
+        for k in range(n):
+            x = f * X[k, r]
+            if x != 0.0:
+                for c in range(12):
+                    H[r, c] += x * U[k, c]
+    return FINE
 
-    W (12, 12) is the damping between their velocities, N (6, 6 + m) scratch.
+
+@unit
+def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: float) -> int:
+    """Add f Jᵀ Σ X_r ∂(U_r·V)/∂q, r < n, at constant v; J of markers i and j is in dense.J.
+
+    Rows of dense.T: Jᵀ X_r of the two bodies, from 12 on ∂(U_r·V)/∂q, which is vᵀ times the tangent
+    of the moment arms of U_r.
     """
-    parts, kkt, d = run.system.parts, run.system.kkt, run.work.dense
-    low, up, B, J = run.work.factor.low, run.work.factor.up, d.B, d.J
+    parts, d = run.system.parts, run.work.dense
+    T, B, X = d.T, d.B, d.X
     for side in range(2):
         k = i if side == 0 else j
         b = parts.markers[k]["body"]
         if b < 0:
             continue
-        n = 6 + parts.bodies[b]["m"]
-        _put_velocity_slope(parts, run.work.now, d, k, at.v, N)
-        for row in range(2):
-            a = parts.markers[i if row == 0 else j]["body"]
-            if a < 0 or (row != side and link < 0):
-                continue
-            m = 6 + parts.bodies[a]["m"]
-            clear(B, m, n)
-            add_product_block(W, row, side, J[row], m, N, n, cp, d.T, B)
-            if row == side:
-                add_body_block(parts.bodies[a], kkt, B, low, up)
-            else:
-                add_coupling(B, parts.bodies[a], parts.bodies[b], kkt, link, row == 1, low, up)
+        J, o, size = d.J[side], parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
+        for r in range(n):
+            clear(B, size, size)
+            add_lever_tangent(parts, run.work.now, k, d.U[r], 6 * side, f, B)
+            for c in range(size):
+                push, rate = 0.0, 0.0
+                for a in range(6):
+                    push += X[r, 6 * side + a] * J[a, c]
+                for a in range(size):
+                    rate += v[o + a] * B[a, c]
+                T[6 * side + r, c], T[12 + 6 * side + r, c] = push, rate
+    for pair in range(4):
+        here, there = pair // 2, pair % 2
+        a, b = parts.markers[j if here else i]["body"], parts.markers[j if there else i]["body"]
+        if a < 0 or b < 0 or (here != there and link < 0):
+            continue
+        for r in range(6 + parts.bodies[a]["m"]):
+            for c in range(6 + parts.bodies[b]["m"]):
+                B[r, c] = 0.0
+                for k in range(n):
+                    B[r, c] += T[6 * here + k, r] * T[12 + 6 * there + k, c]
+        if here == there:
+            add_body_block(run, a, B)
+        else:
+            add_coupling(run, a, b, link, here, B)
     return FINE
-
-
-@kernel
-def _put_velocity_slope(parts, now, d, k, v, N):
-    """N (6, 6 + m) = ∂(J v)/∂q of marker k: row by row vᵀ times the tangent of a moment arm."""
-    B, w = d.B, d.g[0]
-    body = parts.bodies[parts.markers[k]["body"]]
-    n, o = 6 + body["m"], body["iv"]
-    for r in range(6):
-        w[r] = 0.0
-    for r in range(6):
-        w[r] = 1.0
-        clear(B, n, n)
-        add_lever_tangent(parts, now, k, w, 0, 1.0, B)
-        for c in range(n):
-            x = 0.0
-            for a in range(n):
-                x += v[o + a] * B[a, c]
-            N[r, c] = x
-        w[r] = 0.0

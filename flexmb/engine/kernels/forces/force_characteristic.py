@@ -23,19 +23,20 @@ from flexmb.engine.kernels.forces.characteristic import (
     resistance,
     stored_energy,
 )
-from flexmb.engine.kernels.forces.damping_tangent import add_damping_moment_arms
+from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.unit_force import pull_back
 from flexmb.engine.kernels.functions.function import FunctionTable
-from flexmb.engine.kernels.joints.dots import add_dot2, separation
-from flexmb.engine.kernels.joints.primitive import (
-    put_component_gradient,
-    put_distance_gradient,
-    rate,
+from flexmb.engine.kernels.joints.dots import separation
+from flexmb.engine.kernels.joints.point_rows import (
+    distance_gradient,
+    distance_tangent,
+    dot2_gradient,
+    dot2_tangent,
 )
-from flexmb.engine.kernels.joints.row_tangent import add_distance
+from flexmb.engine.kernels.joints.row import rate
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
-from flexmb.engine.records import Integers, Matrix, Vector, array_of
+from flexmb.engine.records import Integers, Vector, array_of
 from flexmb.engine.state import Point, Run
 
 _Z = 2
@@ -47,8 +48,6 @@ class Scratch(NamedTuple):
     s: Vector  # (2,) its measure s and ṡ
     R: Vector  # (3,) resistance R, ∂R/∂s, ∂R/∂ṡ
     g: Vector  # (12,) gradient of a measure between markers
-    W: Matrix  # (12, 12) damping between the markers
-    N: Matrix  # (6, 6 + m) change of a marker's velocity with q at constant v
 
 
 class ForceCharacteristics(NamedTuple):
@@ -86,17 +85,17 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
         return FINE
     mi, mj = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]]
     hx, hy, hz = separation(mi, mj)
-    for c in range(12):
-        g[c] = 0.0
+    if row["measure"] == DISTANCE_OF and not hx * hx + hy * hy + hz * hz > 0.0:
+        s[0], s[1] = 0.0, math.nan
+        for c in range(12):
+            g[c] = 0.0
+        return ZERO_LENGTH
     if row["measure"] == DISTANCE_OF:
-        s[0], s[1] = math.sqrt(hx * hx + hy * hy + hz * hz), math.nan
-        if not s[0] > 0.0:
-            return ZERO_LENGTH
-        put_distance_gradient(mi, mj, g)
+        distance_gradient(run.work.row, 0, 0, row["I"], row["J"])
     else:
-        R = mi["R"]
-        s[0] = R[0, _Z] * hx + R[1, _Z] * hy + R[2, _Z] * hz
-        put_component_gradient(_Z, mi, mj, g)
+        dot2_gradient(run.work.row, _Z, 0, row["I"], row["J"])
+    copy(run.work.row.g, g)
+    s[0] = g[6] * hx + g[7] * hy + g[8] * hz  # along n or z_I
     s[1] = rate(g, mi, mj)
     return FINE
 
@@ -220,7 +219,8 @@ def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, c
         add_pair(run, i, j, link, 1.0)
         add_moment_arms(run, i, j, cp)
         if scratch.R[2] != 0.0 and cp != 0.0:
-            add_damping_moment_arms(run, at, i, j, link, cp, scratch.W, scratch.N)
+            copy(scratch.g, run.work.dense.U[0])
+            add_rate_arms(run, at.v, i, j, link, 1, cp * scratch.R[2])
     return FINE
 
 
@@ -237,30 +237,29 @@ def _add_coordinate_tangent(run, row, R, cv, cp):
 def _put_tangent(run, row, scratch, cv, cp):
     """Put −(cp ∂w/∂position + cv ∂w/∂velocity) of a force between markers into dense.H (12, 12).
 
-    Puts its damping between the velocities of the markers into W, and R g into dense.g[1].
+    With G = ∂g/∂position it is cp R G + g ∂R, where ∂ṡ/∂position = Gᵀ V at constant velocities V of
+    the markers. g stays in dense.X[0], R g in dense.g[1].
     """
-    mi, mj = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]]
-    H, W, g, w = run.work.dense.H, scratch.W, scratch.g, run.work.dense.g[1]
-    f, k, c = scratch.R[0], scratch.R[1], scratch.R[2]
-    clear(W, 12, 12)
-    hx, hy, hz = separation(mi, mj)
+    mi, mj, d = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]], run.work.dense
+    H, R, g, slope, w = d.H, scratch.R, scratch.g, d.U[0], d.g[1]
+    clear(H, 12, 12)
     if row["measure"] == DISTANCE_OF:
-        add_distance(hx, hy, hz, 1.0, W)
+        distance_tangent(run.work.row, 0, 0, row["I"], row["J"], 1.0)
     else:
-        R = mi["R"]
-        add_dot2(R[0, _Z], R[1, _Z], R[2, _Z], hx, hy, hz, 1.0, W)
+        dot2_tangent(run.work.row, _Z, 0, row["I"], row["J"], 1.0)
     for b in range(12):
-        turn = 0.0  # of ṡ at constant velocities of the markers
+        turn = 0.0
         for a in range(3):
-            turn += mi["vx"][a] * W[a, b] + mi["om"][a] * W[3 + a, b]
-            turn += mj["vx"][a] * W[6 + a, b] + mj["om"][a] * W[9 + a, b]
-        along = (cp * k + cv * c) * g[b] + (cp * c * turn if c != 0.0 else 0.0)
+            turn += mi["vx"][a] * H[a, b] + mi["om"][a] * H[3 + a, b]
+            turn += mj["vx"][a] * H[6 + a, b] + mj["om"][a] * H[9 + a, b]
+        slope[b] = (cp * R[1] + cv * R[2]) * g[b]
+        if R[2] != 0.0:
+            slope[b] += cp * R[2] * turn
         for a in range(12):
-            H[a, b] = g[a] * along + cp * f * W[a, b]
-    for a in range(12):
-        for b in range(12):
-            W[a, b] = c * g[a] * g[b]
-        w[a] = f * g[a]
+            H[a, b] *= cp * R[0]
+        w[b] = R[0] * g[b]
+    copy(g, d.X[0])
+    add_rates(run, 1, 1.0)
 
 
 FORCE_CHARACTERISTICS = Kind(

@@ -62,7 +62,7 @@ def tangential(f, n, N, g, s0, h):
     mu, _ = coefficient(f, speed)
     limit = mu * N
     if f["model"] == SMOOTH:
-        w = -limit / math.sqrt(speed * speed + f["creep"] ** 2)
+        w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
         return times(w, v), times(0.0, v), SLIDES, 0.0
     s = across(n, plus(s0, h, g))
     T = plus(times(f["k"], s), f["c"], v)
@@ -89,9 +89,9 @@ def tangential_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
     dspeed = inner(v, dv) / speed if speed > 0.0 else 0.0
     limit, dlimit = mu * N, mu * dN + slope * dspeed * N
     if f["model"] == SMOOTH:
-        w = 1.0 / math.sqrt(speed * speed + f["creep"] ** 2)
+        w = 1.0 / math.sqrt(speed * speed + f["creep"] * f["creep"])
         change = times(-limit * w, dv)
-        return plus(change, -dlimit * w + limit * w**3 * speed * dspeed, v)
+        return plus(change, -dlimit * w + limit * w * w * w * speed * dspeed, v)
     z = plus(s0, h, g)
     s, ds = across(n, z), _across_change(n, z, dn, plus(ds0, h, dg))
     T = plus(times(f["k"], s), f["c"], v)
@@ -100,7 +100,7 @@ def tangential_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
     if size <= limit:
         return times(-1.0, dT)
     change = times(-limit / size, dT)
-    return plus(change, limit * inner(T, dT) / size**3 - dlimit / size, T)
+    return plus(change, (limit * inner(T, dT) / (size * size) - dlimit) / size, T)
 
 
 @kernel
@@ -112,7 +112,7 @@ def along(f, N, x, v, anchor):
     mu, slope = coefficient(f, abs(v))
     limit = mu * N
     if f["model"] == SMOOTH:
-        w = 1.0 / math.sqrt(v * v + f["creep"] ** 2)
+        w = 1.0 / math.sqrt(v * v + f["creep"] * f["creep"])
         change = limit * w * (1.0 - v * v * w * w) + slope * N * abs(v) * w
         return -limit * v * w, x, SLIDES, 0.0, 0.0, change
     s = x - anchor

@@ -19,8 +19,8 @@ import numpy as np
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
-from flexmb.engine.kernels.joints import primitive
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
+from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector, array_of
@@ -158,15 +158,13 @@ def _put_coupling(run, f, factor):
 
     The wrench of the joint is in dense.g[1].
     """
-    sys, markers, g = run.system, run.work.now.marker, run.work.dense.g[0]
+    sys, g = run.system, run.work.row.g
     low, up = run.work.factor.low, run.work.factor.up
     group, link = sys.groups[f["group"]], sys.kkt.links[f["link"]]
     a, b, c, d, turn = _bearing(run, f, run.work.dense.g[1])
     first, second = math.sqrt(a * a + b * b), math.sqrt(c * c + d * d)
     for r in range(group["n"]):
-        row = sys.rows[group["row"] + r]
-        mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.axis_gradient(row["kind"], row["a"], row["b"], mi, mj, g)
+        put_row_gradient(run, sys.rows[group["row"] + r])
         p, q, s, t, change = _bearing(run, f, g)  # of λ = −1
         slope = -change if turn > 0.0 else change if turn < 0.0 else 0.0
         if first > 0.0:

@@ -81,7 +81,7 @@ def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int
         x, y, z = _vector(rows[k], markers, fun)
         if rows[k]["follower"] == 1:
             clear(H, 12, 12)
-            add_skew(H, o, 3, 1.0, x, y, z)  # δF = δφ × F, so −∂F/∂φ = F~
+            add_skew(H, o, 3, 1.0, (x, y, z))  # δF = δφ × F, so −∂F/∂φ = F~
             add_own(run, i, 0, cp)
         for c in range(6):
             w[c] = 0.0

@@ -1,14 +1,13 @@
-"""Relative motion of two markers in the axes of marker I, and tangents of what depends on it.
+"""Relative motion of two markers in the axes of marker I: six measures, their rates and slopes.
 
-With h = x_J − x_I: separation u = R_Iᵀ h, relative rotation Q = R_Iᵀ R_J = exp(φ̃) with |φ| < π, and
-as seen from I the velocity u̇ = R_Iᵀ (v_J − v_I − ω_I × h) and the angular velocity
-ω = R_Iᵀ (ω_J − ω_I). A rigid motion of both markers changes none of them, so forces made from them
-are objective. φ̇ = G(φ) ω with G = I − ½ φ̃ + e φ̃², e = (1 − (φ/2) cot(φ/2))/φ² (the inverse of the
+With h = x_J − x_I: separation u = R_Iᵀ h and rotation vector φ of R_Iᵀ R_J = exp(φ̃), |φ| < π. A
+rigid motion of both markers changes neither, so forces made from them are objective. φ̇ = G(φ) ω
+with ω = R_Iᵀ (ω_J − ω_I) and G = I − ½ φ̃ + e φ̃², e = (1 − (φ/2) cot(φ/2))/φ² (the inverse of the
 tangent of the exponential map; Géradin & Cardona, Flexible Multibody Dynamics, 2001, ch. 4).
 
-A force f and a moment m in the axes of I, with which J is pulled to I, act on J as −(R_I f, R_I m)
-and on I as the opposite at the same point, which is (R_I f, R_I m + h × R_I f) at its marker: the
-pair has neither momentum nor moment of momentum.
+The gradient E (6, 12) of x = (u, φ) holds the rates per (v_I, ω_I, v_J, ω_J) in global axes:
+a_r·(v_J − v_I − ω_I × h), a_r the axes of I, and G R_Iᵀ (ω_J − ω_I). Forces p conjugate to x are
+the wrench pair −Eᵀ p on the two markers, as for constraint rows with multipliers p.
 """
 
 from __future__ import annotations
@@ -16,12 +15,26 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
-from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra.triple import (
+    add_part,
+    column,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.kernels.algebra.triple import unit as axis
+from flexmb.engine.kernels.bodies.inertia_tangent import add_column, add_skew
 from flexmb.engine.kernels.joints.dots import dot_columns, separation
+from flexmb.engine.kernels.joints.point_rows import dot2_gradient, dot2_tangent
+from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Run
 
 # Below this φ² the series of e, in φ², has a remainder below round-off; above, the closed form of
 # its slope keeps all but three digits.
@@ -29,75 +42,95 @@ _SERIES = 0.5
 
 
 class RelativeMotion(NamedTuple):
-    """Scratch of one pair of markers: relative motion, force, and what tangents are made of."""
+    """Scratch of one pair of markers: relative motion, and what forces and tangents are made of."""
 
     x: Vector  # (6,) separation and rotation vector of J from I, axes of I
-    rate: Vector  # (6,) velocity and angular velocity of J seen from I, axes of I
+    rate: Vector  # (6,) their rates, where there is damping
+    elastic: Vector  # (6,) force conjugate to x, from x
+    viscous: Vector  # (6,) and from its rate
+    p: Vector  # (6,) both together
+    e: Vector  # (2,) e and de/d(φ²)
     Q: Matrix  # (3, 3) axes of J in those of I
-    p: Vector  # (6,) force conjugate to x
-    f: Vector  # (6,) force and moment with which J is pulled to I, axes of I
-    K: Matrix  # (6, 6) its change with the relative motion
-    C: Matrix  # (6, 6) and with the relative velocity
-    E: Matrix  # (6, 12) relative motion per motion of the markers
-    D: Matrix  # (6, 12) change of the relative velocity with their position
-    S: Matrix  # (6, 12)
-    W: Matrix  # (12, 12) damping between the markers
-    N: Matrix  # (6, 6 + m) change of a marker's velocity with q at constant v
+    S: Matrix  # (3, 3) a slope of G
+    E: Matrix  # (6, 12) gradient of x
+    D: Matrix  # (6, 12) change of the rates with the position of the markers
+
+
+@unit
+def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """x and e of markers i and j."""
+    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    R = mi["R"]
+    for r in range(3):
+        for c in range(3):
+            s.Q[r, c] = dot_columns(R, r, mj["R"], c)
+    put_part(s.x, 0, turned_back(R, separation(mi, mj)))
+    phi = rotation_vector(s.Q)
+    put_part(s.x, 3, phi)
+    s.e[0], s.e[1] = inverse_coefficient(inner(phi, phi))
+    return FINE
+
+
+@unit
+def put_rates(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """Rate of x, after a velocity stage and `put_relative_motion`."""
+    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
+    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, h))
+    spin = plus(triple(mj["om"]), -1.0, om)
+    put_part(s.rate, 0, turned_back(R, u))
+    put_part(s.rate, 3, _rotation_rate(s, 1.0, turned_back(R, spin)))
+    return FINE
 
 
 @kernel
-def put_relative_motion(mi, mj, s):
-    """s.x, s.rate and s.Q of two markers; the rate is of use after a velocity stage only."""
-    Ri, Rj, out, rate, Q = mi["R"], mj["R"], s.x, s.rate, s.Q
-    hx, hy, hz = separation(mi, mj)
-    x, y, z = transform_back(Ri, hx, hy, hz)
-    put(out, 0, x, y, z)
-    for a in range(3):
-        for b in range(3):
-            Q[a, b] = dot_columns(Ri, a, Rj, b)
-    x, y, z = rotation_vector(Q)
-    put(out, 3, x, y, z)
-    x, y, z = _velocity_from(mi, mj)
-    x, y, z = transform_back(Ri, x, y, z)
-    put(rate, 0, x, y, z)
-    p, q = mi["om"], mj["om"]
-    x, y, z = transform_back(Ri, q[0] - p[0], q[1] - p[1], q[2] - p[2])
-    put(rate, 3, x, y, z)
+def _rotation_rate(s, sign, a):
+    """G(φ) a, with sign −1 Gᵀ a."""
+    phi = part(s.x, 3)
+    u = outer(phi, a)
+    return plus(plus(a, -0.5 * sign, u), s.e[0], outer(phi, u))
 
 
 @kernel
-def _velocity_from(mi, mj):
-    """Velocity of J seen from I, global axes."""
-    hx, hy, hz = separation(mi, mj)
-    om, u, v = mi["om"], mi["vx"], mj["vx"]
-    cx, cy, cz = cross(om[0], om[1], om[2], hx, hy, hz)
-    return v[0] - u[0] - cx, v[1] - u[1] - cy, v[2] - u[2] - cz
+def add_wrenches(mi, mj, s, wi, wj):
+    """Add the wrench pair −Eᵀ p to wi and wj (6 each), both forces at the place of marker J."""
+    R = mi["R"]
+    force, moment = turned(R, part(s.p, 0)), turned(R, _rotation_rate(s, -1.0, part(s.p, 3)))
+    add_part(wi, 0, 1.0, force)
+    add_part(wi, 3, 1.0, plus(moment, 1.0, outer(separation(mi, mj), force)))
+    add_part(wj, 0, -1.0, force)
+    add_part(wj, 3, -1.0, moment)
+
+
+@unit
+def put_wrench_pair(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """dense.g[1] = −Eᵀ p."""
+    w, markers = run.work.dense.g[1], run.work.now.marker
+    for c in range(12):
+        w[c] = 0.0
+    add_wrenches(markers[i], markers[j], s, w[0:6], w[6:12])
+    return FINE
 
 
 @kernel
 def rotation_vector(Q):
     """φ of Q = exp(φ̃), |φ| ≤ π, by the largest of four Euler parameters (Shepperd 1978)."""
-    trace = Q[0, 0] + Q[1, 1] + Q[2, 2]
-    if trace >= max(Q[0, 0], Q[1, 1], Q[2, 2]):
+    trace, most = Q[0, 0] + Q[1, 1] + Q[2, 2], max(Q[0, 0], Q[1, 1], Q[2, 2])
+    if trace >= most:
         w = 0.5 * math.sqrt(1.0 + trace)
         n = 0.25 / w
         x, y, z = n * (Q[2, 1] - Q[1, 2]), n * (Q[0, 2] - Q[2, 0]), n * (Q[1, 0] - Q[0, 1])
-    elif Q[0, 0] >= max(Q[1, 1], Q[2, 2]):
-        x = 0.5 * math.sqrt(1.0 + Q[0, 0] - Q[1, 1] - Q[2, 2])
-        n = 0.25 / x
-        w, y, z = n * (Q[2, 1] - Q[1, 2]), n * (Q[0, 1] + Q[1, 0]), n * (Q[0, 2] + Q[2, 0])
-    elif Q[1, 1] >= Q[2, 2]:
-        y = 0.5 * math.sqrt(1.0 + Q[1, 1] - Q[0, 0] - Q[2, 2])
-        n = 0.25 / y
-        w, x, z = n * (Q[0, 2] - Q[2, 0]), n * (Q[0, 1] + Q[1, 0]), n * (Q[1, 2] + Q[2, 1])
     else:
-        z = 0.5 * math.sqrt(1.0 + Q[2, 2] - Q[0, 0] - Q[1, 1])
-        n = 0.25 / z
-        w, x, y = n * (Q[1, 0] - Q[0, 1]), n * (Q[0, 2] + Q[2, 0]), n * (Q[1, 2] + Q[2, 1])
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
+        i = 0 if Q[0, 0] == most else 1 if Q[1, 1] == most else 2
+        j, k = (i + 1) % 3, (i + 2) % 3
+        a = 0.5 * math.sqrt(1.0 + most - Q[j, j] - Q[k, k])
+        n = 0.25 / a
+        w, b, c = n * (Q[k, j] - Q[j, k]), n * (Q[i, j] + Q[j, i]), n * (Q[i, k] + Q[k, i])
+        x, y, z = (a, b, c) if i == 0 else (c, a, b) if i == 1 else (b, c, a)
     sine = math.sqrt(x * x + y * y + z * z)
-    f = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
+    f = 2.0 * math.atan2(sine, abs(w)) / sine if sine > 0.0 else 2.0
+    if w < 0.0:
+        f = -f
     return f * x, f * y, f * z
 
 
@@ -118,137 +151,83 @@ def inverse_coefficient(x):
 
 
 @kernel
-def inverse_tangent(phi, o, sign, x, y, z):
-    """G(sign φ) (x, y, z), φ = phi[o:o+3]; sign −1 gives the transpose."""
-    a, b, c = phi[o], phi[o + 1], phi[o + 2]
-    e, _ = inverse_coefficient(a * a + b * b + c * c)
-    ux, uy, uz = cross(a, b, c, x, y, z)
-    wx, wy, wz = cross(a, b, c, ux, uy, uz)
-    h = 0.5 * sign
-    return x - h * ux + e * wx, y - h * uy + e * wy, z - h * uz + e * wz
-
-
-@kernel
-def inverse_tangent_slope(phi, o, sign, x, y, z, dx, dy, dz):
-    """Derivative of G(sign φ) (x, y, z) along δφ = (dx, dy, dz)."""
-    a, b, c = phi[o], phi[o + 1], phi[o + 2]
-    e, de = inverse_coefficient(a * a + b * b + c * c)
-    de *= 2.0 * (a * dx + b * dy + c * dz)
-    ux, uy, uz = cross(a, b, c, x, y, z)
-    wx, wy, wz = cross(a, b, c, ux, uy, uz)
-    px, py, pz = cross(dx, dy, dz, x, y, z)
-    qx, qy, qz = cross(dx, dy, dz, ux, uy, uz)
-    rx, ry, rz = cross(a, b, c, px, py, pz)
-    h = 0.5 * sign
-    return (
-        -h * px + e * (qx + rx) + de * wx,
-        -h * py + e * (qy + ry) + de * wy,
-        -h * pz + e * (qz + rz) + de * wz,
-    )
-
-
-@kernel
-def add_wrenches(mi, mj, f, wi, wj):
-    """Add the wrenches of the pull f (6) to wi and wj (6 each)."""
-    hx, hy, hz = separation(mi, mj)
-    x, y, z = transform(mi["R"], f[0], f[1], f[2])
-    mx, my, mz = transform(mi["R"], f[3], f[4], f[5])
-    ax, ay, az = cross(hx, hy, hz, x, y, z)
-    put(wi, 0, wi[0] + x, wi[1] + y, wi[2] + z)
-    put(wi, 3, wi[3] + mx + ax, wi[4] + my + ay, wi[5] + mz + az)
-    put(wj, 0, wj[0] - x, wj[1] - y, wj[2] - z)
-    put(wj, 3, wj[3] - mx, wj[4] - my, wj[5] - mz)
-
-
-@kernel
-def _put_maps(mi, mj, E, D):
-    """E, D (6, 12): relative motion, and relative velocity at constant velocities of the markers,
-    per (δx_I, δφ_I, δx_J, δφ_J) in global axes."""
-    Ri, om = mi["R"], mi["om"]
-    hx, hy, hz = separation(mi, mj)
-    sx, sy, sz = _velocity_from(mi, mj)
-    wx, wy, wz = mj["om"][0] - om[0], mj["om"][1] - om[1], mj["om"][2] - om[2]
-    for r in range(6):
-        for c in range(12):
-            E[r, c] = 0.0
-            D[r, c] = 0.0
+def _put_slope(s, sign, v):
+    """S = ∂(G v)/∂φ at constant v, of Gᵀ v with sign −1."""
+    phi, S = part(s.x, 3), s.S
+    along, square = inner(phi, v), inner(phi, phi)
     for r in range(3):
-        ax, ay, az = Ri[0, r], Ri[1, r], Ri[2, r]
-        put(E[r], 0, -ax, -ay, -az)
-        put(E[r], 6, ax, ay, az)
-        x, y, z = cross(ax, ay, az, hx, hy, hz)
-        put(E[r], 3, x, y, z)
-        put(E[3 + r], 3, -ax, -ay, -az)
-        put(E[3 + r], 9, ax, ay, az)
-        x, y, z = cross(om[0], om[1], om[2], ax, ay, az)
-        put(D[r], 0, -x, -y, -z)
-        put(D[r], 6, x, y, z)
-        x, y, z = cross(ax, ay, az, sx, sy, sz)
-        put(D[r], 3, x, y, z)
-        x, y, z = cross(ax, ay, az, wx, wy, wz)
-        put(D[3 + r], 3, x, y, z)
+        for c in range(3):
+            x = phi[r] * v[c] - 2.0 * v[r] * phi[c] + (along if r == c else 0.0)
+            S[r, c] = s.e[0] * x + 2.0 * s.e[1] * (phi[r] * along - square * v[r]) * phi[c]
+    add_skew(S, 0, 0, 0.5 * sign, v)
 
 
-@kernel
-def add_tangent(mi, mj, s, damped, cv, cp, H):
-    """Add −(cp ∂w/∂position + cv ∂w/∂velocity) of the wrenches of the pull s.f to H (12, 12).
+@unit
+def put_gradient_of(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """E, after `put_relative_motion`."""
+    R, g, E = run.work.now.marker[i]["R"], run.work.row.g, s.E
+    for r in range(3):
+        dot2_gradient(run.work.row, r, 0, i, j)
+        for c in range(12):
+            E[r, c], E[3 + r, c] = g[c], 0.0
+    for c in range(3):
+        x = _rotation_rate(s, 1.0, part(R[c], 0))
+        add_column(E, 3, 3 + c, -1.0, x)
+        add_column(E, 3, 9 + c, 1.0, x)
+    return FINE
 
-    s.K and s.C are its changes with (δu, δθ) and (u̇, ω), δθ the turn of J from I in axes of I.
-    Where there is damping s.W (12, 12) is that between the velocities of the markers.
-    """
-    E, D, K, C, S = s.E, s.D, s.K, s.C, s.S
-    _put_maps(mi, mj, E, D)
+
+@unit
+def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """D: change of the rates with the position of the markers at constant velocities of these."""
+    mi, mj, E, D, S = run.work.now.marker[i], run.work.now.marker[j], s.E, s.D, s.S
+    Ri, om = mi["R"], triple(mi["om"])
+    spin = plus(triple(mj["om"]), -1.0, om)
+    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, separation(mi, mj)))
+    _put_slope(
+        s, 1.0, (inner(column(Ri, 0), spin), inner(column(Ri, 1), spin), inner(column(Ri, 2), spin))
+    )
     for r in range(6):
         for c in range(12):
-            x = 0.0
-            for k in range(6):
-                x += cp * K[r, k] * E[k, c]
-                if damped == 1:
-                    x += C[r, k] * (cv * E[k, c] + cp * D[k, c])
-            S[r, c] = x
-    for i in range(12):
-        for c in range(12):
-            for r in range(6):
-                H[i, c] += E[r, i] * S[r, c]
-    if damped == 1:
-        _put_damping(E, C, S, s.W)
-    _add_turning(mi, mj, s.f, cp, H)
-
-
-@kernel
-def _put_damping(E, C, S, W):
-    """W = Eᵀ C E; S (6, 12) is scratch."""
-    for r in range(6):
-        for c in range(12):
-            x = 0.0
-            for k in range(6):
-                x += C[r, k] * E[k, c]
-            S[r, c] = x
-    for i in range(12):
-        for c in range(12):
-            x = 0.0
-            for r in range(6):
-                x += E[r, i] * S[r, c]
-            W[i, c] = x
-
-
-@kernel
-def _add_turning(mi, mj, f, cp, H):
-    """cp times what the turning of I's axes and the change of h do at a constant pull f."""
-    hx, hy, hz = separation(mi, mj)
-    x, y, z = transform(mi["R"], f[0], f[1], f[2])
-    mx, my, mz = transform(mi["R"], f[3], f[4], f[5])
-    add_skew(H, 0, 3, cp, x, y, z)
-    add_skew(H, 6, 3, -cp, x, y, z)
-    add_skew(H, 9, 3, -cp, mx, my, mz)
-    add_skew(H, 3, 3, cp, mx, my, mz)
-    add_skew(H, 3, 6, cp, x, y, z)
-    add_skew(H, 3, 0, -cp, x, y, z)
-    # h̃ F̃ = F hᵀ − (h·F) I
-    dot = hx * x + hy * y + hz * z
+            D[r, c] = 0.0
     for k in range(3):
-        H[3 + k, 3 + k] -= cp * dot
-        h = hx if k == 0 else hy if k == 1 else hz
-        H[3, 3 + k] += cp * x * h
-        H[4, 3 + k] += cp * y * h
-        H[5, 3 + k] += cp * z * h
+        a = column(Ri, k)
+        turn, arm = outer(om, a), outer(a, u)
+        add_part(D[k], 0, -1.0, turn)
+        add_part(D[k], 3, 1.0, arm)
+        add_part(D[k], 6, 1.0, turn)
+        x = turned(S, (E[3, 9 + k], E[4, 9 + k], E[5, 9 + k]))
+        turn = _rotation_rate(s, 1.0, turned_back(Ri, outer(spin, axis(k))))
+        add_column(D, 3, 3 + k, 1.0, plus(turn, -1.0, x))
+        add_column(D, 3, 9 + k, 1.0, x)
+    return FINE
+
+
+@unit
+def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> int:
+    """dense.H = cp times the change of Eᵀ p with E at constant p, and dense.g[1] = Eᵀ p."""
+    R, E, p, S, H = run.work.now.marker[i]["R"], s.E, s.p, s.S, run.work.dense.H
+    w = run.work.dense.g[1]
+    put_wrench_pair(run, i, j, s)
+    for r in range(12):
+        w[r] = -w[r]
+        for c in range(12):
+            H[r, c] = 0.0
+    for r in range(3):
+        dot2_tangent(run.work.row, r, 0, i, j, cp * p[r])
+    # the moment R_I Gᵀ p turns with I and changes with φ
+    _put_slope(s, -1.0, (p[3], p[4], p[5]))
+    moment = part(w, 9)
+    add_skew(H, 3, 3, cp, moment)
+    add_skew(H, 9, 3, -cp, moment)
+    for a in range(3):
+        for b in range(3):
+            x = 0.0
+            for r in range(3):
+                for k in range(3):
+                    x += cp * R[a, r] * S[r, k] * E[3 + k, 9 + b]
+            H[3 + a, 3 + b] += x
+            H[3 + a, 9 + b] -= x
+            H[9 + a, 3 + b] -= x
+            H[9 + a, 9 + b] += x
+    return FINE

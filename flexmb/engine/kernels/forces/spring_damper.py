@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair, put_outer
-from flexmb.engine.kernels.bodies.tangent import add_lever_tangent
+from flexmb.engine.kernels.algebra.blocks import clear
+from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
+from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
@@ -138,7 +138,12 @@ def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) ->
         _add_tangent(row, mi, mj, d, (nx, ny, nz), f, cv, cp, H)
         add_pair(run, i, j, row["couple"], 1.0)
         if row["c"] != 0.0:
-            _add_damper_moment_arms(run, springs, at, k, cp, nx, ny, nz)
+            X, U = run.work.dense.X[0], run.work.dense.U[0]
+            for c in range(12):
+                X[c], U[c] = 0.0, 0.0
+            _add_forces(X[0:6], X[6:12], row["c"] * nx, row["c"] * ny, row["c"] * nz)
+            _add_forces(U[0:6], U[6:12], nx, ny, nz)
+            add_rate_arms(run, at.v, i, j, row["couple"], 1, cp)
         for c in range(12):
             w[c] = 0.0
         _add_forces(w[0:6], w[6:12], -f * nx, -f * ny, -f * nz)
@@ -161,49 +166,6 @@ def _add_tangent(spring, mi, mj, d, n, f, cv, cp, H):
             H[6 + a, 6 + b] += e
             H[a, 6 + b] -= e
             H[6 + a, b] -= e
-
-
-@unit
-def _add_damper_moment_arms(
-    run: Run, springs: Springs, at: Point, row: int, cp: float, nx: float, ny: float, nz: float
-) -> int:
-    """Add −cp ∂Q/∂q of damper `row` by what the moment arms do to ḋ at constant v.
-
-    On each body ∂(nᵀ J v)/∂q = vᵀ L, L the tangent of the moment arm of the unit force n; J of the
-    markers is in dense.J. Rows of dense.T: Jᵀ n of the two bodies, Lᵀ v of the two bodies.
-    """
-    parts, kkt, d, n = run.system.parts, run.system.kkt, run.work.dense, (0, 0)
-    spring, v = springs.rows[row], at.v
-    bodies, markers, low, up = parts.bodies, parts.markers, run.work.factor.low, run.work.factor.up
-    B, T, w = d.B, d.T, d.g[1]
-    for side in range(2):
-        k = spring["I"] if side == 0 else spring["J"]
-        b = markers[k]["body"]
-        size = 6 + bodies[b]["m"] if b >= 0 else 0
-        n = (n[1], size)
-        if b < 0:
-            continue
-        for c in range(6):
-            w[c] = 0.0
-        w[0], w[1], w[2] = nx, ny, nz
-        clear(B, size, size)
-        add_lever_tangent(parts, run.work.now, k, w, 0, 1.0, B)
-        J, o = d.J[side], bodies[b]["iv"]
-        for c in range(size):
-            T[side, c] = nx * J[0, c] + ny * J[1, c] + nz * J[2, c]
-            T[2 + side, c] = 0.0
-            for r in range(size):
-                T[2 + side, c] += v[o + r] * B[r, c]
-    for side in range(2):
-        k, other = (spring["I"], spring["J"]) if side == 0 else (spring["J"], spring["I"])
-        here, there = bodies[markers[k]["body"]], bodies[markers[other]["body"]]
-        if n[side] > 0:
-            put_outer(T, side, n[side], 2 + side, n[side], cp * spring["c"], B)
-            add_body_block(here, kkt, B, low, up)
-        if spring["couple"] >= 0:
-            put_outer(T, side, n[side], 3 - side, n[1 - side], -cp * spring["c"], B)
-            add_coupling(B, here, there, kkt, spring["couple"], side == 1, low, up)
-    return FINE
 
 
 SPRINGS = Kind(

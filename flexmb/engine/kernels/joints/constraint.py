@@ -7,61 +7,61 @@ from typing import NamedTuple
 from flexmb.engine.jit import call_stage, kernel, unit
 from flexmb.engine.kernels.algebra.blocks import put_row, row_compliance
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
-from flexmb.engine.kernels.joints import primitive
 from flexmb.engine.kernels.joints.group_tangent import group_tangents
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
+from flexmb.engine.kernels.joints.row import (
+    put_row_gradient,
+    rate,
+    row_curvature,
+    row_value,
+    wrapped,
+)
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
 from flexmb.engine.state import Point, Run
-from flexmb.engine.tables import POINT
 
 _REGULARISATION = 1e-9
 
 
 class Joints(NamedTuple):
-    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`).
+    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`)."""
 
-    Reactions and tangents of joints of points stand apart (`point_joint`).
-    """
-
-    rows: Integers  # rows of all others
-    groups: Integers  # groups of all others
+    groups: Integers  # all but joints of points (`point_joint`)
     driven: Integers  # rows with a function of time
 
 
+class ConstraintRows(NamedTuple):
+    """Rows of all kinds but coincidence, which stands apart (`point_joint`)."""
+
+    rows: Integers
+
+
 @unit
-def evaluate_constraints(run: Run) -> int:
-    """C of all rows, after a position stage."""
-    rows, markers, con = run.system.rows, run.work.now.marker, run.work.con
+def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
+    """C of all rows but those of coincidence."""
+    rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, of.rows
     C, fun = con.C, con.fun
-    for k in range(rows.shape[0]):
-        row = rows[k]
-        mi, mj = markers[row["I"]], markers[row["J"]]
-        if row["kind"] == POINT:
-            C[k] = mj["x"][row["a"]] - mi["x"][row["a"]]
-            continue
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
         f = row["offset"]
         if row["fun"] >= 0:
             f += fun[row["fun"], 0]
-        C[k] = primitive.value(row["kind"], row["a"], row["b"], mi, mj, f)
+        value = row_value(run, row) - f
+        C[listed[n]] = value if period[row["kind"]] == 0.0 else wrapped(value)
     return FINE
 
 
 @unit
-def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
-    """Wrenches of the markers −= λ g of all rows but those of joints of points."""
-    rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.dense.g[0], at.lam
-    listed = joints.rows
+def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
+    """Wrenches of the markers −= λ g of all rows but those of coincidence."""
+    rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.row.g, at.lam
+    listed = of.rows
     for n in range(listed.shape[0]):
         k = listed[n]
         row = rows[k]
         mi, mj = markers[row["I"]]["W"], markers[row["J"]]["W"]
-        if row["kind"] == POINT:
-            mi[row["a"]] += lam[k]
-            mj[row["a"]] -= lam[k]
-            continue
-        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        put_row_gradient(run, row)
         for c in range(6):
             mi[c] -= lam[k] * g[c]
             mj[c] -= lam[k] * g[6 + c]
@@ -69,32 +69,29 @@ def subtract_reactions(run: Run, joints: Joints, at: Point) -> int:
 
 
 @unit
-def constraint_rates(run: Run) -> int:
-    """Cq v + C_t of all rows, after a velocity stage."""
-    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.dense.g[0]
-    rate, fun = con.rate, con.fun
-    for k in range(rows.shape[0]):
+def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
+    """Cq v + C_t of all rows but those of coincidence."""
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
+    out, fun, listed = con.rate, con.fun, of.rows
+    for n in range(listed.shape[0]):
+        k = listed[n]
         row = rows[k]
-        mi, mj = markers[row["I"]], markers[row["J"]]
-        if row["kind"] == POINT:
-            rate[k] = mj["vx"][row["a"]] - mi["vx"][row["a"]]
-            continue
-        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
-        rate[k] = primitive.rate(g, mi, mj)
+        put_row_gradient(run, row)
+        out[k] = rate(g, markers[row["I"]], markers[row["J"]])
         if row["fun"] >= 0:
-            rate[k] -= fun[row["fun"], 1]
+            out[k] -= fun[row["fun"], 1]
     return FINE
 
 
 @unit
 def constraint_right_side(run: Run) -> int:
     """γ of Cq v̇ = γ, after a bias stage."""
-    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.dense.g[0]
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
-        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
-        s = primitive.curvature_between(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        put_row_gradient(run, row)
+        s = row_curvature(run, row)
         for c in range(3):
             s += g[c] * mi["bx"][c] + g[3 + c] * mi["bom"][c]
             s += g[6 + c] * mj["bx"][c] + g[9 + c] * mj["bom"][c]
@@ -108,11 +105,11 @@ def constraint_right_side(run: Run) -> int:
 def constraint_jacobian(run: Run) -> int:
     """Rows of Cq on the bodies of their two markers, into dense.jac; after a position stage."""
     parts, now, rows, dense = run.system.parts, run.work.now, run.system.rows, run.work.dense
-    bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, dense.g[0]
+    bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, run.work.row.g
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j = row["I"], row["J"]
-        primitive.put_gradient(run, row["kind"], row["a"], row["b"], i, j)
+        put_row_gradient(run, row)
         for side in range(2):
             at = row["jac_I"] if side == 0 else row["jac_J"]
             if at >= 0:
@@ -187,11 +184,19 @@ def put_constraint_matrix(run, at):
         call_stage(units[k], run, tables[k], at)
 
 
+CONSTRAINT_ROWS = Kind(
+    "constraint_rows",
+    ConstraintRows,
+    {
+        "constraint": put_values,
+        "rate": put_rates,
+        "wrench": subtract_reactions,
+    },
+)
 JOINTS = Kind(
     "joints",
     Joints,
     {
-        "wrench": subtract_reactions,
         "matrix": joint_matrix,
         "jacobian": put_jacobian,
         "power": driver_power,

@@ -19,8 +19,9 @@ import numpy as np
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
 from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.joints import curve_marker_tangent, primitive
+from flexmb.engine.kernels.joints import curve_marker_tangent
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
+from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import CURVE_END, FINE
 from flexmb.engine.state import Point, Run
@@ -179,15 +180,14 @@ def subtract_forces(run: Run, of: CurveMarkers, at: Point) -> int:
 def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
     """∂C/∂s of the rows on curve markers; forces out of balance on s move nothing by themselves."""
     sys, work, markers = run.system, run.work, run.system.parts.curve_markers
-    g, factor = work.dense.g[0], work.factor
+    g, factor = work.row.g, work.factor
     for k in range(markers.shape[0]):
         curve, J = markers[k], work.now.curve_marker[k]["J"]
         group, link = sys.groups[curve["group"]], sys.kkt.links[curve["link"]]
         panel = sys.kkt.panels[sys.parts.coordinates[curve["coordinate"]]["panel"]]
         factor.diagonal[panel["col"]] = math.inf
         for r in range(group["n"]):
-            row = sys.rows[group["row"] + r]
-            primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+            put_row_gradient(run, sys.rows[group["row"] + r])
             s = 0.0
             for c in range(6):
                 s += g[6 * curve["side"] + c] * J[c]

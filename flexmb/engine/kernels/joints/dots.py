@@ -1,13 +1,15 @@
 """Dot products between axes of two markers and their separation: values, rates and tangents.
 
-The pieces that constraint rows are made of. H (12, 12) is as in `row_tangent`.
+The pieces that constraint rows are made of. H (12, 12) is as in `engine.kind.RowKind`.
 """
 
 from __future__ import annotations
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
 from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix
 
 
 @kernel
@@ -24,6 +26,20 @@ def separation(mi, mj):
 
 
 @kernel
+def relative_velocity(mi, mj):
+    """Rate of h."""
+    a, b = mi["vx"], mj["vx"]
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@kernel
+def clear_gradient(g):
+    """g (12) = 0."""
+    for k in range(12):
+        g[k] = 0.0
+
+
+@kernel
 def put_pair(g, o, x, y, z):
     """(x, y, z) for marker J at o + 6, the opposite for marker I at o."""
     put(g, o, -x, -y, -z)
@@ -31,20 +47,24 @@ def put_pair(g, o, x, y, z):
 
 
 @kernel
-def column_rates(R, a, om):
-    """Column a of R: its first derivative and its second at zero angular acceleration."""
-    x, y, z = cross(om[0], om[1], om[2], R[0, a], R[1, a], R[2, a])
+def vector_rates(x, y, z, om):
+    """First derivative of a vector fixed to a marker, and second at zero angular acceleration."""
+    x, y, z = cross(om[0], om[1], om[2], x, y, z)
     u, v, w = cross(om[0], om[1], om[2], x, y, z)
     return x, y, z, u, v, w
 
 
 @kernel
-def dot_rates(Ri, a, omi, Rj, b, omj):
+def column_rates(R, a, om):
+    """The same of column a of R."""
+    return vector_rates(R[0, a], R[1, a], R[2, a], om)
+
+
+@kernel
+def dot_rates(ax, ay, az, omi, bx, by, bz, omj):
     """a·b: first derivative, and second at zero angular accelerations."""
-    px, py, pz, qx, qy, qz = column_rates(Ri, a, omi)
-    rx, ry, rz, sx, sy, sz = column_rates(Rj, b, omj)
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
+    px, py, pz, qx, qy, qz = vector_rates(ax, ay, az, omi)
+    rx, ry, rz, sx, sy, sz = vector_rates(bx, by, bz, omj)
     first = px * bx + py * by + pz * bz + ax * rx + ay * ry + az * rz
     second = qx * bx + qy * by + qz * bz + ax * sx + ay * sy + az * sz
     return first, second + 2.0 * (px * rx + py * ry + pz * rz)
@@ -76,15 +96,16 @@ def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
     H[i + 2, j + 2] += f * (qz * pz - dot)
 
 
-@kernel
-def add_dot(Ri, a, Rj, b, f, H):
+@unit
+def add_dot(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float, f: float, H: Matrix
+) -> int:
     """f times the tangent of a·b."""
-    ax, ay, az = Ri[0, a], Ri[1, a], Ri[2, a]
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
     _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
     _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
     _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)
     _add_skew_product(H, 9, 3, -f, bx, by, bz, ax, ay, az)
+    return FINE
 
 
 @kernel

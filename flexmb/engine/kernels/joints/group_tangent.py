@@ -5,10 +5,9 @@ from __future__ import annotations
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
-from flexmb.engine.kernels.joints import primitive, row_tangent
+from flexmb.engine.kernels.joints.row import add_row_tangent, put_row_gradient
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Run
-from flexmb.engine.tables import POINT
 
 
 @kernel
@@ -27,20 +26,15 @@ def group_tangents(run, listed, lam, cp):
 @unit
 def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
     """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
-    rows, group, d = run.system.rows, run.system.groups[k], run.work.dense
-    g, w, H = d.g[0], d.g[1], d.H
-    i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
-    mi, mj = run.work.now.marker[i], run.work.now.marker[j]
+    rows, group, work = run.system.rows, run.system.groups[k], run.work
+    g, w, H = work.row.g, work.dense.g[1], work.row.H
     curved = 0
     clear(H, H.shape[0], H.shape[1])
     for c in range(12):
         w[c] = 0.0
     for r in range(group["row"], group["row"] + group["n"]):
-        kind, a, b = rows[r]["kind"], rows[r]["a"], rows[r]["b"]
-        primitive.put_gradient(run, kind, a, b, i, j)
+        put_row_gradient(run, rows[r])
         for c in range(12):
             w[c] += lam[r] * g[c]
-        if kind != POINT:
-            curved = 1
-            row_tangent.add_row_tangent(kind, a, b, mi, mj, lam[r], g, H)
+        curved = max(curved, add_row_tangent(run, rows[r], lam[r]))
     return curved

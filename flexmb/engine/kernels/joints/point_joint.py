@@ -1,7 +1,8 @@
-"""Joints that hold two points of rigid places together: spherical, and revolute in a plane.
+"""Rows of coincidence, and joints that have no other: spherical, and revolute in a plane.
 
-Their reaction is a force (Σ λ e) without a moment, so it goes straight to the coordinates of the
-two bodies (`kernels.bodies.point_marker`).
+These rows are linear in the places of their markers, whatever the joint. A joint of nothing else
+holds two points of rigid places together: its reaction is a force (Σ λ e) without a moment, so it
+goes straight to the coordinates of the two bodies (`kernels.bodies.point_marker`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from flexmb.engine.state import Point, Run
 
 
 class PointJoints(NamedTuple):
-    """Joints of points."""
+    """Rows of coincidence, and joints of points."""
 
-    groups: Integers  # their groups of rows
+    rows: Integers  # all of these rows
+    others: Integers  # those of other joints
+    groups: Integers  # joints of points
 
 
 @kernel
@@ -47,6 +50,44 @@ def _add(body, A, s, x, y, z, out):
     out[o + 3] += x
     out[o + 4] += y
     out[o + 5] += z
+
+
+@unit
+def put_values(run: Run, joints: PointJoints, at: Point) -> int:
+    """C of all rows of coincidence: along global axes."""
+    rows, markers, C, listed = run.system.rows, run.work.now.marker, run.work.con.C, joints.rows
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        a = row["a"]
+        C[listed[n]] = markers[row["J"]]["x"][a] - markers[row["I"]]["x"][a]
+    return FINE
+
+
+@unit
+def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
+    """Cq v of all rows of coincidence."""
+    rows, markers, out, listed = (
+        run.system.rows,
+        run.work.now.marker,
+        run.work.con.rate,
+        joints.rows,
+    )
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        a = row["a"]
+        out[listed[n]] = markers[row["J"]]["vx"][a] - markers[row["I"]]["vx"][a]
+    return FINE
+
+
+@unit
+def subtract_reactions(run: Run, joints: PointJoints, at: Point) -> int:
+    """Wrenches of the markers −= λ g of the rows of other joints."""
+    rows, markers, lam, listed = run.system.rows, run.work.now.marker, at.lam, joints.others
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        markers[row["I"]]["W"][row["a"]] += lam[listed[n]]
+        markers[row["J"]]["W"][row["a"]] -= lam[listed[n]]
+    return FINE
 
 
 @unit
@@ -108,4 +149,14 @@ def _add_arm(run, k, x, y, z):
                 up[at + pc * nc + pr] += e
 
 
-POINT_JOINTS = Kind("point_joints", PointJoints, {"force": add_reactions, "matrix": add_tangents})
+POINT_JOINTS = Kind(
+    "point_joints",
+    PointJoints,
+    {
+        "constraint": put_values,
+        "rate": put_rates,
+        "wrench": subtract_reactions,
+        "force": add_reactions,
+        "matrix": add_tangents,
+    },
+)

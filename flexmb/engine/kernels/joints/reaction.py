@@ -5,7 +5,7 @@ from __future__ import annotations
 from flexmb.engine.jit import call_stage, unit
 from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.joints import primitive
+from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
@@ -15,13 +15,12 @@ from flexmb.engine.state import Point, Run
 def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
     """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
     sys, d = run.system, run.work.dense
-    group, g, w = sys.groups[k], d.g[0], d.g[1]
+    group, g, w = sys.groups[k], run.work.row.g, d.g[1]
     d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
     for c in range(12):
         w[c] = 0.0
     for r in range(group["row"], group["row"] + group["n"]):
-        row = sys.rows[r]
-        primitive.put_gradient(run, row["kind"], row["a"], row["b"], row["I"], row["J"])
+        put_row_gradient(run, sys.rows[r])
         for c in range(12):
             w[c] -= lam[r] * g[c]
     return FINE

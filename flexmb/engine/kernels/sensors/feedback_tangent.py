@@ -12,27 +12,14 @@ import math
 
 from flexmb.engine.jit import call_channel, kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.bodies import tangent
 from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.functions.function import run_program
-from flexmb.engine.kernels.joints import primitive, row_tangent
-from flexmb.engine.kernels.sensors import turning
 from flexmb.engine.method import FINE
-from flexmb.engine.sensor_tables import (
-    ALONG,
-    ALONG_A,
-    ALONG_OM,
-    ALONG_OMD,
-    ALONG_V,
-    ALONG_X,
-    TURNING,
-    Feedback,
-)
+from flexmb.engine.sensor_tables import Feedback
 from flexmb.engine.state import Point, Run
 
-_POSITION, _VELOCITY, _ACCELERATION = 0, 1, 2
+_VELOCITY, _ACCELERATION = 1, 2  # levels of measures
 
 
 @unit
@@ -41,7 +28,7 @@ def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) 
     if cv == 0.0:
         return FINE
     _put_slopes(run, feedback)
-    tangents, partials, work = feedback.tangents, feedback.partials, run.work.feedback
+    tangents, work = feedback.tangents, run.work.feedback
     slopes, right, block = work.slopes, work.right, work.block
     for k in range(tangents.shape[0]):
         row = tangents[k]
@@ -53,8 +40,7 @@ def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) 
             right[0] = cv
             block[2], block[3] = row["state"], 1
         else:
-            channel = partials[row["partial"]]["channel"]
-            _put_right(run, at, row["term"], row["side"], channel, cv, cp)
+            _put_right(run, at, row["term"], row["side"], cv, cp)
         _add_outer(run, row["panel"], row["link"], -slope)
     return FINE
 
@@ -89,12 +75,16 @@ def _put_left(run, row, at):
 
 
 @unit
-def _put_right(run: Run, at: Point, t: int, side: int, channel: int, cv: float, cp: float) -> int:
+def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> int:
     """cp ∂m/∂q + cv ∂m/∂v (+ ∂m/∂v̇) of term t on one side, into feedback.right and block."""
     parts, now, work, B = run.system.parts, run.work.now, run.work.feedback, run.work.dense.B
-    term, v = run.system.sensors.terms[t], at.v
-    right, block, position, velocity = work.right, work.block, work.g[0], work.g[1]
-    level = _put_gradients(run, t, channel)
+    sensors, right, block, position, velocity = (
+        run.system.sensors, work.right, work.block, work.g[0], work.g[1]
+    )  # fmt: skip
+    term, v = sensors.terms[t], at.v
+    clear(work.g, 2, 12)
+    call_channel(run.sensors.gradient[term["measure"]], run, sensors, at, t)
+    level = run.sensors.level[term["measure"]]
     k, o = term["I"] if side == 0 else term["J"], 6 * side
     body = parts.bodies[parts.markers[k]["body"]]
     n, iv, f = 6 + body["m"], body["iv"], term["factor"]
@@ -113,77 +103,6 @@ def _put_right(run: Run, at: Point, t: int, side: int, channel: int, cv: float, 
             for c in range(n):
                 right[c] += v[iv + r] * B[r, c]
     return FINE
-
-
-@kernel
-def _put_gradients(run, t, channel):
-    """Gradients of term t with poses (g[0]) and velocities (g[1]) of its markers; its level."""
-    g, kind = run.work.feedback.g, run.system.sensors.terms[t]["kind"]
-    for c in range(12):
-        g[0, c] = 0.0
-        g[1, c] = 0.0
-    if kind >= ALONG:
-        return _put_motion_gradients(run, t)
-    return _put_turning_gradient(run, t, channel) if kind == TURNING else _put_row_gradients(run, t)
-
-
-@unit
-def _put_row_gradients(run: Run, t: int) -> int:
-    """Gradients of term t, the measure of a constraint row or a derivative of it; its level."""
-    term, markers, g = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.g
-    mi, mj, kind, a, b = markers[term["I"]], markers[term["J"]], term["kind"], term["a"], term["b"]
-    level = term["level"]
-    primitive.axis_gradient(kind, a, b, mi, mj, g[0] if level == _POSITION else g[1])
-    if level == _VELOCITY:
-        # the rate is g·u, and its change with the poses Hᵀ u
-        H, u = run.work.dense.H, g[2]
-        clear(H, 12, 12)
-        row_tangent.add_axis_tangent(kind, a, b, mi, mj, 1.0, H)
-        for c in range(3):
-            u[c], u[3 + c], u[6 + c], u[9 + c] = mi["vx"][c], mi["om"][c], mj["vx"][c], mj["om"][c]
-        for c in range(12):
-            for r in range(12):
-                g[0, c] += H[r, c] * u[r]
-    return level
-
-
-@unit
-def _put_motion_gradients(run: Run, t: int) -> int:
-    """Gradients of term t, d·u of a motion u of marker J along an axis d of marker I; its level."""
-    term, markers, g = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.g
-    kind, a, mj = term["kind"], term["a"], markers[term["J"]]
-    u = mj["x"] if kind == ALONG_X else mj["vx"] if kind in (ALONG_V, ALONG_A) else mj["om"]
-    dx, dy, dz = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
-    ux, uy, uz = u[0], u[1], u[2]
-    if term["I"] >= 0:
-        R, om = markers[term["I"]]["R"], markers[term["I"]]["om"]
-        dx, dy, dz = R[0, a], R[1, a], R[2, a]
-        if kind > ALONG_OMD:  # d·(ω_I × ω_J)
-            x, y, z = cross(ux, uy, uz, dx, dy, dz)
-            put(g[1], 3, x, y, z)
-            x, y, z = cross(dx, dy, dz, om[0], om[1], om[2])
-            put(g[1], 9, x, y, z)
-            ux, uy, uz = cross(om[0], om[1], om[2], ux, uy, uz)
-        x, y, z = cross(dx, dy, dz, ux, uy, uz)
-        put(g[0], 3, x, y, z)
-    if kind == ALONG_X:
-        put(g[0], 6, dx, dy, dz)
-        return _POSITION
-    if kind <= ALONG_OMD:
-        put(g[1], 9 if kind in (ALONG_OM, ALONG_OMD) else 6, dx, dy, dz)
-    return _ACCELERATION if kind in (ALONG_A, ALONG_OMD) else _VELOCITY
-
-
-@unit
-def _put_turning_gradient(run: Run, t: int, channel: int) -> int:
-    """Gradient of term t, one of the three turning angles, on the branch of its last value."""
-    term, markers, near = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.near
-    g, c, (Ri, Rj) = run.work.feedback.g[0], channel - term["b"], turning.axes(markers, term)
-    first, _, _ = turning.angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
-    x, y, z = turning.gradient(term["a"], term["b"], Ri, Rj, first)
-    put(g, 3, -x, -y, -z)
-    put(g, 9, x, y, z)
-    return _POSITION
 
 
 @kernel

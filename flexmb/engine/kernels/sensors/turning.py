@@ -12,33 +12,36 @@ J. Astronaut. Sci. 41 (1993) 439, sec. 6).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.joints.dots import dot_columns
-from flexmb.engine.kernels.joints.primitive import wrapped
+from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.kernels.joints.dots import dot_columns, put_pair
+from flexmb.engine.kernels.joints.row import wrapped
+from flexmb.engine.kind import ChannelKind, Kind, Measure
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.state import Point, Run
 
+# Row of FeedbackWork.g with the three angles.
+_ANGLES = 3
 # Sine or cosine of β below which the pose counts as singular: α and γ have no digits there.
 _SINGULAR = 1e-8
 
 
 @kernel
-def axes(markers, term):
-    """Direction cosines of the two markers of a term."""
-    return markers[term["I"]]["R"], markers[term["J"]]["R"]
-
-
-@kernel
-def sequence(code):
+def _sequence(code):
     """Axes i, j, k of a sequence 9 i + 3 j + k, the third axis beside i and j, and the parity."""
     i, j, k = code // 9, (code // 3) % 3, code % 3
     return i, j, k, 3 - i - j, 1.0 if (j - i) % 3 == 1 else -1.0
 
 
 @kernel
-def angles(code, Ri, Rj, before, b1, b2):
+def _angles(code, Ri, Rj, before, b1, b2):
     """α, β, γ nearest to those before, NaN for none: then β within 0..180° or ±90°."""
-    i, j, k, m, s = sequence(code)
+    i, j, k, m, s = _sequence(code)
     y = dot_columns(Ri, i, Rj, j)
     if i == k:
         x = dot_columns(Ri, i, Rj, m)
@@ -77,12 +80,12 @@ def _whole_turn(i, j, k, m, s, third, Ri, Rj):
 
 
 @kernel
-def gradient(code, number, Ri, Rj, first):
+def _gradient(code, number, Ri, Rj, first):
     """d with (rate of angle `number`) = d·(ω_J − ω_I), global axes; α is `first`.
 
     ω = α̇ n₁ + β̇ n₂ + γ̇ n₃ with the three axes as they are; d is the dual of its axis.
     """
-    i, j, k, m, s = sequence(code)
+    i, j, k, m, s = _sequence(code)
     c, d = math.cos(first), s * math.sin(first)
     x = c * Ri[0, j] + d * Ri[0, m]
     y = c * Ri[1, j] + d * Ri[1, m]
@@ -94,3 +97,60 @@ def gradient(code, number, Ri, Rj, first):
     elif number == 2:
         px, py, pz = cross(Ri[0, i], Ri[1, i], Ri[2, i], x, y, z)
     return px / volume, py / volume, pz / volume
+
+
+class TurningAngles(NamedTuple):
+    """Channels of the first of three turning angles; the other two follow it."""
+
+    channels: Integers
+
+
+@unit
+def put_angles(run: Run, t: int, c: int) -> int:
+    """The three angles of term t to FeedbackWork.g, nearest to those of the channels from c on."""
+    term, markers, near = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.near
+    Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
+    x, y, z = _angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
+    put(run.work.feedback.g[_ANGLES], 0, x, y, z)
+    return FINE
+
+
+@unit
+def turning_angle(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Term t, one of the three angles, on the branch of its last value."""
+    term = sensors.terms[t]
+    put_angles(run, t, term["channel"] - term["b"])
+    return run.work.feedback.g[_ANGLES, term["b"]]  # type: ignore[no-any-return]
+
+
+@unit
+def turning_angle_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Its gradient."""
+    term, markers, g = sensors.terms[t], run.work.now.marker, run.work.feedback.g
+    put_angles(run, t, term["channel"] - term["b"])
+    Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
+    x, y, z = _gradient(term["a"], term["b"], Ri, Rj, g[_ANGLES, 0])
+    put_pair(g[0], 3, x, y, z)
+    return 0.0
+
+
+@unit
+def turning_channel(run: Run, sensors: Sensors, at: Point, c: int) -> float:
+    """Channel c, the one term that it has."""
+    return turning_angle(run, sensors, at, sensors.channels[c]["first"])
+
+
+@unit
+def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
+    """Carry turning angles to the present position; a NaN before gives those next to zero."""
+    near, g, listed = run.work.feedback.near, run.work.feedback.g, of.channels
+    for n in range(listed.shape[0]):
+        c = listed[n]
+        put_angles(run, run.system.sensors.channels[c]["first"], c)
+        near[c], near[c + 1], near[c + 2] = g[_ANGLES, 0], g[_ANGLES, 1], g[_ANGLES, 2]
+    return FINE
+
+
+TURNING_ANGLES = Kind("turning_angles", TurningAngles, {"angles": carry_turning_angles})
+TURNING_ANGLE = Measure(turning_angle, turning_angle_gradient, 0)
+TURNING_CHANNEL = ChannelKind(turning_channel, "terms", counts_turns=True)

@@ -1,0 +1,29 @@
+"""The registry of constraint rows: their kinds, and the number of each in `tables.ROW`."""
+
+from __future__ import annotations
+
+from flexmb.engine.kernels.joints import axis_rows, line_rows, point_rows
+from flexmb.engine.kind import RowKind
+
+__all__ = [
+    "ANGLE", "DISTANCE", "DOT1", "DOT2", "MOMENT", "POINT", "RADIAL", "ROW_KINDS", "TWIST",
+]  # fmt: skip
+
+ROW_KINDS: list[RowKind] = []
+"""All kinds of rows, by number."""
+
+
+def _number(kind: RowKind) -> int:
+    """The number of one more kind."""
+    ROW_KINDS.append(kind)
+    return len(ROW_KINDS) - 1
+
+
+POINT = _number(point_rows.POINT)
+DOT1 = _number(axis_rows.DOT1)
+DOT2 = _number(point_rows.DOT2)
+DISTANCE = _number(point_rows.DISTANCE)
+ANGLE = _number(axis_rows.ANGLE)
+TWIST = _number(axis_rows.TWIST)
+RADIAL = _number(line_rows.RADIAL)
+MOMENT = _number(line_rows.MOMENT)
