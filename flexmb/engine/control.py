@@ -5,9 +5,9 @@ Error control: the local error of a step, of every body, mode and scalar coordin
 motion so far, is kept below a tolerance; the step follows by the order of the estimate. Where a
 change costs a factorisation and lets the estimate ring, steps grow by a quarter at least, and not
 right after a rejection. Steps under error control end at known kinks of functions of time, and
-never turn a body by more than a radian, so that turns can be counted. A run that follows the plan of
-another one takes as many times more steps as it is told, spread alike, and shorter ones where its
-own estimate asks for that.
+never turn a body by more than a radian, so that turns can be counted. A run that follows the plan
+of another one takes as many times more steps as it is told, spread alike, and shorter ones where
+its own estimate asks for that.
 """
 
 from __future__ import annotations

@@ -4,10 +4,11 @@ The step contract. A method is one file in `integrators` with a unit `step(run, 
 status` that reads `State` and leaves the trial state at t + h in `Work.trial`, with its estimate of
 the local error, over the motion so far, in `trial.error` if steps are controlled; the loop alone
 accepts, rejects, chooses the next step, stores and reports. A second unit, `interpolate(run,
-coefficients, share) -> status`, gives positions and velocities inside the last accepted step. Memory that a method carries from step to step (previous
-accelerations, contraction, step sizes) lives in `State`, so a multi-step method, a multi-stage
-method and an explicit one fit alike; and because a step is only proposed, an event found between
-`State` and the trial state can still shorten or reject it. The words of methods are
+coefficients, share) -> status`, gives positions and velocities inside the last accepted step.
+Memory that a method carries from step to step (previous accelerations, contraction, step sizes)
+lives in `State`, so a multi-step method, a multi-stage method and an explicit one fit alike; and
+because a step is only proposed, an event found between `State` and the trial state can still
+shorten or reject it. The words of methods are
 `model.tasks.methods`.
 """
 
@@ -64,10 +65,11 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 # Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
 # is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
 # fixed step that is done; the largest motion and speed so far, weighted; least and greatest step
-# accepted; steps since the size changed, error of velocities over h³ then; steps to go before it may
-# grow; the step before it was shortened to end at an event (0: it was not), how often it was, and
-# steps to go after an event before the next one is looked for; the largest present angular velocity;
-# sum of the local errors over the motion; steps of an explicit method at its limit of stability.
+# accepted; steps since the size changed, error of velocities over h³ then; steps to go before it
+# may grow; the step before it was shortened to end at an event (0: it was not), how often it was,
+# and steps to go after an event before the next one is looked for; the largest present angular
+# velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
+# stability.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
 SINCE, JERK_ERROR, CALM = 11, 12, 13

@@ -45,7 +45,11 @@ def _facts(result: Result) -> Iterator[tuple[str, str]]:
         spent = f" in {result.seconds['integrate']:.3g} s" if whole else ""
         yield "steps", f"{known['steps']}{spent}"
     for key, name, unit in (
-        ("measured_error_of_positions", "measured error", " of the peak-to-peak of the worst sensor"),
+        (
+            "measured_error_of_positions",
+            "measured error",
+            " of the peak-to-peak of the worst sensor",
+        ),
         ("estimated_error", "estimated error", " of the motion"),
         ("energy_balance_error", "energy balance error", " of the energy moved"),
         ("largest_position_drift", "largest position drift", " m or rad"),

@@ -2,9 +2,10 @@
 
 Two runs of a method of order p on the same plan of steps, one with r times as many, differ by the
 error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
-difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations
-I, 1993, §II.4). In: rows of both runs, in order. Out: the largest error of positions, velocities
-and reactions over the outputs, each over the peak-to-peak of its sensor, with the sensor's name.
+difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential
+Equations I, 1993, §II.4). In: rows of both runs, in order. Out: the largest error of positions,
+velocities and reactions over the outputs, each over the peak-to-peak of its sensor, with the
+sensor's name.
 """
 
 from __future__ import annotations

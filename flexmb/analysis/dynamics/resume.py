@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.analysis.dynamics.analysis import Prepared, prepared_run
+from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.dynamics.settings import loop_settings
 from flexmb.analysis.dynamics.verified import PACE

@@ -61,7 +61,7 @@ def refinement(chosen: method.Method) -> float:
 def loop_settings(
     compiled: Compiled, spec: DynamicsSpec, chosen: method.Method, determined: bool
 ) -> method.Settings:
-    """The numbers of the loop of a run alone; `determined` if the constraints alone fix the motion."""
+    """Of a run without scout; `determined` if the constraints alone fix the motion."""
     system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
     works = bool(
         any(kind.works for kind in kinds)

@@ -51,7 +51,7 @@ class VerifiedRun:
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
         first: State,
     ) -> VerifiedRun:  # fmt: skip
-        """A run from a first state, of which it takes copies, and its scout, at the local tolerance told."""
+        """A run from a copy of a state, and its scout, at the local tolerance of the settings."""
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
         kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
@@ -61,7 +61,8 @@ class VerifiedRun:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
         scout, kept = self.scout, self.kept
         status = scout.march(0 if first else scout.chunk)
-        coarse, rows = scout.block(), []
+        coarse = scout.block()
+        rows: list[OutputBlock] = []
         end = scout.plan.knots[scout.plan.used[0] - 1]
         while first or kept.state.t[0] < end:
             told = kept.march(0 if first else kept.chunk)

@@ -104,7 +104,7 @@ def _method(tableau: Tableau, order: int, loosest: float) -> Method:
 @unit
 def step(run: Run, tableau: Tableau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`."""
-    st, tr, at, stages = run.state, run.work.trial, run.trial_point, tableau.stages
+    st, tr, stages = run.state, run.work.trial, tableau.stages
     position_rate(run.system.parts, st.q, st.v, tr.stages[0])
     nq, nv = st.q.shape[0], st.v.shape[0]
     copy(st.vd, tr.stages[0, nq:])

@@ -14,11 +14,12 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate_state
+from flexmb.engine.kernels.algebra.interpolation import interpolate_step
 from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
 from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import factorise
+from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
     AGE,
@@ -43,14 +44,10 @@ from flexmb.engine.state import Run
 if TYPE_CHECKING:
     from flexmb.model.tasks.dynamics import DynamicsSpec
 
-_UNSYMMETRIC_ABOVE = 0.2
 # Before a step, an expected contraction above this costs more iterations than a new factor
 # (flexible slider-crank: 27 µs per step at 0.03, 30 at 0.1, 35 at 0.3; a single rigid body pays
 # for factors, not for iterations).
 _RENEW_ABOVE = 0.1
-# Within a step, a measured one above this.
-_REFACTOR_ABOVE = 0.3
-_GIVE_UP_ABOVE = 0.9
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
 # With error control Newton's method stops at these shares of the local tolerance of positions and
@@ -132,10 +129,10 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             return NOT_FINITE
         if last > 0.0:
             memory[CONTRACTION] = size / last
-        noise = moved <= _NOISE * floor and last > 0.0 and size > _REFACTOR_ABOVE * last
+        noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if noise:
             memory[CONTRACTION] = 0.0  # it measures nothing here
-        elif last > 0.0 and size > tolerance and _judge(memory, size / last):
+        elif last > 0.0 and size > tolerance and give_up(memory, size / last):
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
@@ -228,18 +225,6 @@ def _solve_repaired(run):
 
 
 @kernel
-def _judge(memory, contraction):
-    """What the measured contraction asks for; true: give the step up."""
-    fresh = memory[AGE] == 0.0
-    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
-        memory[SYMMETRIC] = 0.0
-        memory[AGE] = -1.0
-    elif contraction > _REFACTOR_ABOVE and not fresh:
-        memory[AGE] = -1.0
-    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
-
-
-@kernel
 def _finish(weights, alpha, st, tr):
     """Algorithmic acceleration of the new state; the factor ages by the motion of the step.
 
@@ -298,11 +283,4 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
 @unit
 def interpolate(run: Run, alpha: Alpha, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
-    st, tr, before = run.state, run.work.trial, run.work.trial.before
-    h = st.t[0] - before.t[0]
-    interpolate_state(run.system.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
-    for k in range(3):
-        tr.work_done[k], _ = hermite(
-            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
-        )
-    return FINE
+    return interpolate_step(run, share)  # type: ignore[no-any-return]

@@ -23,12 +23,13 @@ import numpy as np
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra import ldl
-from flexmb.engine.kernels.algebra.interpolation import hermite, interpolate_state
+from flexmb.engine.kernels.algebra.interpolation import interpolate_step
 from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
 from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
 from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
 from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
+from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import powers, residual, walk
 from flexmb.engine.method import (
@@ -53,9 +54,8 @@ if TYPE_CHECKING:
 _STAGES = 3
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.1
-# An old factor is renewed before a step above this contraction, and within one above the other.
-_RENEW_ABOVE, _REFACTOR_ABOVE, _GIVE_UP_ABOVE = 0.05, 0.3, 0.9
-_UNSYMMETRIC_ABOVE = 0.3
+# An old factor is renewed before a step that expects a contraction above this.
+_RENEW_ABOVE = 0.05
 # Steps that differ by less share a factor.
 _SAME_STEP = 1e-3
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
@@ -140,10 +140,10 @@ def step(run: Run, radau: Radau, h: float) -> int:
         size, moved = _correct(run, radau, h)
         if not math.isfinite(size):
             return NOT_FINITE
-        noise = moved <= _NOISE * floor and last > 0.0 and size > _REFACTOR_ABOVE * last
+        noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if last > 0.0 and not noise:
             memory[CONTRACTION] = size / last
-            if size > allowed and _judge(memory, size / last):
+            if size > allowed and give_up(memory, size / last):
                 return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
@@ -177,33 +177,23 @@ def _predict(run, radau, h):
             col.share[i, j] = w
     for k in range(st.v.shape[0]):
         for i in range(_STAGES):
-            if known:
-                col.next_a[i, k] = 0.0
-                for j in range(_STAGES):
-                    col.next_a[i, k] += col.share[i, j] * col.a[j, k]
-            else:
-                col.next_a[i, k] = st.vd[k]
-    for i in range(_STAGES):
-        for k in range(st.v.shape[0]):
-            s = 0.0
-            for j in range(_STAGES):
-                s += radau.A[i, j] * col.next_a[j, k]
-            col.v[i, k] = st.v[k] + h * s
-    for i in range(_STAGES):
-        for k in range(st.v.shape[0]):
-            s = 0.0
-            for j in range(_STAGES):
-                s += radau.A[i, j] * col.v[j, k]
-            col.u[i, k] = h * s
+            col.next_a[i, k] = _sum(col.share[i], col.a, k) if known else st.vd[k]
+        for i in range(_STAGES):
+            col.v[i, k] = st.v[k] + h * _sum(radau.A[i], col.next_a, k)
+        for i in range(_STAGES):
+            col.u[i, k] = h * _sum(radau.A[i], col.v, k)
     for k in range(st.lam.shape[0]):
         for i in range(_STAGES):
-            col.next_lam[i, k] = 0.0 if known else st.lam[k]
-            if known:
-                for j in range(_STAGES):
-                    col.next_lam[i, k] += col.share[i, j] * col.lam[j, k]
-    for i in range(_STAGES):
-        copy(col.next_lam[i], col.lam[i])
+            col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if known else st.lam[k]
+        for i in range(_STAGES):
+            col.lam[i, k] = col.next_lam[i, k]
     span[1] = 0.0
+
+
+@kernel
+def _sum(weights, rows, k):
+    """Column k of three rows, weighted."""
+    return weights[0] * rows[0, k] + weights[1] * rows[1, k] + weights[2] * rows[2, k]
 
 
 @unit
@@ -213,18 +203,13 @@ def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     nv = st.v.shape[0]
     for n in range(_STAGES):
         for k in range(nv):
-            s = 0.0
-            for j in range(_STAGES):
-                s += radau.inverse[n, j] * col.u[j, k]
-            col.v[n, k] = s / h
+            col.v[n, k] = _sum(radau.inverse[n], col.u, k) / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
             put_part(v, o, _angular_velocity(part(u, o), part(v, o)))
+    rate = radau.inverse[i]
     for k in range(nv):
-        s = 0.0
-        for j in range(_STAGES):
-            s += radau.inverse[i, j] * (col.v[j, k] - st.v[k])
-        col.a[i, k] = s / h
+        col.a[i, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
     return FINE
 
 
@@ -264,27 +249,20 @@ def _factorise(run: Run, radau: Radau, h: float) -> int:
     n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
     x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
     fac.symmetric[0] = int(memory[SYMMETRIC])
+    for i in range(pair.low.shape[0]):
+        pair.low[i] = pair.up[i] = 0.0
     put_matrix(run, at, 0.0, 0.0)
-    for i in range(fac.low.shape[0]):
-        pair.low[i], pair.up[i] = complex(0.0, -fac.low[i]), complex(0.0, -fac.up[i])
+    _add_matrix(pair, fac, -1j)
     put_matrix(run, at, y, 2.0 * x * y)
-    for i in range(fac.low.shape[0]):
-        pair.low[i] += complex(0.0, fac.low[i])
-        pair.up[i] += complex(0.0, fac.up[i])
+    _add_matrix(pair, fac, 1j)
     put_matrix(run, at, x, x * x - y * y)
-    for i in range(fac.low.shape[0]):
-        pair.low[i] += fac.low[i]
-        pair.up[i] += fac.up[i]
+    _add_matrix(pair, fac, 1.0 + 0j)
     c = h / radau.gamma
     put_matrix(run, at, c, c * c)
-    for i in range(fac.low.shape[0]):
-        pair.low[i] -= fac.low[i]
-        pair.up[i] -= fac.up[i]
+    _add_matrix(pair, fac, -1.0 + 0j)
     keep_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
-    for i in range(fac.low.shape[0]):
-        pair.low[i] += fac.low[i]
-        pair.up[i] += fac.up[i]
+    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
     run.state.count[FIXED_PIVOTS] += ldl.factor(kkt, fac)
     real = col.real
     copy(fac.low, real.low)
@@ -296,6 +274,14 @@ def _factorise(run: Run, radau: Radau, h: float) -> int:
     run.state.count[FACTORISATIONS] += 2
     memory[AGE], memory[CONTRACTION], memory[FACTOR_STEP] = 0.0, 1.0, h
     return FINE
+
+
+@kernel
+def _add_matrix(pair, fac, f):
+    """pair += f times the assembled matrix."""
+    for i in range(pair.low.shape[0]):
+        pair.low[i] += f * fac.low[i]
+        pair.up[i] += f * fac.up[i]
 
 
 @kernel
@@ -351,18 +337,6 @@ def _transformed(to, rows, k):
         to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
         to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
     )
-
-
-@kernel
-def _judge(memory, contraction):
-    """What the measured contraction asks for; true: give the step up."""
-    fresh = memory[AGE] == 0.0
-    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
-        memory[SYMMETRIC] = 0.0
-        memory[AGE] = -1.0
-    elif contraction > _REFACTOR_ABOVE and not fresh:
-        memory[AGE] = -1.0
-    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
 
 
 @kernel
@@ -441,11 +415,4 @@ def _beyond_noise(x, weights, scale, noise):
 @unit
 def interpolate(run: Run, radau: Radau, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
-    st, tr, before = run.state, run.work.trial, run.work.trial.before
-    h = st.t[0] - before.t[0]
-    interpolate_state(run.system.parts, before, st.t[0], st.q, st.v, share, tr.q, tr.v)
-    for k in range(3):
-        tr.work_done[k], _ = hermite(
-            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
-        )
-    return FINE
+    return interpolate_step(run, share)  # type: ignore[no-any-return]

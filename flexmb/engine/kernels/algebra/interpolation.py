@@ -11,6 +11,7 @@ import math
 
 from flexmb.engine.jit import kernel
 from flexmb.engine.kernels.algebra.rotation import compose, cross
+from flexmb.engine.method import FINE
 
 
 @kernel
@@ -39,9 +40,21 @@ def rotation_vector(p, i, q, j):
 
 
 @kernel
-def interpolate_state(parts, before, t, q1, v1, share, q, v):
-    """q and v at the share of the step from `before` to (t, q1, v1)."""
-    h = t - before.t[0]
+def interpolate_step(run, share):
+    """Put q, v and works at a share of the last accepted step into the trial state."""
+    st, tr, before = run.state, run.work.trial, run.work.trial.before
+    h = st.t[0] - before.t[0]
+    _interpolate_state(run.system.parts, before, h, st.q, st.v, share, tr.q, tr.v)
+    for k in range(3):
+        tr.work_done[k], _ = hermite(
+            share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
+        )
+    return FINE
+
+
+@kernel
+def _interpolate_state(parts, before, h, q1, v1, share, q, v):
+    """q and v at the share of the step h from `before` to q1, v1."""
     for k in range(parts.bodies.shape[0]):
         iq, iv = parts.bodies[k]["iq"], parts.bodies[k]["iv"]
         _interpolate_rotation(before.q, before.v, q1, v1, iq + 3, iv + 3, share, h, q, v)

@@ -1,0 +1,90 @@
+"""Whether a run that controls its error is made again: more accurately, or by another method.
+
+In: a run that was marched. Out: the next tolerance, and what to say of the error that is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from flexmb.analysis.dynamics.prepared import Prepared
+from flexmb.engine import method
+from flexmb.engine.integrators import AUTO, STIFF_METHOD
+
+__all__ = [
+    "error_statistics", "limited_by_stability", "may_change_method", "missed_accuracy",
+    "stricter_tolerance",
+]  # fmt: skip
+
+# Passes of a run at most, each with a stricter tolerance by the error measured.
+_MOST_PASSES = 3
+# Measured error over what was asked for: that is good enough; that the next pass aims at; from
+# which a sentence tells it.
+_ENOUGH, _AIM, _TOLD = 1.2, 0.4, 2.0
+# Smallest factor of the tolerance from pass to pass.
+_LEAST_SHARE = 1e-4
+# Steps from which on, and their share at the limit of stability from which on a run is stiff.
+_MANY, _OFTEN = 200, 0.15
+
+
+def stricter_tolerance(prepared: Prepared) -> float | None:
+    """The local tolerance that leaves what was asked for, where the measured error is larger."""
+    verified, settings = prepared.verified, prepared.settings
+    if verified is None or prepared.pace[1] >= _MOST_PASSES:
+        return None
+    measured = verified.errors()["positions"].error
+    if measured <= _ENOUGH * settings.accuracy:
+        return None
+    power = verified.kept.method.error_order / verified.kept.method.order
+    share = max(_AIM * settings.accuracy / measured, _LEAST_SHARE)
+    return float(settings.tolerance * share**power)
+
+
+def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:
+    """Measured errors, each with what it is the error of; nothing for a run without scout."""
+    verified = prepared.verified
+    if verified is None:
+        return {}
+    statistics: dict[str, float | int | str] = {
+        "accuracy_asked": verified.kept.settings.accuracy,
+        "passes": int(prepared.pace[1]),
+        "scout_steps": int(verified.scout.state.count[method.STEPS]),
+    }
+    for quantity, found in verified.errors().items():
+        if quantity in ("positions", "velocities", "reactions"):
+            statistics[f"measured_error_of_{quantity}"] = found.error
+            statistics[f"worst_of_{quantity}"] = f"{found.name} at t = {found.time:.4g} s"
+    return statistics
+
+
+def missed_accuracy(prepared: Prepared) -> Iterator[str]:
+    """A sentence where the accuracy asked for was not reached."""
+    verified, accuracy = prepared.verified, prepared.settings.accuracy
+    if verified is None:
+        return
+    worst = verified.errors()["positions"]
+    if worst.error <= _TOLD * accuracy:
+        return
+    until = verified.error.reached_until(verified.ratio, accuracy)
+    unit = prepared.model.units
+    yield (
+        f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
+        f"t = {unit.say(worst.time, 's', 4)}); it holds until t = {unit.say(until, 's', 4)}: the "
+        "motion multiplies small errors; ask for a shorter run, or take the rest as one motion of "
+        "many"
+    )
+
+
+def may_change_method(prepared: Prepared) -> bool:
+    """Whether the run may go over to the method for stiff motions."""
+    spec = prepared.model.dynamics
+    automatic = spec is not None and spec.method == AUTO and prepared.settings.step == 0.0
+    return automatic and prepared.method != STIFF_METHOD
+
+
+def limited_by_stability(prepared: Prepared) -> bool:
+    """Whether stability, not accuracy, limits the steps of an explicit method."""
+    run = prepared.run if prepared.verified is None else prepared.verified.scout
+    count, stiff = run.state.count, run.state.memory[method.STIFF_STEPS]
+    tried = count[method.STEPS] + count[method.REJECTED]
+    return may_change_method(prepared) and tried > _MANY and bool(stiff > _OFTEN * tried)

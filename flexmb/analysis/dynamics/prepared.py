@@ -1,0 +1,93 @@
+"""A run that is ready to march, and the same run by another method or with another tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexmb.analysis.dynamics.run import Clock, Run
+from flexmb.analysis.dynamics.settings import Steps, local_tolerance, time_grid
+from flexmb.analysis.dynamics.verified import PACE, VerifiedRun
+from flexmb.engine.compile import Compiled
+from flexmb.engine.integrators import chosen_method
+from flexmb.engine.method import Settings
+from flexmb.engine.state import State
+from flexmb.model.model import Model
+from flexmb.model.tasks.methods import METHODS
+
+__all__ = ["Prepared", "prepared_run"]
+
+_FIRST = "first_"  # before the names of the first state among what is saved
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run that is ready to march: nothing can fail any more but the motion itself."""
+
+    run: Run
+    grid: Steps
+    model: Model
+    clock: Clock
+    notes: tuple[str, ...]
+    settings: Settings  # of the run, were it alone
+    first: State  # where it begins
+    pace: np.ndarray  # local tolerance, passes so far, number of the method
+    rows_before: int = 0  # rows that are in the file already
+    doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
+    verified: VerifiedRun | None = None  # with the scout of `run`
+
+    @property
+    def method(self) -> str:
+        """Name of the integrator."""
+        return tuple(METHODS)[int(self.pace[2])]
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """All that a resumed run needs."""
+        own = {
+            **self.run.state._asdict(),
+            **{_FIRST + name: value for name, value in self.first._asdict().items()},
+            PACE: self.pace,
+        }
+        return own if self.verified is None else {**own, **self.verified.saved()}
+
+    def stricter(self, tolerance: float) -> Prepared:
+        """The same run from its start with another local tolerance."""
+        again = self._again(self.method, self.settings._replace(tolerance=tolerance))
+        again.pace[1] = self.pace[1] + 1.0
+        return again
+
+    def by(self, name: str) -> Prepared:
+        """The same run from its start by another integrator."""
+        spec = self.model.dynamics
+        assert spec is not None
+        chosen = chosen_method(spec, name)
+        tolerance = local_tolerance(spec, chosen)
+        return self._again(name, self.settings._replace(tolerance=tolerance))
+
+    def _again(self, name: str, settings: Settings) -> Prepared:
+        return prepared_run(
+            self.run.compiled, self.model, name, self.first, settings, self.clock,
+            notes=self.notes, doubtful=self.doubtful,
+        )  # fmt: skip
+
+
+def prepared_run(
+    compiled: Compiled, model: Model, name: str, state: State, settings: Settings,
+    clock: Clock, **known: Any,
+) -> Prepared:  # fmt: skip
+    """A run from a state by an integrator, with a scout where it controls its error."""
+    spec = model.dynamics
+    assert spec is not None
+    chosen, verified = chosen_method(spec, name), None
+    if spec.verify and settings.step == 0.0:
+        verified = VerifiedRun.of(compiled, model, chosen, settings, state)
+        run = verified.kept
+    else:
+        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)))
+    pace = np.array([settings.tolerance, 1.0, tuple(METHODS).index(name)])
+    return Prepared(
+        run, time_grid(spec), model, clock, first=state, settings=settings, verified=verified,
+        pace=pace, **known,
+    )  # fmt: skip

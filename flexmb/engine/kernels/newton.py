@@ -1,0 +1,26 @@
+"""Simplified Newton iteration of the implicit methods: what its measured contraction asks for."""
+
+from __future__ import annotations
+
+from flexmb.engine.jit import kernel
+from flexmb.engine.method import AGE, SYMMETRIC
+
+__all__ = ["REFACTOR_ABOVE", "give_up"]
+
+REFACTOR_ABOVE = 0.3
+"""Contraction by an old factor above which it is renewed within a step."""
+# By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
+_UNSYMMETRIC_ABOVE = 0.2
+_GIVE_UP_ABOVE = 0.9
+
+
+@kernel
+def give_up(memory, contraction):
+    """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
+    fresh = memory[AGE] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
+        memory[SYMMETRIC] = 0.0
+        memory[AGE] = -1.0
+    elif contraction > REFACTOR_ABOVE and not fresh:
+        memory[AGE] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
