@@ -223,12 +223,12 @@ def _estimate_error(run, errors, h):
         for k in range(errors.shape[0]):
             if level == 0:
                 _put_motion(run, errors[k], n, tr.dq)
-                part = scaled_size(tr.dq, run.system.weights, st.motion)
+                part = scaled_size(tr.dq, run.system.weights, st.motion, 0.0)
             else:
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
                 _add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
-                part = scaled_size(tr.dq, run.system.weights, st.speed)
+                part = scaled_size(tr.dq, run.system.weights, st.speed, 0.0)
             if k == 0:
                 size = h * part
             else:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine import method
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.algebra.interpolation import interpolate_step
@@ -32,19 +33,7 @@ from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import powers, residual, walk
-from flexmb.engine.method import (
-    AGE,
-    CONTRACTION,
-    FACTOR_STEP,
-    FACTORISATIONS,
-    FINE,
-    FIXED_PIVOTS,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    RESIDUALS,
-    SYMMETRIC,
-    Method,
-)
+from flexmb.engine.method import Method
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
@@ -122,34 +111,37 @@ def step(run: Run, radau: Radau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`."""
     memory = run.state.memory
     _predict(run, radau, h)
-    if abs(memory[FACTOR_STEP] - h) > _SAME_STEP * h or memory[CONTRACTION] > _RENEW_ABOVE:
-        memory[AGE] = -1.0
+    if (
+        abs(memory[method.FACTOR_STEP] - h) > _SAME_STEP * h
+        or memory[method.CONTRACTION] > _RENEW_ABOVE
+    ):
+        memory[method.AGE] = -1.0
     allowed, floor = _allowed(run, h), last_places(run)
     last = 0.0
     for _ in range(run.settings.max_iterations):
-        if memory[AGE] < 0.0:
+        if memory[method.AGE] < 0.0:
             status = _evaluate_stage(run, radau, h, 1)
-            if status != FINE:
+            if status != method.FINE:
                 return status
             _factorise(run, radau, h)
             last = 0.0  # a contraction is measured between corrections by one factor
         for i in range(_STAGES):
             status = _evaluate_stage(run, radau, h, i)
-            if status != FINE:
+            if status != method.FINE:
                 return status
         size, moved = _correct(run, radau, h)
         if not math.isfinite(size):
-            return NOT_FINITE
+            return method.NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if last > 0.0 and not noise:
-            memory[CONTRACTION] = size / last
+            memory[method.CONTRACTION] = size / last
             if size > allowed and give_up(memory, size / last):
-                return NO_CONVERGENCE
+                return method.NO_CONVERGENCE
         last = size
-        theta = min(memory[CONTRACTION], 0.99)
+        theta = min(memory[method.CONTRACTION], 0.99)
         if noise or moved <= floor or theta / (1.0 - theta) * size <= allowed:
             return _finish(run, radau, h)
-    return NO_CONVERGENCE
+    return method.NO_CONVERGENCE
 
 
 @kernel
@@ -210,7 +202,7 @@ def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     rate = radau.inverse[i]
     for k in range(nv):
         col.a[i, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
-    return FINE
+    return method.FINE
 
 
 @kernel
@@ -231,7 +223,7 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     copy(col.a[i], tr.vd)
     copy(col.lam[i], tr.lam)
     tr.t[0] = st.t[0] + radau.c[i] * h
-    st.count[RESIDUALS] += 1
+    st.count[method.RESIDUALS] += 1
     status = residual(run, run.trial_point)
     copy(tr.res, col.res[i])
     copy(run.work.con.C, col.gap[i])
@@ -248,7 +240,7 @@ def _factorise(run: Run, radau: Radau, h: float) -> int:
     pair, memory = col.pair, run.state.memory
     n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
     x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
-    fac.symmetric[0] = int(memory[SYMMETRIC])
+    fac.symmetric[0] = int(memory[method.SYMMETRIC])
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
     put_matrix(run, at, 0.0, 0.0)
@@ -263,7 +255,7 @@ def _factorise(run: Run, radau: Radau, h: float) -> int:
     keep_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
     _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[FIXED_PIVOTS] += ldl.factor(kkt, fac)
+    run.state.count[method.FIXED_PIVOTS] += ldl.factor(kkt, fac)
     real = col.real
     copy(fac.low, real.low)
     copy(fac.up, real.up)
@@ -271,9 +263,9 @@ def _factorise(run: Run, radau: Radau, h: float) -> int:
     copy(fac.eps, real.eps)
     real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
     ldl.factor_complex(kkt, pair)
-    run.state.count[FACTORISATIONS] += 2
-    memory[AGE], memory[CONTRACTION], memory[FACTOR_STEP] = 0.0, 1.0, h
-    return FINE
+    run.state.count[method.FACTORISATIONS] += 2
+    memory[method.AGE], memory[method.CONTRACTION], memory[method.FACTOR_STEP] = 0.0, 1.0, h
+    return method.FINE
 
 
 @kernel
@@ -321,8 +313,8 @@ def _correct(run, radau, h):
     for i in range(_STAGES):
         moved = max(moved, weighted_size(col.change[i], weights))
         if run.settings.step == 0.0:
-            size = max(size, scaled_size(col.change[i], weights, st.motion))
-            size = max(size, scaled_size(col.change[i], weights, st.speed) / h)
+            size = max(size, scaled_size(col.change[i], weights, st.motion, 0.0))
+            size = max(size, scaled_size(col.change[i], weights, st.speed, 0.0) / h)
     if run.settings.step > 0.0:
         size = moved
     return size, moved
@@ -347,11 +339,13 @@ def _finish(run, radau, h):
     )  # fmt: skip
     if run.settings.step == 0.0:
         _estimate_error(run, radau, h)
-    if memory[AGE] >= 0.0:  # else a renewal is due
-        memory[AGE] += 1.0
-    measured = memory[CONTRACTION] if memory[CONTRACTION] < 1.0 else 0.0
+    if memory[method.AGE] >= 0.0:  # else a renewal is due
+        memory[method.AGE] += 1.0
+    measured = memory[method.CONTRACTION] if memory[method.CONTRACTION] < 1.0 else 0.0
     # the matrix changes by about as much as the model moves relative to its size, or turns
-    memory[CONTRACTION] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
+    memory[method.CONTRACTION] = min(
+        0.99, measured + weighted_size(col.u[last], run.system.weights)
+    )
     for i in range(_STAGES):  # with the last correction
         _put_stage(run, radau, h, i)
     tr.t[0] = st.t[0] + h
@@ -360,7 +354,7 @@ def _finish(run, radau, h):
     copy(col.a[last], tr.vd)
     copy(col.lam[last], tr.lam)
     col.span[0], col.span[1] = st.t[0], h
-    st.count[FACTORISATIONS] += 1
+    st.count[method.FACTORISATIONS] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
     status = accelerations(run, run.trial_point, cp, VELOCITIES)
     copy(tr.vd, tr.aa)
@@ -397,19 +391,8 @@ def _estimate_error(run, radau, h):
         tr.dq[k] = col.real.sol[kkt.place[k]]
         raw[k] = (tr.dq[k] - raw[k]) / c
     noise = _UNTOLD * last_places(run)
-    tr.error[0] = _beyond_noise(tr.dq, run.system.weights, st.motion, noise)
-    tr.error[1] = _beyond_noise(raw, run.system.weights, st.speed, noise / c)
-
-
-@kernel
-def _beyond_noise(x, weights, scale, noise):
-    """Largest part of weighted |x_i| above the noise, over its scale; NaN counts as largest."""
-    size = 0.0
-    for i in range(x.shape[0]):
-        s = (abs(x[i]) * weights[i] - noise) / scale[i]
-        if not s <= size:
-            size = s
-    return size
+    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
+    tr.error[1] = scaled_size(raw, run.system.weights, st.speed, noise / c)
 
 
 @unit

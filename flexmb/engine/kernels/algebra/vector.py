@@ -63,11 +63,11 @@ def weighted_size(x, weights):
 
 
 @kernel
-def scaled_size(x, weights, scale):
-    """Largest |x_i| weight_i / scale_i; NaN counts as largest."""
+def scaled_size(x, weights, scale, noise):
+    """Largest part of weighted |x_i| above the noise, over its scale; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
-        s = abs(x[i]) * weights[i] / scale[i]
+        s = (abs(x[i]) * weights[i] - noise) / scale[i]
         if not s <= size:
             size = s
     return size
