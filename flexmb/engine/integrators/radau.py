@@ -77,7 +77,7 @@ def make_method(spec: DynamicsSpec) -> Method:
 
 def radau_5() -> Method:
     """Radau IIA of order 5."""
-    s = math.sqrt(6.0)
+    s = 6.0**0.5
     A = np.array(
         [
             [(88 - 7 * s) / 360, (296 - 169 * s) / 1800, (-2 + 3 * s) / 225],
