@@ -66,6 +66,8 @@ _REST = 10.0
 _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest motion in the model.
 _LEAST_SHARE = 1e-3
+# That of its modes as this share at least of its own: a sensor sees both.
+_FLEXIBLE_SHARE = 0.05
 
 
 @kernel
@@ -249,6 +251,8 @@ def follow_motion(run: Run) -> int:
         _raise(st, iv + 3, 3, turn, rate)
         memory[TURNING] = max(memory[TURNING], rate)
         _follow(st, w, iq + 7, iv + 6, m)
+        moved, fast = max(st.motion[iv], st.motion[iv + 3]), max(st.speed[iv], st.speed[iv + 3])
+        _raise(st, iv + 6, m, _FLEXIBLE_SHARE * moved, _FLEXIBLE_SHARE * fast)
     for k in range(coordinates.shape[0]):
         _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0
