@@ -62,8 +62,15 @@ def known():
     return one, until
 
 
-@pytest.mark.parametrize("knobs", [{}, {"method": "explicit-rk", "order": 5}, {"method": "radau"}],
-                         ids=["auto", "order 5", "radau"])  # fmt: skip
+@pytest.mark.parametrize(
+    "knobs",
+    [
+        {"method": "auto"},
+        pytest.param({"method": "explicit-rk", "order": 5}, marks=pytest.mark.slow),
+        pytest.param({"method": "radau"}, marks=pytest.mark.slow),
+    ],
+    ids=["auto", "order 5", "radau"],
+)
 def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, knobs):
     truth, until = known
     accuracy = 1e-6
