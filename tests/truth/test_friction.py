@@ -57,6 +57,23 @@ def test_block_that_stays_does_not_creep(made):
     assert np.ptp(late) < 1e-5 * late[-1]
 
 
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+@pytest.mark.parametrize("method", ["auto", "generalized-alpha", "explicit-rk"])
+def test_the_accuracy_asked_for_is_reached_where_points_begin_to_touch(method, accuracy):
+    """No method keeps its order at kinks: the run must not think better of itself than it is."""
+    a = 0.4
+    pull = [G * math.sin(a), 0, -G * math.cos(a)]
+    knobs = {"duration": 2.0, "outputs": 40}
+    tight = {"accuracy": 1e-9, "method": "explicit-rk", "verify": False}
+    made = on_points(pull, {"dynamic": 0.8, **BRISTLE})
+    truth = run(made, **tight, **knobs).sensors
+    found = run(made, accuracy=accuracy, method=method, **knobs)
+    error = np.abs(found.sensors - truth).max() / np.ptp(truth, axis=0).max()
+    said = found.statistics["measured_error_of_positions"]
+    assert error < 3 * said, (error / accuracy, said / accuracy)
+    assert error < 2 * accuracy, (error / accuracy, said / accuracy)
+
+
 @pytest.mark.parametrize("made", [slider, on_points])
 def test_block_that_slides(made):
     """g (sin a − μ cos a)."""
