@@ -237,10 +237,30 @@ def test_iftomm_bricard():
     np.testing.assert_allclose(extrapolated(*points), wanted, rtol=0, atol=3e-8)
 
 
-def test_iftomm_bricard_to_the_accuracy_asked_for():
+BRICARD = {"duration": 10.0, "outputs": 100}
+
+
+@pytest.fixture(scope="module")
+def exact_bricard():
+    """A run that is on all points of the table to 1e-12 m."""
     times, wanted = bricard_truth()
     made = bricard(reference("mechanisms", "iftomm_A04_bricard")["params"])
-    for accuracy in (1e-3, 1e-5):
-        found = run(made, duration=10.0, outputs=20, accuracy=accuracy)
-        error = np.abs(found.sensors[found.at(times)] - wanted) / np.ptp(wanted, axis=0).max()
-        assert 0.1 * accuracy < error.max() < 10 * accuracy
+    found = run(made, accuracy=1e-12, method="explicit-rk", verify=False, **BRICARD)
+    np.testing.assert_allclose(found.sensors[found.at(times)], wanted, rtol=0, atol=1e-12)
+    return made, found.sensors
+
+
+@pytest.mark.parametrize(
+    "knobs",
+    [{}, {"method": "explicit-rk", "order": 5}, {"method": "radau"}],
+    ids=["auto", "order 5", "radau"],
+)
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5, 1e-7])
+def test_iftomm_bricard_to_the_accuracy_asked_for(exact_bricard, knobs, accuracy):
+    made, wanted = exact_bricard
+    found = run(made, accuracy=accuracy, **BRICARD, **knobs)
+    names = [channel.rpartition(".")[0] for channel in found.layout.channels]
+    spans = {name: np.ptp(wanted, axis=0)[[n == name for n in names]].max() for name in names}
+    error = (np.abs(found.sensors - wanted).max(axis=0) / [spans[name] for name in names]).max()
+    assert error < 2 * accuracy
+    assert error < 3 * found.statistics["measured_error_of_positions"]

@@ -119,3 +119,17 @@ def test_with_error_control_the_tight_runs_ask_for_more_accuracy() -> None:
     tighter, other = found.next_runs([reading(1e-5)], 1.0)
     assert tighter.changes["dynamics.accuracy"] == 1e-7
     assert other.changes["dynamics.method"] == "explicit-rk"
+
+
+@pytest.mark.parametrize(
+    "numbers", [{"step": 0.02}, {"accuracy": 1e-5}, {"accuracy": 1e-5, "method": "explicit-rk"}]
+)
+def test_no_tight_run_leaves_its_method_open(numbers: dict[str, float]) -> None:
+    """One that confirms another is by another method for certain."""
+    found = Search([Setting({}, dynamics={"method": "auto", **numbers})])
+    seen = []
+    while runs := found.next_runs([reading(1e-12)], 0.0):
+        for tight in runs:
+            seen.append(tight.changes["dynamics.method"])
+            found.take(tight, reading(0.1**tight.stage), {"seconds": [0.1]})
+    assert "auto" not in seen and len(set(seen)) == 2

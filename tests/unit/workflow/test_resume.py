@@ -67,7 +67,7 @@ def stopped(scene: Path, folder: Path, chunk: int = 4, **overrides: str) -> Resu
     ("knobs", "steps"),
     [
         ({"step": "turn/2000"}, 170),
-        ({"accuracy": "1e-7", "duration": "turn/2", "outputs": "100"}, 7),
+        ({"accuracy": "1e-3", "duration": "turn/2", "outputs": "100"}, 16 * 9),
     ],
     ids=["fixed steps", "error control"],
 )
@@ -85,8 +85,8 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(
     done = flexmb.resume(again)
     assert done.status == "finished"
     assert_same_bytes(done.path, whole.path)
-    for name in ("steps", "newton_iterations", "largest_velocity_drift", "energy_balance_error"):
-        assert done.statistics[name] == whole.statistics[name], name
+    for name, value in whole.statistics.items():
+        assert name.startswith("seconds") or done.statistics[name] == value, name
 
 
 def test_a_finished_run_is_extended(scene: Path, tmp_path: Path) -> None:

@@ -1,0 +1,212 @@
+"""The measured error: spans of sensors, what is judged, its growth in time, what is kept of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexmb.analysis.dynamics import measured_error as module
+from flexmb.analysis.dynamics.measured_error import MeasuredError
+from flexmb.engine.compile import compile_system
+from flexmb.model import Model
+from flexmb.results import OutputBlock
+
+RATIO = 33.0  # of the errors of both runs: 1/32 of their difference is left
+
+
+def model(*sensors):
+    """Two bodies on hinges, with sensors (name, type, what)."""
+    made = Model("two")
+    for name in ("a", "b"):
+        made.add_body(name, mass=1, inertia=[1, 1, 1])
+        made.add_joint(f"hinge_{name}", "revolute", between=["ground", name], axis="z")
+    for name, kind, of in sensors:
+        made.add_sensor(name, kind, **({"joint": of} if kind == "angle" else {"of": of}))
+    return made
+
+
+BOTH = (("left", "position", "a"), ("right", "position", "b"))
+
+
+class Rows:
+    """Rows of a run of a model: all zero but what is set."""
+
+    def __init__(self, made, t):
+        self.layout = compile_system(made).layout
+        n, layout = len(t), self.layout
+        widths = (layout.nq, layout.nv, layout.nv, layout.nc, 12 * len(layout.reactions),
+                  len(layout.channels), 7, 2)  # fmt: skip
+        self.block = OutputBlock(np.array(t), *(np.zeros((n, width)) for width in widths))
+
+    def set(self, channel, values):
+        self.block.sensors[:, self.layout.channels.index(channel)] = values
+        return self
+
+
+def fed(made, coarse, fine, chunks=1):
+    """The measured error of two runs, in so many chunks."""
+    error = MeasuredError(fine.layout, made)
+    n = len(fine.block.t)
+    ends = np.linspace(0, n, chunks + 1).astype(int)
+    for start, end in zip(ends[:-1], ends[1:], strict=True):
+        error.add(coarse.block.part(start, end), fine.block.part(start, end))
+    return error
+
+
+def runs(made, t, **apart):
+    """(coarse, fine): each channel a ramp of 2 m but that it is as much apart as told."""
+    names = {name.replace("_", "."): values for name, values in apart.items()}
+    fine, coarse = Rows(made, t), Rows(made, t)
+    for name, values in names.items():
+        ramp = 2.0 * np.array(t) / t[-1]
+        fine.set(name, ramp)
+        coarse.set(name, ramp + values)
+    return coarse, fine
+
+
+T = np.linspace(0.0, 10.0, 101)
+
+
+@pytest.mark.parametrize("chunks", [1, 7, 101])
+def test_the_error_is_the_difference_over_the_ratio_less_one_and_the_span(chunks):
+    made = model(*BOTH)
+    coarse, fine = runs(made, T, left_x=1e-3 * np.sin(T), right_y=-2e-3 * (T == 4.0))
+    worst = fed(made, coarse, fine, chunks).largest(RATIO)["positions"]
+    assert (worst.name, worst.time) == ("right", 4.0)
+    assert worst.error == pytest.approx(2e-3 / 32 / 2.0, rel=1e-12)
+
+
+def test_the_span_of_a_sensor_is_that_of_its_largest_component():
+    """A component that hardly moves is judged by the one that does."""
+    made = model(*BOTH)
+    coarse, fine = runs(made, T, left_x=0.0 * T, right_x=0.0 * T)
+    fine.set("left.y", 1e-7 * np.sin(T))
+    coarse.set("left.y", 1e-7 * np.sin(T) + 1e-4)
+    worst = fed(made, coarse, fine).largest(RATIO)["positions"]
+    assert worst.name == "left"
+    assert worst.error == pytest.approx(1e-4 / 32 / 2.0)
+
+
+def test_a_sensor_of_small_motion_counts_by_its_own_span():
+    """0.2 mm beside 2 m; not what is at rest but for round-off."""
+    made = model(*BOTH)
+    coarse, fine = runs(made, T, left_x=1e-6 * (T > 5))
+    fine.set("right.x", 1e-4 * np.sin(T))
+    coarse.set("right.x", 1e-4 * np.sin(T) + 1e-7 * (T > 7))
+    worst = fed(made, coarse, fine).largest(RATIO)["positions"]
+    assert worst.name == "right"
+    assert worst.error == pytest.approx(1e-7 / 32 / np.ptp(1e-4 * np.sin(T)))
+    at_rest = runs(made, T, left_x=1e-6 * (T > 5))
+    at_rest[1].set("right.x", 1e-11 * (T > 5))
+    at_rest[0].set("right.x", 9e-11 * (T > 7))
+    assert fed(made, *at_rest).largest(RATIO)["positions"].name == "left"
+
+
+def test_angles_are_no_lengths():
+    """An angle that moves by 1e-10 rad is at rest beside another angle, not beside a length."""
+    made = model(("left", "position", "a"), ("turn", "angle", "hinge_b"))
+    coarse, fine = runs(made, T, left_x=1e-9 * T)
+    fine.set("turn", 1e-10 * T)
+    coarse.set("turn", 1.1e-10 * T)
+    worst = fed(made, coarse, fine).largest(RATIO)["positions"]
+    assert worst.name == "turn"
+    assert worst.error == pytest.approx(0.1 / 32)
+
+
+def test_bodies_are_judged_where_nothing_is_sensed():
+    made = model()
+    coarse, fine = Rows(made, T), Rows(made, T)
+    layout = fine.layout
+    b = layout.bodies[1]
+    fine.block.q[:, b.iq] = T
+    coarse.block.q[:, b.iq] = T + 1e-3
+    fine.block.v[:, b.iv + 1] = np.cos(T)
+    coarse.block.v[:, b.iv + 1] = np.cos(T) + 1e-2
+    at = 12 * layout.reactions.index("joints.hinge_b")
+    fine.block.reactions[:, at + 2] = 5 * np.sin(T)
+    coarse.block.reactions[:, at + 2] = 5 * np.sin(T) + 0.3
+    found = fed(made, coarse, fine).largest(RATIO)
+    assert {name: one.name for name, one in found.items()} == {
+        "positions": "bodies.b", "velocities": "bodies.b", "reactions": "joints.hinge_b",
+    }  # fmt: skip
+    assert found["positions"].error == pytest.approx(1e-3 / 32 / 10)
+    assert found["velocities"].error == pytest.approx(1e-2 / 32 / np.ptp(np.cos(T)))
+    assert found["reactions"].error == pytest.approx(0.3 / 32 / np.ptp(5 * np.sin(T)))
+
+
+def test_nothing_that_moves_has_no_error():
+    made = model(*BOTH)
+    found = fed(made, Rows(made, T), Rows(made, T)).largest(RATIO)
+    assert all(one.error == 0.0 for one in found.values())
+    assert np.isfinite(fed(made, *runs(made, T, left_x=1e-3 * T)).largest(1.0)["positions"].error)
+
+
+@pytest.mark.parametrize("n", [51, 255, 256, 257, 512, 513, 1000, 5001])
+@pytest.mark.parametrize("chunks", [1, 13])
+def test_it_is_told_until_when_the_accuracy_holds(n, chunks):
+    """Errors grow by e every second: the time by hand, within two of the times that are kept."""
+    made, t = model(*BOTH), np.linspace(0.0, 10.0, n)
+    error = fed(made, *runs(made, t, right_x=1e-6 * np.exp(t), left_x=1e-9 * t), chunks)
+    for accuracy in (1e-6, 1e-5):
+        wanted = np.log(accuracy * 32 * 2.0 / 1e-6)
+        found = error.reached_until(RATIO, accuracy)
+        assert 0.0 <= found - wanted < 2 * 10.0 / min(n - 1, 128)
+    assert error.reached_until(RATIO, 1e-2) == np.inf
+
+
+@pytest.mark.parametrize("n", [51, 256, 257, 514, 1000, 1023, 5001])
+def test_what_is_missed_in_the_last_row_only_is_told(n):
+    made, t = model(*BOTH), np.linspace(0.0, 10.0, n)
+    error = fed(made, *runs(made, t, right_x=1e-3 * (t == t[-1])))
+    assert error.largest(RATIO)["positions"].time == 10.0
+    assert error.reached_until(RATIO, 1e-6) <= 10.0
+
+
+def test_a_sensor_at_rest_holds_no_accuracy_up():
+    made = model(*BOTH)
+    coarse, fine = runs(made, T, right_x=0.0 * T)
+    coarse.set("left.x", 1e-12 * T)
+    assert fed(made, coarse, fine).reached_until(RATIO, 1e-9) == np.inf
+
+
+@pytest.mark.parametrize("n", [40, 300, 1500])
+def test_it_goes_on_from_its_arrays(n):
+    """As one that was fed everything, to the bit; the arrays are those that it fills."""
+    made, t = model(*BOTH), np.linspace(0.0, 10.0, n)
+    coarse, fine = runs(made, t, right_x=1e-6 * np.exp(t), left_x=1e-5 * np.sin(t))
+    whole, half = fed(made, coarse, fine), n // 2 + 3
+    first = fed(made, *(Cut(one, 0, half) for one in (coarse, fine)))
+    again = MeasuredError(fine.layout, made)
+    for name, array in again.arrays().items():
+        array[...] = first.arrays()[name].copy()
+    again.add(coarse.block.part(half, n), fine.block.part(half, n))
+    for name, array in again.arrays().items():
+        assert array.tobytes() == whole.arrays()[name].tobytes(), name
+    assert again.largest(RATIO) == whole.largest(RATIO)
+    assert again.reached_until(RATIO, 1e-6) == whole.reached_until(RATIO, 1e-6)
+
+
+class Cut:
+    """Some rows of a run."""
+
+    def __init__(self, rows, start, end):
+        self.layout, self.block = rows.layout, rows.block.part(start, end)
+
+
+def test_no_more_samples_of_the_growth_are_kept_than_there_is_room_for():
+    made, t = model(*BOTH), np.linspace(0.0, 10.0, 4321)
+    growth = fed(made, *runs(made, t, right_x=1e-3 * t)).arrays()["error_growth"]
+    kept = growth[np.isfinite(growth[:, 0])]
+    assert module._SAMPLES // 2 <= len(kept) <= module._SAMPLES
+    np.testing.assert_allclose(np.diff(kept[:, 0]), kept[1, 0] - kept[0, 0])
+    assert (np.diff(kept[:, 1:], axis=0) >= 0.0).all()
+
+
+def test_no_rows_change_nothing():
+    made = model(*BOTH)
+    coarse, fine = runs(made, T, left_x=1e-3 * T)
+    error = fed(made, coarse, fine)
+    before = {name: array.copy() for name, array in error.arrays().items()}
+    error.add(coarse.block.part(0, 0), fine.block.part(0, 0))
+    for name, array in error.arrays().items():
+        assert array.tobytes() == before[name].tobytes(), name

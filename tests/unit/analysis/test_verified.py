@@ -1,0 +1,157 @@
+"""Runs that measure their own error: what they do about it, and what they say where it is large."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from truthkit import Memory
+
+from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.engine.compile import compile_system
+from flexmb.model import Model
+
+
+def links(n, angle="0 deg", **second):
+    """Links of 1 m hung in a row, let go from rest but for the second one."""
+    made = Model("links", gravity=[0, -9.81, 0])
+    turned = np.deg2rad(float(angle.split()[0]))
+    for k in range(n):
+        made.add_body(
+            f"b{k}", mass=1, center=[0.5, 0, 0], inertia=[0.01, 0.1, 0.1],
+            position=[k * np.cos(turned), k * np.sin(turned), 0],
+            orientation={"axis": "z", "angle": angle}, **(second if k == 1 else {}),
+        )  # fmt: skip
+        made.add_marker(f"b{k}.end", position=[1, 0, 0])
+        ends = [f"b{k - 1}.end" if k else "ground", f"b{k}"]
+        made.add_joint(f"j{k}", "revolute", between=ends, axis="z")
+    return made
+
+
+def high():
+    """A double pendulum upside down, its second link thrown: soon nobody knows where it is."""
+    made = links(2, "90 deg", angular_velocity=[0, 0, 1.0])
+    made.add_sensor("end", "position", of="b1.end")
+    return made
+
+
+def simulated(made, **knobs):
+    """Outcome and rows of a run, as `dynamics` gives them."""
+    made.set_dynamics(**knobs)
+    sink = Memory()
+    compiled = compile_system(made)
+    outcome = dynamics(compiled, made, sink)
+    t, _, v, *_, sensors, _, _ = sink.tables()
+    return outcome, t, sensors, v
+
+
+LONG = {"duration": 60.0, "outputs": 600}
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Sensors of the thrown pendulum, and the time until which two tight runs agree to 1e-8."""
+    tight = {"verify": False, "method": "explicit-rk"}
+    (_, t, one, _), (_, _, other, _) = (
+        simulated(high(), accuracy=accuracy, **tight, **LONG) for accuracy in (1e-12, 2e-12)
+    )
+    apart = np.abs(one - other).max(axis=1)
+    until = t[np.flatnonzero(apart > 1e-8)[0]]
+    assert 10.0 < until < 30.0 and apart.max() > 1.0
+    return one, until
+
+
+@pytest.mark.parametrize(
+    "knobs",
+    [
+        {"method": "auto"},
+        pytest.param({"method": "explicit-rk", "order": 5}, marks=pytest.mark.slow),
+        pytest.param({"method": "radau"}, marks=pytest.mark.slow),
+    ],
+    ids=["auto", "order 5", "radau"],
+)
+def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, knobs):
+    truth, until = known
+    accuracy = 1e-6
+    outcome, t, sensors, _ = simulated(high(), accuracy=accuracy, **knobs, **LONG)
+    assert outcome.status == "finished"
+    assert outcome.statistics["passes"] == 3
+    (note,) = [note for note in outcome.notes if note.startswith("accuracy 1e-06 was asked for")]
+    assert "sensor end" in note and "multiplies small errors" in note
+    told = float(re.search(r"holds until t = ([\d.]+) s", note)[1])
+    error = np.abs(sensors - truth).max(axis=1) / np.ptp(truth, axis=0).max()
+    # as far as the truth is known, and not much less
+    assert error[t < min(told, until)].max() < 2 * accuracy
+    lost = t[np.flatnonzero(error > accuracy)[0]]
+    assert 0.5 * lost < told < lost + 1.0
+
+
+def test_the_error_of_a_chaotic_motion_is_not_told_smaller_than_it_is(known):
+    """In the end both runs are anywhere, so that what they differ by is no multiple of an error."""
+    outcome, *_ = simulated(high(), accuracy=1e-6, **LONG)
+    assert outcome.statistics["measured_error_of_positions"] > 0.1
+
+
+def test_a_pass_that_fails_leaves_the_one_before():
+    """Less accurate than asked for, and told, but a motion from the first row to the last."""
+    knobs = {"accuracy": 1e-3, "method": "generalized-alpha"}
+    outcome, t, *_ = simulated(high(), **knobs, **LONG)
+    assert outcome.status == "finished", outcome.message
+    assert len(t) == 601
+    assert any("was asked for" in note for note in outcome.notes)
+
+
+def test_a_short_run_says_nothing():
+    outcome, *_ = simulated(high(), accuracy=1e-6, duration=2.0, outputs=50)
+    assert outcome.notes == ()
+    assert outcome.statistics["measured_error_of_positions"] < 1.2e-6
+
+
+def test_steps_of_fixed_length_and_runs_alone_measure_nothing():
+    for knobs in ({"step": 1e-2}, {"accuracy": 1e-4, "verify": False}):
+        statistics = simulated(high(), duration=1.0, outputs=10, **knobs)[0].statistics
+        assert not [name for name in statistics if "measured" in name or name == "passes"]
+
+
+def test_what_is_measured_is_named():
+    made = high()
+    made.add_sensor("speed", "velocity", of="b1.end")
+    found = simulated(made, accuracy=1e-5, duration=3.0, outputs=50)[0].statistics
+    assert re.fullmatch(r"end at t = \S+ s", found["worst_of_positions"])
+    assert re.fullmatch(r"speed at t = \S+ s", found["worst_of_velocities"])
+    assert re.fullmatch(r"joints.j[01] at t = \S+ s", found["worst_of_reactions"])
+    for quantity in ("positions", "velocities", "reactions"):
+        assert 0.0 < found[f"measured_error_of_{quantity}"] < 1e-4
+    assert 0 < found["scout_steps"] < found["steps"]
+
+
+def pivot_only():
+    made = links(1)
+    made.add_sensor("pivot", "position", of="b0")
+    return made
+
+
+@pytest.mark.parametrize("made", [pivot_only, lambda: links(1)], ids=["sensor", "body"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_what_is_at_rest_but_for_round_off_has_no_error(made, accuracy):
+    """The only point that is looked at is the pivot of a pendulum."""
+    outcome, *_ = simulated(made(), accuracy=accuracy, duration=3.0, outputs=100)
+    assert outcome.statistics["passes"] == 1
+    assert outcome.statistics["measured_error_of_positions"] < accuracy
+    assert outcome.statistics["measured_error_of_velocities"] < 1e-2 * accuracy**0.5
+    assert outcome.notes == ()
+
+
+def test_turning_counts_where_nothing_is_sensed():
+    """A body that turns about its frame: its orientation is a position."""
+    made = Model("turning")
+    made.add_body("b", mass=1, inertia=[1, 2, 2.8], angular_velocity=[0.1, 3, 0.1])
+    knobs = {"duration": 20.0, "outputs": 50}
+    _, _, _, truth = simulated(made, accuracy=1e-12, verify=False, method="explicit-rk", **knobs)
+    for accuracy in (1e-3, 1e-5):
+        outcome, _, _, found = simulated(made, accuracy=accuracy, method="generalized-alpha",
+                                         **knobs)  # fmt: skip
+        error = np.abs(found - truth)[:, 3:].max() / np.ptp(truth, axis=0)[3:].max()
+        assert 0.0 < outcome.statistics["measured_error_of_positions"] < 2 * accuracy
+        assert error < 20 * accuracy

@@ -1,0 +1,137 @@
+"""Going on with runs under error control: the scout and repeated passes lose nothing either."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexmb
+from flexmb.analysis.dynamics import run as module
+from flexmb.results import Result, ResultWriter
+from flexmb.results.schema import TABLES
+
+pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
+
+
+def driven() -> flexmb.Model:
+    """A pendulum turned to and fro, whose errors are larger than a first pass expects."""
+    made = flexmb.Model("driven", gravity=[0, -9.81, 0])
+    made.add_body("b", mass=1, center=[0.5, 0, 0], inertia=[0.01, 0.1, 0.1])
+    made.add_marker("b.end", position=[1, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "b"], axis="z")
+    made.add_force("twist", "torque", at="b", value=[0, 0, "6*sin(3*t)"])
+    made.add_sensor("end", "position", of="b.end")
+    made.set_dynamics(duration=10.0, outputs=60, accuracy=1e-6)
+    return made
+
+
+class Interrupt:
+    """Progress that presses Ctrl-C after a chunk of a pass, and knows the passes."""
+
+    def __init__(self, at: tuple[int, int] = (0, 0)) -> None:
+        self.at, self.passes, self.chunk, self.share = at, 1, 0, 0.0
+
+    def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
+        if phase != "integrate":
+            return
+        if fraction < self.share:
+            self.passes, self.chunk = self.passes + 1, 0
+        self.share, self.chunk = fraction, self.chunk + 1
+        if (self.passes, self.chunk) == self.at:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(autouse=True)
+def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_CHUNK_WORK", 6 * 16 * 9)
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Result:
+    seen = Interrupt()
+    result = flexmb.simulate(driven(), output=tmp_path / "whole", progress=seen)
+    assert result.statistics["passes"] == seen.passes == 2 and seen.chunk > 5
+    return result
+
+
+def assert_same(done: Result, whole: Result) -> None:
+    """Tables, the newest state and statistics but for the seconds."""
+    assert done.status == "finished"
+    for name in TABLES:
+        assert done.table(name).tobytes() == whole.table(name).tobytes(), name
+    (rows, state), (wanted, states) = done.last_state(), whole.last_state()
+    assert rows == wanted and state.keys() == states.keys()
+    for name, array in states.items():
+        assert state[name].tobytes() == array.tobytes(), name
+    for name, value in whole.statistics.items():
+        assert name.startswith("seconds") or done.statistics[name] == value, name
+
+
+@pytest.mark.parametrize("at", [(1, 1), (1, 4), (2, 1), (2, 5)])
+def test_a_stopped_pass_goes_on_to_the_same_bytes(
+    tmp_path: Path, whole: Result, at: tuple[int, int]
+) -> None:
+    part = flexmb.simulate(driven(), output=tmp_path / "part", progress=Interrupt(at))
+    rows = len(part.time)
+    assert part.status == "stopped" and rows < len(whole.time)
+    assert part.statistics["passes"] == at[0]
+    again = flexmb.resume(part, progress=Interrupt((1, 2)))
+    assert again.status == "stopped" and rows < len(again.time)
+    assert_same(flexmb.resume(again), whole)
+
+
+def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
+    tmp_path: Path, whole: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What lies on the disk before and after every call of the writer is what a kill leaves."""
+    left: list[tuple[str, Path]] = []
+
+    def watched(name: str) -> None:
+        method = getattr(ResultWriter, name)
+
+        def call(self: ResultWriter, *words: object) -> None:
+            keep(f"before {name}")
+            method(self, *words)
+            keep(f"after {name}")
+
+        monkeypatch.setattr(ResultWriter, name, call)
+
+    def keep(moment: str) -> None:
+        folder = tmp_path / f"left{len(left)}"
+        shutil.copytree(tmp_path / "run", folder)
+        left.append((moment, folder))
+
+    with monkeypatch.context():
+        for name in ("append", "save_state", "restart"):
+            watched(name)
+        flexmb.simulate(driven(), output=tmp_path / "run")
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "_CHUNK_WORK", 6 * 16 * 9)
+    began = [moment for moment, _ in left].index("after save_state")
+    restart = [moment for moment, _ in left].index("before restart")
+    chosen = [*range(began, restart - 4, 7), *range(restart - 4, restart + 6), len(left) - 1]
+    for k in chosen:
+        _, folder = left[k]
+        assert Result(folder).status == "running"
+        assert_same(flexmb.resume(folder), whole)
+
+
+def test_a_finished_run_is_extended_as_accurately(tmp_path: Path, whole: Result) -> None:
+    """Chunks are others, so not to the bit."""
+    model = driven()
+    model.set_dynamics(duration=5.0, outputs=30, accuracy=1e-6)
+    short = flexmb.simulate(model, output=tmp_path / "short")
+    done = flexmb.resume(short, duration=10.0)
+    model.set_dynamics(
+        duration=10.0, outputs=60, accuracy=1e-12, verify=False, method="explicit-rk"
+    )
+    truth = flexmb.simulate(model, output=tmp_path / "truth")
+    names = ["end.x", "end.y"]
+    for result in (done, whole):
+        error = max(np.abs(result[name] - truth[name]).max() for name in names)
+        error /= max(np.ptp(truth[name]) for name in names)
+        assert error < 2e-6
+        assert 1 / 3 < result.statistics["measured_error_of_positions"] / error < 3
