@@ -103,7 +103,7 @@ def _least_interval(settings):
 
 
 @kernel
-def proposed(settings, plan, time_events, st, room):
+def proposed(method, settings, plan, time_events, st, room):
     """The step to try; `room` is how many more outputs there is space for."""
     h = st.memory[STEP]
     if settings.step > 0.0:
@@ -112,7 +112,7 @@ def proposed(settings, plan, time_events, st, room):
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[TURNING] > 0.0:
         h = min(h, _TURN / st.memory[TURNING])
-    if settings.determined == 1 and st.memory[SPEED] > 0.0:
+    if settings.determined == 1 and method.order == 2 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]

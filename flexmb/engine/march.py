@@ -8,6 +8,8 @@ with error control they are interpolated inside an accepted step and put back on
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flexmb.engine import control
@@ -66,10 +68,11 @@ def accept_step(run: Run, h: float) -> int:
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
-            if run.method.stages + run.method.collocation > 0:
+            if run.method.stages > 0:
                 st.work_done[k] = tr.work[k]
             else:
-                st.work_done[k] += 0.5 * h * (st.power[k] + run.work.powers[k])
+                st.work_done[k] += _work(st, k, run.work.powers[k], h)
+            st.power_before[k] = st.power[k]
             st.power[k] = run.work.powers[k]
     remember(run, at, st.history)
     if angles:
@@ -92,6 +95,17 @@ def accept_step(run: Run, h: float) -> int:
     return FINE
 
 
+@kernel
+def _work(st, k, power, h):
+    """Work of the step by the parabola of the power over this step and the last one, of order 3."""
+    before, now, last = st.power_before[k], st.power[k], st.memory[LAST_STEP]
+    rise = (power - now) / h
+    if math.isnan(before) or not last > 0.0:
+        return 0.5 * h * (now + power)
+    bend = (rise - (now - before) / last) / (h + last)
+    return h * now + h * h * (0.5 * rise - bend * h / 6.0)
+
+
 @unit
 def advance(run: Run, room: int) -> int:
     """One accepted step of the size that works; or the status of the last one tried."""
@@ -102,7 +116,7 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = control.proposed(settings, run.plan, time_events, st, room)
+        h = control.proposed(run.method, settings, run.plan, time_events, st, room)
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)

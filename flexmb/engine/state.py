@@ -67,6 +67,7 @@ class State(NamedTuple):
     lam_before: Vector  # (nc,) multipliers one step earlier, for the predictor
     work_done: Vector  # (3,) work of drivers, dampers and applied forces so far, J
     power: Vector  # (3,) their power at t, W
+    power_before: Vector  # (3,) one step earlier; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for the motion so far
     motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted
@@ -182,7 +183,6 @@ class Collocation(NamedTuple):
     res: Matrix  # (stages, nv) forces out of balance
     gap: Matrix  # (stages, nc) constraint values
     change: Matrix  # (stages, nv) last correction
-    power: Matrix  # (stages, 3)
     share: Matrix  # (stages, stages) of the stages of the last step in the predicted ones
     span: Vector  # (2,) start and length of the step that the stages are of, s; 0: of none
     real: Factor  # of the real eigenvalue

@@ -10,6 +10,8 @@ repeats it.
 
 from __future__ import annotations
 
+import math
+
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.vector import copy, store
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
@@ -129,6 +131,8 @@ def _restart(run):
     reaction_stage(run, at)
     powers(run, at)
     copy(run.work.powers, st.power)
+    for k in range(3):
+        st.power_before[k] = math.nan
     st.memory[SINCE] = 0.0
     st.memory[JERK_ERROR] = 0.0
     st.memory[CALM] = 0.0

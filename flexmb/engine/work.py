@@ -159,8 +159,8 @@ def new_state(system: System, channels: int = 0) -> State:
     memory[SYMMETRIC] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
-        np.zeros(3), np.zeros(3), np.zeros(channels), q.copy(), np.zeros(nv), np.zeros(nv), memory,
-        np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
+        np.zeros(3), np.zeros(3), _nan(3), np.zeros(channels), q.copy(), np.zeros(nv),
+        np.zeros(nv), memory, np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
     )  # fmt: skip
 
 
@@ -251,7 +251,7 @@ def _new_collocation(system: System, stages: int) -> Collocation:
         np.ones(1, dtype=np.int64),
     )  # fmt: skip
     return Collocation(
-        *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, 3, stages)),
+        *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, stages)),
         np.zeros(2), factor, pair,
     )  # fmt: skip
 

@@ -62,7 +62,7 @@ def dormand_prince_5() -> Method:
     A[:6, :5] = RK45.A
     A[6, :6] = RK45.B
     tableau = Tableau(A, np.array([*RK45.C, 1.0]), 6, 2.5, RK45.E[None, :].copy(), RK45.P.copy())
-    return _method(tableau, order=5, loosest=1e-5)
+    return _method(tableau, order=5, loosest=2e-6)
 
 
 def dormand_prince_8() -> Method:
@@ -75,7 +75,7 @@ def dormand_prince_8() -> Method:
     A[13:] = DOP853.A_EXTRA
     c = np.array([*DOP853.C, 1.0, *DOP853.C_EXTRA])
     tableau = Tableau(A, c, 12, 4.5, np.array([DOP853.E5, DOP853.E3]), _dense_weights(DOP853))
-    return _method(tableau, order=8, loosest=1e-6)
+    return _method(tableau, order=8, loosest=3e-7)
 
 
 def _dense_weights(method: type) -> np.ndarray:

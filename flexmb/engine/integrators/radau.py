@@ -32,7 +32,7 @@ from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
-from flexmb.engine.kernels.stages import powers, residual, walk
+from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import Method
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
@@ -102,7 +102,7 @@ def radau_5() -> Method:
     )  # fmt: skip
     return Method(
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
-        filter=1.0 / gamma**2, keeps_step=1, loosest=1e-4, collocation=_STAGES,
+        filter=1.0 / gamma**2, keeps_step=1, loosest=2e-5, collocation=_STAGES,
     )  # fmt: skip
 
 
@@ -227,9 +227,6 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     status = residual(run, run.trial_point)
     copy(tr.res, col.res[i])
     copy(run.work.con.C, col.gap[i])
-    if run.settings.works == 1:
-        powers(run, run.trial_point)
-        copy(run.work.powers, col.power[i])
     return status
 
 
@@ -358,11 +355,6 @@ def _finish(run, radau, h):
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
     status = accelerations(run, run.trial_point, cp, VELOCITIES)
     copy(tr.vd, tr.aa)
-    if run.settings.works == 1:
-        for k in range(3):
-            tr.work[k] = st.work_done[k]
-            for i in range(_STAGES):
-                tr.work[k] += h * radau.A[last, i] * col.power[i, k]
     return status
 
 
