@@ -39,6 +39,7 @@ def test_steps_end_where_a_stop_begins_and_ends_to_push(force, fields):
     assert outcome.status == "finished", outcome.message
     assert outcome.statistics["events"] == 2
     assert memory.tables()[2][-1, 0] == pytest.approx(-1.0, abs=1e-3)
+    model.set_dynamics(duration=0.2, accuracy=1e-4, outputs=10, verify=False)
     run, times = prepare(made, model).run, []
     while not run.finished:
         assert run.march(1) == FINE
