@@ -46,11 +46,12 @@ def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:
     """First guess of the local error of a step, over the motion, for the accuracy asked for.
 
     n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
-    estimate of the method is of order hᵉ. It is never so large that errors do not fall with the
-    steps as the order says.
+    estimate of the method is of order hᵉ, and so are outputs inside a step where e < p. It is never
+    so large that errors do not fall with the steps as the order says.
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
-    return float(min(_LOCAL * accuracy ** (chosen.error_order / chosen.order), chosen.loosest))
+    power = max(chosen.error_order / chosen.order, 1.0)
+    return float(min(_LOCAL * accuracy**power, chosen.loosest))
 
 
 def refinement(chosen: method.Method) -> float:
