@@ -24,7 +24,7 @@ OWN = {
     "line row": set(),
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
     "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.feedback_tangent"},
-    "time event": FORCES_OF_TIME,
+    "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
     "expression sensor": set(),
     "reaction sensor": set(),
     "planar": {"bodies.planar_body"},
