@@ -55,8 +55,6 @@ _SAFETY = 0.9
 _LEAST, _MOST = 0.2, 5.0
 # Where a change of the step is dear: most that it grows, and what is not worth a change.
 _MOST_KEPT, _KEEP, _SHRINK = 2.0, 1.25, 0.8
-# Largest angle that a body turns in a step, rad.
-_TURN = 1.0
 # Velocities, whose estimate rings after a change of the step, may be off by this many times more
 # before a step is rejected; the next one is shorter anyhow.
 _PATIENCE = 4.0
@@ -111,7 +109,7 @@ def proposed(method, settings, plan, time_events, st, room):
     h = min(h, max(room - 2, 1) * settings.interval)
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[TURNING] > 0.0:
-        h = min(h, _TURN / st.memory[TURNING])
+        h = min(h, settings.turn / st.memory[TURNING])
     if settings.determined == 1 and method.order == 2 and st.memory[SPEED] > 0.0:
         # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
         h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])

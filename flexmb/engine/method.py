@@ -44,6 +44,7 @@ class Settings(NamedTuple):
     tolerance: float  # local error of a step over motion and speed so far, with error control
     accuracy: float  # error over motion in the end, with error control
     slack: float  # times `tolerance`: from which on a step is repeated shorter
+    turn: float  # largest angle that a body turns in a step, rad
     refinement: float  # steps for each step of the plan; 0: the plan is not followed but written
     least_motion: float  # motion over the size of the model below which it counts as at rest
     newton_tolerance: float  # remaining Newton correction over h² v̇; 0: a share of `tolerance`

@@ -12,15 +12,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
-from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.tasks.dynamics import ACCURACY
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
 from flexmb.studies.words import error_text
 
 __all__ = ["Search", "Tight", "Truth"]
 
+_AUTO = "auto"
+# Methods that confirm each other; under error control the last two, which are of high order.
+_METHODS = ("generalized-alpha", "explicit-rk", "radau")
 _AGREEMENT = 0.1  # of the smallest error shown: how far two tight runs may be apart
 _HOPELESS = 0.01  # two tight runs further apart than this are no reference
 _ROUND_OFF = 1e-12  # relative; below it there is nothing to agree on
@@ -85,8 +88,11 @@ class Search:
     def __init__(self, settings: Sequence[Setting]) -> None:
         self.finest = max(settings, key=lambda setting: setting.rank)
         self.specs = [setting.dynamics for setting in settings]
-        methods = dict.fromkeys(spec["method"] for spec in self.specs)
-        known = get_args(DynamicsSpec.model_fields["method"].annotation)
+        fixed = any(spec.get("step") is not None for spec in self.specs)
+        known = _METHODS if fixed else _METHODS[1:]
+        methods = dict.fromkeys(
+            known[0] if spec["method"] == _AUTO else spec["method"] for spec in self.specs
+        )
         first = known[0] if known[0] in methods else next(iter(methods))
         others = [name for name in (*methods, *known) if name != first]
         self.methods: tuple[str, ...] = (first, *others[:1])

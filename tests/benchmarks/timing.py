@@ -47,7 +47,7 @@ def per_step(model, compiled, h, count):
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
     settings = method.Settings(
-        0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0
+        0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0
     )
     seconds, state = [], first
     for k in range(_REPEATS + 1):
@@ -98,7 +98,21 @@ def control_overhead(model, compiled, accuracy):
     first = assemble(compiled, model, start=model.dynamics.start).state
     duration, stiff = model.dynamics.duration, int(np.any(compiled.system.parts.bodies["m"] > 0))
     controlled = method.Settings(
-        0.0, duration, duration, 0.0, 0.2 * accuracy**1.5, accuracy, 2, 0.0, 15, 1, stiff, 0
+        0.0,
+        duration,
+        duration,
+        0.0,
+        0.2 * accuracy**1.5,
+        accuracy,
+        1.0,
+        1.0,
+        0.0,
+        1e-6,
+        0.0,
+        15,
+        1,
+        stiff,
+        0,
     )
     ratios, iterations = [], np.zeros(2)
     for _ in range(_REPEATS + 1):

@@ -198,6 +198,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     """
     clock, notes, spec = prepared.clock, list(prepared.notes), prepared.model.dynamics
     assert spec is not None
+    finished: Prepared | None = None  # the run before, if it came to its end
     while True:
         run = prepared.run
         lifts = Lifts(run.compiled)
@@ -208,11 +209,14 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             units = integration_units(run.compiled.system, chosen_method(spec, STIFF_METHOD))
             prepare_units(units, progress)
             again = prepared.by(STIFF_METHOD)
+        elif status == "failed" and finished is not None:
+            notes.append(f"steps for more accuracy failed ({message}); those before are kept")
+            again, finished = finished.last(), None
         else:
             tolerance = stricter_tolerance(prepared) if status == "finished" else None
             if tolerance is None:
                 break
-            again = prepared.stricter(tolerance)
+            finished, again = prepared, prepared.stricter(tolerance)
         sink.restart()
         prepared = again
     notes += [*lifts.notes(), *poses.notes]

@@ -10,6 +10,7 @@ sensor's name.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,7 @@ QUANTITIES = {
 _SAMPLES = 256  # times at which the growth of the errors is kept
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
+_PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
 @dataclass(frozen=True)
@@ -69,10 +71,15 @@ class MeasuredError:
     layout, model : Layout, Model
         Names of channels, and sensors with their units. Bodies are judged where nothing senses a
         position or a velocity.
+    least : mapping of str to float, optional
+        Motion by unit below which a sensor counts as at rest.
     """
 
-    def __init__(self, layout: Layout, model: Model) -> None:
+    def __init__(
+        self, layout: Layout, model: Model, least: Mapping[str, float] | None = None
+    ) -> None:
         self._judged = _judged(layout, model)
+        self._least = least or {}
         n = len(self._judged)
         self._count = np.array([0, 0, 1])  # rows so far, samples of the growth, rows for each
         self._largest = np.zeros((2, n))  # difference so far; its time
@@ -122,25 +129,26 @@ class MeasuredError:
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
-        spans = self._spans()
-        share = self._largest[0] / (max(ratio, 1.0 + 1e-9) - 1.0)
-        found: dict[str, ErrorOf] = {}
+        spans, found = self._spans(), dict[str, ErrorOf]()
         for k, one in enumerate(self._judged):
-            error = share[k] / spans[k] if spans[k] > 0.0 else 0.0
+            apart = self._largest[0, k] / spans[k] if spans[k] > 0.0 else 0.0
+            # once the runs have parted, the finer one is no better than the other
+            error = apart if apart > _PARTED else apart / (max(ratio, 1.0 + 1e-9) - 1.0)
             if one.quantity not in found or error > found[one.quantity].error:
                 found[one.quantity] = ErrorOf(float(error), one.name, float(self._largest[1, k]))
         return found
 
-    def reached_until(self, ratio: float, accuracy: float) -> float:
-        """Time from which on positions are off by more than the accuracy; infinite: never [s]."""
+    def reached_until(self, accuracy: float) -> float:
+        """Time from which on the runs' positions are apart by more; infinite: never [s]."""
         spans, until = self._spans(), np.inf
         for k, one in enumerate(self._judged):
             if one.quantity != "positions" or spans[k] == 0.0:
                 continue
-            errors = self._growth[:, 1 + k] / (ratio - 1.0) / spans[k]
-            beyond = np.flatnonzero(errors > accuracy)
+            beyond = np.flatnonzero(self._growth[:, 1 + k] > accuracy * spans[k])
             if len(beyond):
                 until = min(until, float(self._growth[beyond[0], 0]))
+            elif self._largest[0, k] > accuracy * spans[k]:
+                until = min(until, float(self._largest[1, k]))
         return until
 
     def _spans(self) -> Array:
@@ -150,7 +158,8 @@ class MeasuredError:
         units = np.array([one.unit for one in self._judged])
         for unit in set(units):
             same = units == unit
-            spans[same & (spans <= _AT_REST * spans[same].max())] = 0.0
+            least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
+            spans[same & (spans <= least)] = 0.0
         return np.asarray(spans)
 
 
@@ -166,11 +175,12 @@ def _judged(layout: Layout, model: Model) -> list[_Judged]:
             judged.append(_Judged(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
     known = {one.quantity for one in judged}
     for body in layout.bodies:
-        for quantity, unit, table, first in (
-            ("positions", "m", "q", body.iq), ("velocities", "m/s", "v", body.iv),
+        for quantity, unit, table, first, n in (
+            ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
+            ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
         ):  # fmt: skip
             if quantity not in known:
-                columns = (first, first + 1, first + 2)
+                columns = tuple(range(first, first + n))
                 judged.append(_Judged(f"bodies.{body.name}", quantity, unit, table, columns))
     for k, name in enumerate(layout.reactions):
         for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from flexmb.analysis.dynamics.prepared import Prepared
+from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
 from flexmb.engine import method
 from flexmb.engine.integrators import AUTO, STIFF_METHOD
 
@@ -16,11 +16,9 @@ __all__ = [
     "stricter_tolerance",
 ]  # fmt: skip
 
-# Passes of a run at most, each with a stricter tolerance by the error measured.
-_MOST_PASSES = 3
-# Measured error over what was asked for: that is good enough; that the next pass aims at; from
-# which a sentence tells it.
-_ENOUGH, _AIM, _TOLD = 1.2, 0.4, 2.0
+# Measured error, known to a factor of about three, over what was asked for: that is good enough;
+# that the next pass aims at; from which on a sentence tells it.
+_ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
 # Smallest factor of the tolerance from pass to pass.
 _LEAST_SHARE = 1e-4
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
@@ -30,7 +28,7 @@ _MANY, _OFTEN = 200, 0.15
 def stricter_tolerance(prepared: Prepared) -> float | None:
     """The local tolerance that leaves what was asked for, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
-    if verified is None or prepared.pace[1] >= _MOST_PASSES:
+    if verified is None or prepared.pace[1] >= MOST_PASSES:
         return None
     measured = verified.errors()["positions"].error
     if measured <= _ENOUGH * settings.accuracy:
@@ -65,7 +63,7 @@ def missed_accuracy(prepared: Prepared) -> Iterator[str]:
     worst = verified.errors()["positions"]
     if worst.error <= _TOLD * accuracy:
         return
-    until = verified.error.reached_until(verified.ratio, accuracy)
+    until = verified.error.reached_until(accuracy)
     unit = prepared.model.units
     yield (
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, local_tolerance, time_grid
+from flexmb.analysis.dynamics.settings import Steps, local_tolerance, time_grid, with_tolerance
 from flexmb.analysis.dynamics.verified import PACE, VerifiedRun
 from flexmb.engine.compile import Compiled
 from flexmb.engine.integrators import chosen_method
@@ -17,7 +17,10 @@ from flexmb.engine.state import State
 from flexmb.model.model import Model
 from flexmb.model.tasks.methods import METHODS
 
-__all__ = ["Prepared", "prepared_run"]
+__all__ = ["MOST_PASSES", "Prepared", "prepared_run"]
+
+MOST_PASSES = 3
+"""Passes of a run at most, each with a stricter tolerance by the error measured."""
 
 _FIRST = "first_"  # before the names of the first state among what is saved
 
@@ -54,8 +57,18 @@ class Prepared:
 
     def stricter(self, tolerance: float) -> Prepared:
         """The same run from its start with another local tolerance."""
-        again = self._again(self.method, self.settings._replace(tolerance=tolerance))
+        spec = self.model.dynamics
+        assert spec is not None
+        first = self.settings._replace(turn=1.0)
+        settings = with_tolerance(first, spec, self.run.method, tolerance)
+        again = self._again(self.method, settings)
         again.pace[1] = self.pace[1] + 1.0
+        return again
+
+    def last(self) -> Prepared:
+        """The same run from its start, which is not made again."""
+        again = self._again(self.method, self.settings)
+        again.pace[1] = MOST_PASSES
         return again
 
     def by(self, name: str) -> Prepared:
@@ -64,7 +77,7 @@ class Prepared:
         assert spec is not None
         chosen = chosen_method(spec, name)
         tolerance = local_tolerance(spec, chosen)
-        return self._again(name, self.settings._replace(tolerance=tolerance))
+        return self._again(name, self.settings._replace(tolerance=tolerance, turn=1.0))
 
     def _again(self, name: str, settings: Settings) -> Prepared:
         return prepared_run(

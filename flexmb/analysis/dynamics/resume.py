@@ -11,7 +11,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock
-from flexmb.analysis.dynamics.settings import loop_settings
+from flexmb.analysis.dynamics.settings import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.verified import PACE
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
@@ -63,7 +63,7 @@ def prepare_rest(
     first, rank = _first_pose(compiled, arrays, result, rows)
     settings = loop_settings(compiled, spec, chosen, rank == n_free(compiled))
     if settings.step == 0.0 and PACE in arrays:
-        settings = settings._replace(tolerance=float(arrays[PACE][0]))
+        settings = with_tolerance(settings, spec, chosen, float(arrays[PACE][0]))
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, _ = redundant_reactions(compiled, model, first)
@@ -96,6 +96,8 @@ def _restore(prepared: Prepared, arrays: dict[str, np.ndarray], result: Result) 
         raise ResultFileError(f"{result.path}: {what}")
     for name, array in own.items():
         array[...] = arrays[name]
+    if result.status == "finished":  # it is to go on for longer
+        prepared.pace[1] = 1.0
 
 
 def _first_pose(
@@ -104,8 +106,7 @@ def _first_pose(
     """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
     first = new_state(compiled.system, len(compiled.layout.channels))
     try:
-        first.q[:] = result.q[0] if rows else arrays["q"]
-        first.v[:] = result.v[0] if rows else arrays["v"]
+        first.q[:], first.v[:] = arrays["first_q"], arrays["first_v"]
     except (KeyError, ValueError):
         return first.q, None  # of another version, which is told
     work = new_work(compiled.system)

@@ -14,14 +14,14 @@ from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
     "Steps", "kept_settings", "local_tolerance", "loop_settings", "refinement", "scout_settings",
-    "time_grid",
+    "time_grid", "with_tolerance",
 ]  # fmt: skip
 
 _MAX_ITERATIONS = 15
 _NEWTON = 1e-8  # relative, with fixed steps
 _LOCAL = 0.2  # local error over what is asked for in the end
 _HIGH_ORDER = 5
-_SLACK = 10.0
+_SLACK = 4.0
 _AT_REST = 1e-6  # motion over the size of the model
 
 
@@ -54,6 +54,14 @@ def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:
     return float(min(_LOCAL * accuracy**power, chosen.loosest))
 
 
+def with_tolerance(
+    settings: method.Settings, spec: DynamicsSpec, chosen: method.Method, tolerance: float
+) -> method.Settings:
+    """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
+    finer = (tolerance / local_tolerance(spec, chosen)) ** (1.0 / chosen.error_order)
+    return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
+
+
 def refinement(chosen: method.Method) -> float:
     """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
     return 2.0 if chosen.order < _HIGH_ORDER else 1.6
@@ -78,6 +86,7 @@ def loop_settings(
         tolerance=0.0 if grid.step else local_tolerance(spec, chosen),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
         slack=1.0,
+        turn=1.0,
         refinement=0.0,
         least_motion=_AT_REST,
         newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
@@ -97,4 +106,5 @@ def scout_settings(settings: method.Settings, chosen: method.Method) -> method.S
 def kept_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
     """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
     finer = refinement(chosen)
-    return settings._replace(refinement=finer, slack=_SLACK * finer**chosen.error_order)
+    rings = finer**chosen.error_order if chosen.order < _HIGH_ORDER else 1.0
+    return settings._replace(refinement=finer, slack=_SLACK * rings)

@@ -21,6 +21,7 @@ from flexmb.results import OutputBlock
 __all__ = ["PACE", "VerifiedRun"]
 
 _SCOUT = "scout_"
+_AT_REST = 1e-10  # of the size of the model, or of a radian, within the run
 PACE = "pace"
 """Name of local tolerance, number of passes and method among what is saved."""
 
@@ -55,7 +56,10 @@ class VerifiedRun:
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
         kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
-        return cls(scout, kept, MeasuredError(compiled.layout, model))
+        length, span = compiled.length, settings.end - settings.start
+        least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
+        at_rest = {unit: _AT_REST * size for unit, size in least.items()}
+        return cls(scout, kept, MeasuredError(compiled.layout, model, at_rest))
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""

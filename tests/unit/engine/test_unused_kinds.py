@@ -27,7 +27,7 @@ OWN = {
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
     "expression": FORCES_OF_TIME | {"forces.unit_force", "sensors.channel", "sensors.feedback",
                                     "sensors.feedback_tangent", "sensors.motion"},
-    "time event": FORCES_OF_TIME,
+    "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
     "expression sensor": {"sensors.channel", "sensors.motion"},
     "reaction sensor": {"sensors.channel"},
     "planar": {"bodies.planar_body"},
