@@ -23,11 +23,12 @@ BODY_NOW = np.dtype(
         ("A", _F, (3, 3)),  # body axes to global
         ("J", _F, (3, 3)),  # inertia about the body origin, body axes, deformed
         ("c", _F, (3,)),  # first moment of mass, body axes, deformed
+        ("L", _F, (3, 3)),  # scratch of modal terms
     ],
     align=True,
 )
-# A marker now. Position stage: x, R, s, and where modes move it th, c, T, E, arm; velocity stage:
-# vx, om; bias stage: bx, bom; force stage: W.
+# A marker now. Position stage: x, R, s, and where modes move it th, c, T, arm; velocity stage:
+# vx, om, and there dth, u, e; bias stage: bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
@@ -36,10 +37,12 @@ MARKER_NOW = np.dtype(
         ("th", _F, (3,)),  # rotation vector θ of the deformation
         ("c", _F, (4,)),  # coefficients of T(θ) and their slopes
         ("T", _F, (3, 3)),  # T(θ)
-        ("E", _F, (3, 3)),  # exp(θ̃)
         ("arm", _F, (3,)),  # turned arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
+        ("dth", _F, (3,)),  # rate of θ
+        ("u", _F, (3,)),  # velocity in the body, body axes
+        ("e", _F, (3,)),  # angular velocity in the body, body axes
         ("bx", _F, (3,)),  # acceleration at zero vd, global
         ("bom", _F, (3,)),  # angular acceleration at zero vd, global
         ("W", _F, (6,)),  # force and moment on it, global
