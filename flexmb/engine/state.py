@@ -28,7 +28,7 @@ BODY_NOW = np.dtype(
     align=True,
 )
 # A marker now. Position stage: x, R, s, and where modes move it th, c, T, arm; velocity stage:
-# vx, om, and there dth, u, e; bias stage: bx, bom; force stage: W.
+# vx, om; bias stage, where modes move it the velocity stage: bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
@@ -40,9 +40,6 @@ MARKER_NOW = np.dtype(
         ("arm", _F, (3,)),  # turned arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
-        ("dth", _F, (3,)),  # rate of θ
-        ("u", _F, (3,)),  # velocity in the body, body axes
-        ("e", _F, (3,)),  # angular velocity in the body, body axes
         ("bx", _F, (3,)),  # acceleration at zero vd, global
         ("bom", _F, (3,)),  # angular acceleration at zero vd, global
         ("W", _F, (6,)),  # force and moment on it, global

@@ -98,34 +98,29 @@ def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
 def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
     """J, c, Z and M_ωη of flexible bodies at q."""
     parts, now, rows = run.system.parts, run.work.now, of.rows
+    pool, Z, q = parts.pool, now.Z, at.q
     prepare_rigid(run, of, at)
     for n in range(rows.shape[0]):
-        bn = now.body[rows[n]]
-        _add_deformation(parts.bodies[rows[n]], bn["J"], bn["c"], parts.pool, now.Z, at.q)
+        body, J, c = parts.bodies[rows[n]], now.body[rows[n]]["J"], now.body[rows[n]]["c"]
+        m, z, eta = body["m"], body["z"], body["iq"] + 7
+        at_P = body["flex"] + 3 * m
+        for k in range(9 * m):
+            Z[z + k] = pool[at_P + k]
+        add_product(pool, at_P + 9 * m, 9 * m, m, q, eta, 1.0, Z, z)
+        for a in range(3):
+            c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
+            for b in range(3):
+                s = dot(pool, at_P + (3 * b + a) * m, q, eta, m)
+                s += dot(Z, z + (3 * a + b) * m, q, eta, m)
+                J[a, b] -= s
+                if a == b:
+                    for d in range(3):
+                        J[d, d] += s
+            j, k = (a + 1) % 3, (a + 2) % 3
+            zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
+            for i in range(m):
+                Z[zw + i] = Z[zj + i] - Z[zk + i]
     return FINE
-
-
-@kernel
-def _add_deformation(body, J, c, pool, Z, q):
-    """Z and M_ωη of a flexible body, and what η adds to c and J."""
-    m, z, eta = body["m"], body["z"], body["iq"] + 7
-    at_P = body["flex"] + 3 * m
-    for k in range(9 * m):
-        Z[z + k] = pool[at_P + k]
-    add_product(pool, at_P + 9 * m, 9 * m, m, q, eta, 1.0, Z, z)
-    for a in range(3):
-        c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
-        for b in range(3):
-            s = dot(pool, at_P + (3 * b + a) * m, q, eta, m)
-            s += dot(Z, z + (3 * a + b) * m, q, eta, m)
-            J[a, b] -= s
-            if a == b:
-                for d in range(3):
-                    J[d, d] += s
-        j, k = (a + 1) % 3, (a + 2) % 3
-        zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
-        for i in range(m):
-            Z[zw + i] = Z[zj + i] - Z[zk + i]
 
 
 @unit

@@ -152,22 +152,26 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def move_flexible(run: Run, markers: Markers, at: Point) -> int:
-    """Velocity and angular velocity of the markers that modes move, global axes."""
+    """Motion of the markers that modes move at zero v̇, global axes: velocities, accelerations."""
     parts, now, v = run.system.parts, run.work.now, at.v
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
-        iv, m, at_t = body["iv"], body["m"], mk["modes"]
+        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
+        iv, m, arm, th = body["iv"], body["m"], triple(mn["arm"]), triple(mn["th"])
         om, rate = part(v, iv + 3), modal_vector(parts.pool, at_t + 3 * m, m, v, iv + 6)
-        turning, point = turned_back(mn["T"], rate), modal_vector(parts.pool, at_t, m, v, iv + 6)
-        point = plus(point, 1.0, outer(turning, triple(mn["arm"])))
-        put_part(mn["dth"], 0, rate)
-        put_part(mn["u"], 0, point)
-        put_part(mn["e"], 0, turning)
-        point = plus(point, 1.0, outer(om, triple(mn["s"])))
-        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, point)))
-        put_part(mn["om"], 0, turned(A, plus(om, 1.0, turning)))
+        # u and e: velocities in the body; e = Tᵀ θ̇
+        e, x = turned_back(mn["T"], rate), outer(om, triple(mn["s"]))
+        u = plus(modal_vector(parts.pool, at_t, m, v, iv + 6), 1.0, outer(e, arm))
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, plus(x, 1.0, u))))
+        put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
+        y, slope = outer(th, rate), 2.0 * inner(th, rate)
+        change = plus(times(slope * c[2], y), c[1], outer(rate, y))
+        change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
+        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
+        x = plus(outer(om, plus(x, 2.0, u)), 1.0, outer(e, outer(e, arm)))
+        put_part(mn["bx"], 0, turned(A, plus(x, 1.0, outer(change, arm))))
+        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
     return FINE
 
 
@@ -189,37 +193,6 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
             ax, ay, az = transform(A, ax, ay, az)
             put(mn["bx"], 0, ax, ay, az)
     return FINE
-
-
-@unit
-def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
-    """Acceleration of the markers that modes move at zero v̇, global axes: point, angular.
-
-    After their velocities.
-    """
-    parts, now, v = run.system.parts, run.work.now, at.v
-    rows, bodies, table = markers.rows, parts.bodies, parts.markers
-    for n in range(rows.shape[0]):
-        mk, mn = table[rows[n]], now.marker[rows[n]]
-        A, arm, e = now.body[mk["body"]]["A"], triple(mn["arm"]), triple(mn["e"])
-        om, rate = part(v, bodies[mk["body"]]["iv"] + 3), triple(mn["dth"])
-        change = tangent_slope(mn, 1.0, rate, rate)  # Ṫᵀ θ̇
-        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm, u and e of the deformation
-        a = outer(om, plus(outer(om, triple(mn["s"])), 2.0, triple(mn["u"])))
-        a = plus(plus(a, 1.0, outer(e, outer(e, arm))), 1.0, outer(change, arm))
-        put_part(mn["bx"], 0, turned(A, a))
-        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
-    return FINE
-
-
-@kernel
-def tangent_slope(mn, sign, r, m):
-    """Derivative of Tᵀ(θ) m along δθ = r, of T(θ) m with sign −1."""
-    th, c = triple(mn["th"]), mn["c"]
-    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
-    x = plus(times(sign * c[0], w), sign * s * c[2], u)
-    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
-    return plus(x, s * c[3], outer(th, u))
 
 
 @unit
@@ -312,7 +285,6 @@ FLEXIBLE_MARKERS = Kind(
     {
         "position": place_flexible,
         "velocity": move_flexible,
-        "bias": bias_flexible,
         "wrench": clear_wrenches,
         "force": subtract_wrenches,
     },
