@@ -23,7 +23,7 @@ BODY_NOW = np.dtype(
         ("A", _F, (3, 3)),  # body axes to global
         ("J", _F, (3, 3)),  # inertia about the body origin, body axes, deformed
         ("c", _F, (3,)),  # first moment of mass, body axes, deformed
-        ("L", _F, (3, 3)),  # scratch of modal terms
+        ("V", _F, (3, 3)),  # scratch: a rate of Z, and the like
     ],
     align=True,
 )
@@ -89,7 +89,7 @@ class Now(NamedTuple):
 
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
-    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body; 9 of a rate
+    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s

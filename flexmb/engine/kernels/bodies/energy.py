@@ -41,6 +41,12 @@ def _modal_form(parts, i, block, x, o):
 
 
 @kernel
+def _strain(parts, q, i):
+    """½ ηᵀ K η of one body, J."""
+    return 0.5 * _modal_form(parts, i, 13, q, parts.bodies[i]["iq"] + 7)
+
+
+@kernel
 def body_weight(parts, now, q, i):
     """−g·(m r + A c) of one body, J."""
     g, o, m = parts.gravity, parts.bodies[i]["iq"], parts.bodies[i]["mass"]
@@ -73,7 +79,7 @@ def body_energy(run: Run, i: int, what: int, at: Point) -> float:
     """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
     parts = run.system.parts
     if what == 1:
-        return 0.5 * _modal_form(parts, i, 13, at.q, parts.bodies[i]["iq"] + 7)
+        return _strain(parts, at.q, i)
     e = frame_energy(run, i, what, at)
     if what == 0 and parts.bodies[i]["m"] > 0:
         e += _modal_kinetic(parts, run.work.now, at.v, i)
@@ -93,10 +99,11 @@ def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
 @unit
 def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
     """Kinetic, strain and gravity energy of flexible bodies."""
-    rows, out = of.rows, run.work.energies
+    parts, rows, out = run.system.parts, of.rows, run.work.energies
+    rigid_energies(run, of, at)
     for n in range(rows.shape[0]):
-        for what in range(3):
-            out[what] += body_energy(run, rows[n], what, at)
+        out[0] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
+        out[1] += _strain(parts, at.q, rows[n])
     return FINE
 
 

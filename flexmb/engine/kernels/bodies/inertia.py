@@ -26,6 +26,7 @@ from flexmb.engine.kernels.algebra.triple import (
     part,
     plus,
     put_part,
+    times,
     triple,
     turned,
     turned_back,
@@ -161,19 +162,17 @@ def put_frame_forces(run: Run, i: int, at: Point) -> int:
 
 
 @kernel
-def put_rate(a, at, step, v, o, m, Z):
-    """The last nine numbers of Z: blocks of m numbers of a, each `step` on, times v[o:o+m]."""
-    for n in range(9):
-        Z[Z.shape[0] - 9 + n] = dot(a, at + n * step, v, o, m)
+def put_rate(a, at, i, j, v, o, m, V):
+    """V (3, 3): V_ab = m numbers of a from at + i a + j b on, times v[o:o+m]."""
+    for r in range(3):
+        for c in range(3):
+            V[r, c] = dot(a, at + i * r + j * c, v, o, m)
 
 
 @kernel
-def put_less_trace(Z, z, i, j, L):
-    """L (3, 3) = tr(V) I − Vᵀ, V_ab at z + i a + j b in Z."""
-    for a in range(3):
-        for b in range(3):
-            L[a, b] = -Z[z + i * b + j * a]
-        L[a, a] += Z[z] + Z[z + i + j] + Z[z + 2 * (i + j)]
+def less_trace(V, x):
+    """tr(V) x − Vᵀ x."""
+    return plus(times(V[0, 0] + V[1, 1] + V[2, 2], x), -1.0, turned_back(V, x))
 
 
 @kernel
@@ -182,13 +181,12 @@ def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
 
     And moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇.
     """
-    m, iv, at, z, L = body["m"], body["iv"], body["flex"], body["z"], bn["L"]
+    m, iv, at, z, V = body["m"], body["iv"], body["flex"], body["z"], bn["V"]
     pool, o, zw, size = parts.pool, iv + 6, z + 9 * m, m * m
     a = turned_back(bn["A"], plus(part(vd, iv), -1.0, triple(parts.gravity)))
     e, om = part(vd, iv + 3), part(v, iv + 3)
-    put_rate(Z, z, m, v, o, m, Z)
-    put_less_trace(Z, Z.shape[0] - 9, 3, 1, L)
-    add_part(out, iv + 3, 2.0, turned(L, om))
+    put_rate(Z, z, 3 * m, m, v, o, m, V)
+    add_part(out, iv + 3, 2.0, less_trace(V, om))
     add_product(Z, zw, 3, m, vd, o, 1.0, out, iv + 3)
     for i in range(m):
         out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)

@@ -24,7 +24,7 @@ from flexmb.engine.kernels.algebra.triple import (
     turned_back,
 )
 from flexmb.engine.kernels.algebra.vector import dot
-from flexmb.engine.kernels.bodies.inertia import Bodies, put_less_trace, put_rate
+from flexmb.engine.kernels.bodies.inertia import Bodies, less_trace, put_rate
 from flexmb.engine.kernels.bodies.kinematics import modal_vector, mode_vector
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
@@ -174,33 +174,37 @@ def _multiply_rigid(body, bn, x, o, out, place):
 def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
     """What the modes change in the force and moment, and the frame in the modal forces.
 
-    a = a'. δc = p_k; δJ x = (L + Lᵀ) x with L = tr(Z_k) − Z_kᵀ, Z_k the 3 × 3 matrix of mode k;
-    δV_ab = (M_ab η̇)_k, with
-    M_ab at block 3 b + a of the pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
+    a = a'. δc = p_k; δJ = 2 tr(Z_k) − Z_k − Z_kᵀ, Z_k the 3 × 3 matrix of mode k, and with it
+    2 (tr(Z_k) − Z_kᵀ) ω = δJ ω + ω × M_ωη,k; δV_ab = (M_ab η̇)_k, with M_ab at block 3 b + a of the
+    pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
     """
-    m, iv, at, o, A, L = body["m"], body["iv"], body["flex"], body["iv"] + 6, bn["A"], bn["L"]
-    at_M = at + 12 * m
-    at_G = at_M + 9 * m * m
-    om, e, rate = part(v, iv + 3), part(vd, iv + 3), Z.shape[0] - 9
-    put_rate(Z, body["z"], m, v, o, m, Z)
-    put_less_trace(Z, rate, 3, 1, L)
+    m, iv, at, o, A, V = body["m"], body["iv"], body["flex"], body["iv"] + 6, bn["A"], bn["V"]
+    at_M, z, size = at + 12 * m, body["z"], m * m
+    at_G = at_M + 9 * size
+    om, e = part(v, iv + 3), part(vd, iv + 3)
+    put_rate(Z, z, 3 * m, m, v, o, m, V)
     for b in range(3):
         for c in range(3):
-            B[3 + b, 3 + c] += 2.0 * cv * L[b, c]
+            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
+            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
     for k in range(m):
         p = mode_vector(pool, at + k, m)
         turning, pulled = outer(om, p), outer(p, a)
         force = plus(outer(om, turning), 1.0, outer(e, p))
         add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
-        put_less_trace(Z, body["z"] + k, 3 * m, m, L)
-        half = turned(L, om)
-        spin = plus(half, 1.0, turned_back(L, om))  # δJ ω
-        moment = plus(plus(outer(om, spin), 1.0, pulled), 1.0, turned(L, e))
-        moment = plus(moment, 1.0, turned_back(L, e))
-        put_rate(pool, at_M + k * m, m * m, v, o, m, Z)
-        put_less_trace(Z, rate, 1, 3, L)
-        moment = plus(moment, 2.0, turned(L, om))
-        add_column(B, 3, 6 + k, 1.0, plus(times(2.0 * cv, half), cp, moment))
+        put_rate(pool, at_M + k * m, size, 3 * size, v, o, m, V)
+        moment = plus(pulled, 2.0, less_trace(V, om))
+        trace = 0.0
+        for b in range(3):
+            trace += Z[z + 4 * b * m + k]
+        for b in range(3):
+            for c in range(3):
+                V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
+            V[b, b] += 2.0 * trace
+        spin = turned(V, om)  # δJ ω
+        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(moment, 1.0, outer(om, spin)), 1.0, turned(V, e))
+        add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, 1.0, plus(times(-cv, spin), cp, pulled))
         for b in range(3):
             row = at_G + (b * m + k) * m
