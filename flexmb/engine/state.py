@@ -23,11 +23,12 @@ BODY_NOW = np.dtype(
         ("A", _F, (3, 3)),  # body axes to global
         ("J", _F, (3, 3)),  # inertia about the body origin, body axes, deformed
         ("c", _F, (3,)),  # first moment of mass, body axes, deformed
+        ("V", _F, (3, 3)),  # scratch: a rate of Z, and the like
     ],
     align=True,
 )
-# A marker now. Position stage: x, R, s, and where modes move it th, c, T, E, arm; velocity stage:
-# vx, om; bias stage: bx, bom; force stage: W.
+# A marker now. Position stage: x, R, s, and where modes move it th, c, T, arm; velocity stage:
+# vx, om; bias stage, where modes move it the velocity stage: bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
@@ -36,7 +37,6 @@ MARKER_NOW = np.dtype(
         ("th", _F, (3,)),  # rotation vector θ of the deformation
         ("c", _F, (4,)),  # coefficients of T(θ) and their slopes
         ("T", _F, (3, 3)),  # T(θ)
-        ("E", _F, (3, 3)),  # exp(θ̃)
         ("arm", _F, (3,)),  # turned arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
@@ -92,7 +92,7 @@ class Now(NamedTuple):
 
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
-    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body; 9 of a rate
+    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s

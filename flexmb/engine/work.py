@@ -183,7 +183,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
-        _nan(12 * int(m.sum()) + 9),
+        _nan(12 * int(m.sum())),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),

@@ -8,7 +8,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.fe import reduce
 from flexmb.model import Model, load_scene
 
-_SLIDER_CRANK = Path(__file__).parents[2] / "cases" / "slider_crank" / "scene.toml"
+_CASES = Path(__file__).parents[2] / "cases"
 
 
 def chain(n):
@@ -65,10 +65,19 @@ def held_by(force, n=10):
 def slider_crank(modes):
     """The case with a flexible rod of 6 + `modes` coordinates."""
     fixed = {"dynamics.step": "1e-5", "dynamics.newton_tolerance": "1e-6"}
-    made = load_scene(_SLIDER_CRANK, {"bodies.rod.modes": str(modes), **fixed})
+    made = load_scene(
+        _CASES / "slider_crank" / "scene.toml", {"bodies.rod.modes": str(modes), **fixed}
+    )
     rod = made.bodies["rod"]
     body = reduce(
         made.path(rod.mesh), units=rod.units, material=rod.material,
         interfaces=dict(rod.interfaces), modes=rod.modes,
     )  # fmt: skip
     return made, compile_system(made, {"rod": body}), body.m
+
+
+def rigid_slider_crank():
+    """The case with a rigid rod, with the sensors of the flexible one."""
+    made = load_scene(_CASES / "rigid_slider_crank" / "scene.toml")
+    made.add_sensor("rod_span", "position", of="rod.wrist", relative_to="crank.pin")
+    return made, compile_system(made)

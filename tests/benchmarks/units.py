@@ -18,17 +18,23 @@ _ROOT = Path(__file__).parents[2]
 KINDS = (
     "spring", "law", "bushing", "contact", "revolute joint", "joint friction", "line row", "cam",
     "expression",
-    "time event", "expression sensor", "reaction sensor", "planar", "flexible", "explicit-rk",
+    "time event", "expression sensor", "reaction sensor", "planar",
+    "rigid slider-crank", "flexible", "explicit-rk",
 )  # fmt: skip
 
 
 def with_one(kind):
-    """The chain and one element of a kind at its first bar, or none; model and compiled model."""
+    """The chain and one element of a kind at its first bar, or none; model and compiled model.
+
+    Or a slider-crank with a rigid rod, then with a flexible one.
+    """
     from flexmb.engine.compile import compile_system
-    from tests.benchmarks.models import chain_model, planar_chain, slider_crank
+    from tests.benchmarks.models import chain_model, planar_chain, rigid_slider_crank, slider_crank
 
     if kind == "planar":
         return planar_chain(10)
+    if kind == "rigid slider-crank":
+        return rigid_slider_crank()
     if kind == "flexible":
         return slider_crank(14)[:2]
     made = chain_model(10)

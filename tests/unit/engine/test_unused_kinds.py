@@ -10,6 +10,8 @@ from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
 FORCES_OF_TIME = {"forces.load", "functions.time_function"}
+SLIDER_CRANK = {"functions.time_function", "joints.axis_rows", "joints.dots", "sensors.channel",
+                "sensors.motion", "sensors.row_measure"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
 # are part of units that all scenes call.
@@ -31,8 +33,8 @@ OWN = {
     "expression sensor": {"sensors.channel", "sensors.motion"},
     "reaction sensor": {"sensors.channel"},
     "planar": {"bodies.planar_body"},
-    "flexible": {"functions.time_function", "joints.axis_rows", "joints.dots", "sensors.channel",
-                 "sensors.motion", "sensors.row_measure"},
+    "rigid slider-crank": SLIDER_CRANK,
+    "flexible": SLIDER_CRANK,
     "explicit-rk": {"integrators.explicit_rk"},
 }  # fmt: skip
 

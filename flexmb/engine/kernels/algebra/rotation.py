@@ -81,23 +81,6 @@ def tangent_coefficients(x):
 
 
 @kernel
-def put_polynomial(th, f, g, M):
-    """M (3, 3) = I + f θ̃ + g θ̃², θ = th."""
-    square = th[0] * th[0] + th[1] * th[1] + th[2] * th[2]
-    for i in range(3):
-        for j in range(3):
-            M[i, j] = g * th[i] * th[j]
-        M[i, i] += 1.0 - g * square
-    x, y, z = f * th[0], f * th[1], f * th[2]
-    M[0, 1] -= z
-    M[1, 0] += z
-    M[0, 2] += y
-    M[2, 0] -= y
-    M[1, 2] -= x
-    M[2, 1] += x
-
-
-@kernel
 def transform(A, x, y, z):
     """A (x, y, z) as three numbers."""
     return (

@@ -39,6 +39,12 @@ def column(R, k):
 
 
 @kernel
+def put_column(R, k, a):
+    """Column k of a matrix = a."""
+    R[0, k], R[1, k], R[2, k] = a
+
+
+@kernel
 def unit(k):
     """The axis k."""
     return 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
@@ -78,3 +84,10 @@ def turned(R, a):
 def turned_back(R, a):
     """Rᵀ a."""
     return transform_back(R, a[0], a[1], a[2])
+
+
+@kernel
+def turned_by(th, f, g, a):
+    """(I + f θ̃ + g θ̃²) a."""
+    x = outer(th, a)
+    return plus(plus(a, f, x), g, outer(th, x))

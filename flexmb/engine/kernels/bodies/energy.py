@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import transform
+from flexmb.engine.kernels.algebra.triple import inner, part, turned
 from flexmb.engine.kernels.algebra.vector import dot
 from flexmb.engine.kernels.bodies import inertia, inertia_tangent
 from flexmb.engine.kernels.bodies.inertia import Bodies
+from flexmb.engine.kernels.bodies.kinematics import modal_vector
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
@@ -28,26 +30,20 @@ def rigid_kinetic(parts, now, v, i):
     return e + 0.5 * (wx * hx + wy * hy + wz * hz)
 
 
-@unit
-def flexible_kinetic(run: Run, i: int, at: Point) -> float:
-    """½ vᵀ M v of one body, J."""
-    bodies, B, e = run.system.parts.bodies, run.work.dense.B, 0.0
-    o, n = bodies[i]["iv"], 6 + bodies[i]["m"]
-    inertia_tangent.put_frame_matrix(run, i, at, 0.0, 0.0)
-    inertia_tangent.put_modal_mass(run, i)
-    for r in range(n):
-        e += 0.5 * at.v[o + r] * dot(B[r], 0, at.v, o, n)
-    return e
-
-
 @kernel
 def _modal_form(parts, i, block, x, o):
-    """yᵀ A y of one body, y = x[o:o+m] and A an (m, m) block of its pool: 13 is K, 14 is D."""
+    """yᵀ A y of one body, y = x[o:o+m], A an (m, m) block of its pool: 12 is M_ηη, 13 K, 14 D."""
     m, e = parts.bodies[i]["m"], 0.0
     at = parts.bodies[i]["flex"] + 12 * m + block * m * m
     for r in range(m):
         e += x[o + r] * dot(parts.pool, at + r * m, x, o, m)
     return e
+
+
+@kernel
+def _strain(parts, q, i):
+    """½ ηᵀ K η of one body, J."""
+    return 0.5 * _modal_form(parts, i, 13, q, parts.bodies[i]["iq"] + 7)
 
 
 @kernel
@@ -60,38 +56,54 @@ def body_weight(parts, now, q, i):
 
 
 @unit
+def frame_energy(run: Run, i: int, what: int, at: Point) -> float:
+    """Kinetic energy (0), without what modes add, or gravity energy (2) of one body, J."""
+    if what == 0:
+        return rigid_kinetic(run.system.parts, run.work.now, at.v, i)
+    return body_weight(run.system.parts, run.work.now, at.q, i)
+
+
+@kernel
+def _modal_kinetic(parts, now, v, i):
+    """What the modes add to the kinetic energy: ṙ·A p η̇ + ω'·M_ωη η̇ + ½ η̇ᵀ M_ηη η̇."""
+    body = parts.bodies[i]
+    m, o = body["m"], body["iv"]
+    x = turned(now.body[i]["A"], modal_vector(parts.pool, body["flex"], m, v, o + 6))
+    y = modal_vector(now.Z, body["z"] + 9 * m, m, v, o + 6)
+    e = inner(part(v, o), x) + inner(part(v, o + 3), y)
+    return e + 0.5 * _modal_form(parts, i, 12, v, o + 6)
+
+
+@unit
 def body_energy(run: Run, i: int, what: int, at: Point) -> float:
     """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
-    parts, now = run.system.parts, run.work.now
+    parts = run.system.parts
     if what == 1:
-        return 0.5 * _modal_form(parts, i, 13, at.q, parts.bodies[i]["iq"] + 7)
-    if what == 2:
-        return body_weight(parts, now, at.q, i)
-    if parts.bodies[i]["m"] == 0:
-        return rigid_kinetic(parts, now, at.v, i)
-    return flexible_kinetic(run, i, at)
+        return _strain(parts, at.q, i)
+    e = frame_energy(run, i, what, at)
+    if what == 0 and parts.bodies[i]["m"] > 0:
+        e += _modal_kinetic(parts, run.work.now, at.v, i)
+    return e
 
 
 @unit
 def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
     """Kinetic and gravity energy of rigid bodies."""
-    parts, now, out, rows = run.system.parts, run.work.now, run.work.energies, of.rows
-    kinetic, weight = 0.0, 0.0
+    out, rows = run.work.energies, of.rows
     for n in range(rows.shape[0]):
-        kinetic += rigid_kinetic(parts, now, at.v, rows[n])
-        weight += body_weight(parts, now, at.q, rows[n])
-    out[0] += kinetic
-    out[2] += weight
+        out[0] += frame_energy(run, rows[n], 0, at)
+        out[2] += frame_energy(run, rows[n], 2, at)
     return FINE
 
 
 @unit
 def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
     """Kinetic, strain and gravity energy of flexible bodies."""
-    rows, out = of.rows, run.work.energies
+    parts, rows, out = run.system.parts, of.rows, run.work.energies
+    rigid_energies(run, of, at)
     for n in range(rows.shape[0]):
-        for what in range(3):
-            out[what] += body_energy(run, rows[n], what, at)
+        out[0] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
+        out[1] += _strain(parts, at.q, rows[n])
     return FINE
 
 

@@ -26,6 +26,7 @@ from flexmb.engine.kernels.algebra.triple import (
     part,
     plus,
     put_part,
+    times,
     triple,
     turned,
     turned_back,
@@ -45,10 +46,10 @@ class Bodies(NamedTuple):
 
 @unit
 def add_product(
-    pool: Vector, at: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
+    pool: Vector, at: int, n: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
 ) -> int:
-    """out[oo:oo+m] += f × (m × m block of the pool at `at`) v[o:o+m]."""
-    for i in range(m):
+    """out[oo:oo+n] += f × (n × m block of the pool at `at`) v[o:o+m]."""
+    for i in range(n):
         s = 0.0
         row = at + i * m
         for j in range(m):
@@ -76,21 +77,15 @@ def _put_inertia(J):
 
 
 @kernel
-def _put_rigid_moments(body, bn):
-    """c and S of the undeformed body."""
-    J, c, S0, S1 = bn["J"], bn["c"], body["S0"], body["S1"]
-    for a in range(3):
-        c[a] = S1[a]
-        for b in range(3):
-            J[a, b] = S0[a, b]
-
-
-@kernel
 def prepare_bodies(bodies, body_now, rows):
     """J and c of undeformed bodies."""
     for n in range(rows.shape[0]):
-        _put_rigid_moments(bodies[rows[n]], body_now[rows[n]])
-        _put_inertia(body_now[rows[n]]["J"])
+        body, J, c = bodies[rows[n]], body_now[rows[n]]["J"], body_now[rows[n]]["c"]
+        for a in range(3):
+            c[a] = body["S1"][a]
+            for b in range(3):
+                J[a, b] = body["S0"][a, b]
+        _put_inertia(J)
 
 
 @unit
@@ -104,36 +99,29 @@ def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
 def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
     """J, c, Z and M_ωη of flexible bodies at q."""
     parts, now, rows = run.system.parts, run.work.now, of.rows
+    pool, Z, q = parts.pool, now.Z, at.q
+    prepare_rigid(run, of, at)
     for n in range(rows.shape[0]):
-        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
-        _put_rigid_moments(body, bn)
-        _add_deformation(body, bn["J"], bn["c"], parts.pool, now.Z, at.q)
-        _put_inertia(bn["J"])
+        body, J, c = parts.bodies[rows[n]], now.body[rows[n]]["J"], now.body[rows[n]]["c"]
+        m, z, eta = body["m"], body["z"], body["iq"] + 7
+        at_P = body["flex"] + 3 * m
+        for k in range(9 * m):
+            Z[z + k] = pool[at_P + k]
+        add_product(pool, at_P + 9 * m, 9 * m, m, q, eta, 1.0, Z, z)
+        for a in range(3):
+            c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
+            for b in range(3):
+                s = dot(pool, at_P + (3 * b + a) * m, q, eta, m)
+                s += dot(Z, z + (3 * a + b) * m, q, eta, m)
+                J[a, b] -= s
+                if a == b:
+                    for d in range(3):
+                        J[d, d] += s
+            j, k = (a + 1) % 3, (a + 2) % 3
+            zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
+            for i in range(m):
+                Z[zw + i] = Z[zj + i] - Z[zk + i]
     return FINE
-
-
-@kernel
-def _add_deformation(body, S, c, pool, Z, q):
-    """Z and M_ωη of a flexible body, and what η adds to its first and second moments."""
-    m, z, eta = body["m"], body["z"], body["iq"] + 7
-    at_P = body["flex"] + 3 * m
-    at_M = at_P + 9 * m
-    add_part(c, 0, 1.0, modal_vector(pool, body["flex"], m, q, eta))
-    for k in range(9 * m):
-        Z[z + k] = pool[at_P + k]
-    for k in range(9):
-        add_product(pool, at_M + k * m * m, m, q, eta, 1.0, Z, z + k * m)
-    for a in range(3):
-        for b in range(a, 3):
-            s = dot(pool, at_P + (3 * b + a) * m, q, eta, m)
-            s += dot(Z, z + (3 * a + b) * m, q, eta, m)
-            S[a, b] += s
-            if a != b:
-                S[b, a] += s
-        j, k = (a + 1) % 3, (a + 2) % 3
-        zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
-        for i in range(m):
-            Z[zw + i] = Z[zj + i] - Z[zk + i]
 
 
 @unit
@@ -149,10 +137,9 @@ def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
     parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
     for n in range(rows.shape[0]):
-        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
         put_frame_forces(run, rows[n], at)
-        _add_relative_moment(body, now.Z, at.v, at.vd, out)
-        _modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        _put_modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
     return FINE
 
 
@@ -175,52 +162,45 @@ def put_frame_forces(run: Run, i: int, at: Point) -> int:
 
 
 @kernel
-def put_rate(a, at, step, v, o, m, Z):
-    """The last nine numbers of Z: blocks of m numbers of a, each `step` on, times v[o:o+m]."""
-    for n in range(9):
-        Z[Z.shape[0] - 9 + n] = dot(a, at + n * step, v, o, m)
+def put_rate(a, at, i, j, v, o, m, V):
+    """V (3, 3): V_ab = m numbers of a from at + i a + j b on, times v[o:o+m]."""
+    for r in range(3):
+        for c in range(3):
+            V[r, c] = dot(a, at + i * r + j * c, v, o, m)
 
 
 @kernel
-def less_trace(Z, z, i, j, x):
-    """tr(V) x − Vᵀ x, V_ab at z + i a + j b in Z."""
-    trace = Z[z] + Z[z + i + j] + Z[z + 2 * (i + j)]
-    return (
-        trace * x[0] - Z[z] * x[0] - Z[z + i] * x[1] - Z[z + 2 * i] * x[2],
-        trace * x[1] - Z[z + j] * x[0] - Z[z + i + j] * x[1] - Z[z + 2 * i + j] * x[2],
-        trace * x[2] - Z[z + 2 * j] * x[0] - Z[z + i + 2 * j] * x[1] - Z[z + 2 * (i + j)] * x[2],
-    )
+def less_trace(V, x):
+    """tr(V) x − Vᵀ x."""
+    return plus(times(V[0, 0] + V[1, 1] + V[2, 2], x), -1.0, turned_back(V, x))
 
 
 @kernel
-def _add_relative_moment(body, Z, v, vd, out):
-    """Moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇."""
-    m, iv, z = body["m"], body["iv"], body["z"]
-    put_rate(Z, z, m, v, iv + 6, m, Z)
-    add_part(out, iv + 3, 2.0, less_trace(Z, Z.shape[0] - 9, 3, 1, part(v, iv + 3)))
-    add_part(out, iv + 3, 1.0, modal_vector(Z, z + 9 * m, m, vd, iv + 6))
+def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
+    """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms.
 
-
-@kernel
-def _modal_forces(body, bn, parts, Z, q, v, vd, out):
-    """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms."""
-    m, iv, at, z = body["m"], body["iv"], body["flex"], body["z"]
-    pool, o, size = parts.pool, iv + 6, m * m
+    And moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇.
+    """
+    m, iv, at, z, V = body["m"], body["iv"], body["flex"], body["z"], bn["V"]
+    pool, o, zw, size = parts.pool, iv + 6, z + 9 * m, m * m
     a = turned_back(bn["A"], plus(part(vd, iv), -1.0, triple(parts.gravity)))
-    e, om, zw = part(vd, iv + 3), part(v, iv + 3), z + 9 * m
+    e, om = part(vd, iv + 3), part(v, iv + 3)
+    put_rate(Z, z, 3 * m, m, v, o, m, V)
+    add_part(out, iv + 3, 2.0, less_trace(V, om))
+    add_product(Z, zw, 3, m, vd, o, 1.0, out, iv + 3)
     for i in range(m):
         out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)
-    at_M = at + 12 * m + 12 * size
-    add_product(pool, at_M, m, vd, o, 1.0, out, o)
-    add_product(pool, at_M + size, m, q, body["iq"] + 7, 1.0, out, o)
+    at_G = at + 12 * m + 9 * size
+    add_product(pool, at_G + 3 * size, m, m, vd, o, 1.0, out, o)
+    add_product(pool, at_G + 4 * size, m, m, q, body["iq"] + 7, 1.0, out, o)
     if body["damped"] == 1:
-        add_product(pool, at_M + 2 * size, m, v, o, 1.0, out, o)
+        add_product(pool, at_G + 5 * size, m, m, v, o, 1.0, out, o)
+    square = inner(om, om)
     for b in range(3):
-        w = v[iv + 3 + b]
-        if w != 0.0:
-            add_product(pool, at_M + (b - 3) * size, m, v, o, -2.0 * w, out, o)
+        if v[iv + 3 + b] != 0.0:
+            add_product(pool, at_G + b * size, m, m, v, o, -2.0 * v[iv + 3 + b], out, o)
         for c in range(3):
-            f = w * v[iv + 3 + c] - (inner(om, om) if b == c else 0.0)
+            f = v[iv + 3 + b] * v[iv + 3 + c] - (square if b == c else 0.0)
             if f != 0.0:
                 for i in range(m):
                     out[o + i] += f * Z[z + (3 * c + b) * m + i]

@@ -23,7 +23,6 @@ from flexmb.engine.kernels.algebra.triple import (
     turned,
     turned_back,
 )
-from flexmb.engine.kernels.algebra.triple import unit as axis
 from flexmb.engine.kernels.algebra.vector import dot
 from flexmb.engine.kernels.bodies.inertia import Bodies, less_trace, put_rate
 from flexmb.engine.kernels.bodies.kinematics import modal_vector, mode_vector
@@ -92,20 +91,27 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
 
 
 @unit
-def put_modal_mass(run: Run, i: int) -> int:
-    """Rows and columns of the modes of body i in dense.B = M; needs its inertia stage."""
-    parts, Z, B = run.system.parts, run.work.now.Z, run.work.dense.B
-    body, pool = parts.bodies[i], parts.pool
-    m, at, zw = body["m"], body["flex"], body["z"] + 9 * body["m"]
-    at_M = at + 12 * m + 12 * m * m
+def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
+    """The same in rows and columns of the modes of body i; after its inertia stage and its frame.
+
+    The rate of the integrals also enters the frame's own block of ∂F/∂v.
+    """
+    parts, now, B = run.system.parts, run.work.now, run.work.dense.B
+    body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
+    m, flex, zw = body["m"], body["flex"], body["z"] + 9 * body["m"]
+    at_M = flex + 12 * m * (1 + m)
     for k in range(m):
-        x = turned(run.work.now.body[i]["A"], mode_vector(pool, at + k, m))
+        x = turned(bn["A"], mode_vector(pool, flex + k, m))
         B[0, 6 + k], B[1, 6 + k], B[2, 6 + k] = x
         B[3, 6 + k], B[4, 6 + k], B[5, 6 + k] = mode_vector(Z, zw + k, m)
         for r in range(6):
             B[6 + k, r] = B[r, 6 + k]
         for r in range(m):
             B[6 + k, 6 + r] = pool[at_M + k * m + r]
+    if cv != 0.0 or cp != 0.0:
+        a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
+        _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)
+        _add_modal_block(body, pool, at.v, at.vd, cv, cp, B)
     return FINE
 
 
@@ -122,17 +128,11 @@ def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
 @unit
 def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of flexible bodies, F inertia, elastic and damping forces."""
-    parts, rows, B = run.system.parts, of.rows, run.work.dense.B
+    rows = of.rows
     for n in range(rows.shape[0]):
-        body = parts.bodies[rows[n]]
         put_frame_matrix(run, rows[n], at, cv, cp)
-        put_modal_mass(run, rows[n])
-        if cv != 0.0 or cp != 0.0:
-            a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
-            A, Z = run.work.now.body[rows[n]]["A"], run.work.now.Z
-            _add_mode_columns(body, A, turned_back(A, a), parts.pool, Z, at.v, at.vd, cv, cp, B)
-            _add_modal_block(body, parts.pool, at.v, at.vd, cv, cp, B)
-        add_body_block(run, rows[n], B)
+        put_modal_matrix(run, rows[n], at, cv, cp)
+        add_body_block(run, rows[n], run.work.dense.B)
     return FINE
 
 
@@ -154,7 +154,7 @@ def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
         body = run.system.parts.bodies[rows[n]]
         o, size = body["iv"], 6 + body["m"]
         put_frame_matrix(run, rows[n], at, 0.0, 0.0)
-        put_modal_mass(run, rows[n])
+        put_modal_matrix(run, rows[n], at, 0.0, 0.0)
         for r in range(size):
             run.work.factor.sol[place[o + r]] = dot(B[r], 0, run.work.trial.res, o, size)
     return FINE
@@ -171,32 +171,40 @@ def _multiply_rigid(body, bn, x, o, out, place):
 
 
 @kernel
-def _add_mode_columns(body, A, a, pool, Z, v, vd, cv, cp, B):
+def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
     """What the modes change in the force and moment, and the frame in the modal forces.
 
-    a = a'. δc = p_k; δJ x = (tr(Z_k) − Z_kᵀ) x + (tr(Z_k) − Z_k) x, Z_k the 3 × 3 matrix of mode k;
-    δV_ab = (M_ab η̇)_k, with
-    M_ab at block 3 b + a of the pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
+    a = a'. δc = p_k; δJ = 2 tr(Z_k) − Z_k − Z_kᵀ, Z_k the 3 × 3 matrix of mode k, and with it
+    2 (tr(Z_k) − Z_kᵀ) ω = δJ ω + ω × M_ωη,k; δV_ab = (M_ab η̇)_k, with M_ab at block 3 b + a of the
+    pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
     """
-    m, iv, at, o = body["m"], body["iv"], body["flex"], body["iv"] + 6
-    at_M = at + 12 * m
-    at_G = at_M + 9 * m * m
-    om, e, rate = part(v, iv + 3), part(vd, iv + 3), Z.shape[0] - 9
-    put_rate(Z, body["z"], m, v, o, m, Z)
-    for c in range(3):
-        add_column(B, 3, 3 + c, 2.0 * cv, less_trace(Z, rate, 3, 1, axis(c)))
+    m, iv, at, o, A, V = body["m"], body["iv"], body["flex"], body["iv"] + 6, bn["A"], bn["V"]
+    at_M, z, size = at + 12 * m, body["z"], m * m
+    at_G = at_M + 9 * size
+    om, e = part(v, iv + 3), part(vd, iv + 3)
+    put_rate(Z, z, 3 * m, m, v, o, m, V)
+    for b in range(3):
+        for c in range(3):
+            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
+            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
     for k in range(m):
-        z, p = body["z"] + k, mode_vector(pool, at + k, m)
+        p = mode_vector(pool, at + k, m)
         turning, pulled = outer(om, p), outer(p, a)
         force = plus(outer(om, turning), 1.0, outer(e, p))
         add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
-        half = less_trace(Z, z, 3 * m, m, om)
-        spin = plus(half, 1.0, less_trace(Z, z, m, 3 * m, om))  # δJ ω
-        put_rate(pool, at_M + k * m, m * m, v, o, m, Z)
-        moment = plus(outer(om, spin), 2.0, less_trace(Z, rate, 1, 3, om))
-        moment = plus(moment, 1.0, less_trace(Z, z, 3 * m, m, e))
-        moment = plus(plus(moment, 1.0, less_trace(Z, z, m, 3 * m, e)), 1.0, pulled)
-        add_column(B, 3, 6 + k, 1.0, plus(times(2.0 * cv, half), cp, moment))
+        put_rate(pool, at_M + k * m, size, 3 * size, v, o, m, V)
+        moment = plus(pulled, 2.0, less_trace(V, om))
+        trace = 0.0
+        for b in range(3):
+            trace += Z[z + 4 * b * m + k]
+        for b in range(3):
+            for c in range(3):
+                V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
+            V[b, b] += 2.0 * trace
+        spin = turned(V, om)  # δJ ω
+        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(moment, 1.0, outer(om, spin)), 1.0, turned(V, e))
+        add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, 1.0, plus(times(-cv, spin), cp, pulled))
         for b in range(3):
             row = at_G + (b * m + k) * m
@@ -207,23 +215,19 @@ def _add_mode_columns(body, A, a, pool, Z, v, vd, cv, cp, B):
 @kernel
 def _add_modal_block(body, pool, v, vd, cv, cp, B):
     """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b)."""
-    m, iv, size = body["m"], body["iv"], body["m"] * body["m"]
-    at_M = body["flex"] + 12 * m
-    om = part(v, iv + 3)
-    _add_block(pool, at_M + 13 * size, m, cp, B)
-    _add_block(pool, at_M + 14 * size, m, cv, B)
-    for b in range(3):
-        w = v[iv + 3 + b]
-        _add_block(pool, at_M + (9 + b) * size, m, -2.0 * cv * w - cp * vd[iv + 3 + b], B)
+    m, o, at = body["m"], body["iv"] + 3, body["flex"] + 12 * body["m"]
+    om = part(v, o)
+    square = inner(om, om)
+    for b in range(5):  # blocks M_bc, then G_c, then M_ηη, K, D
         for c in range(3):
-            f = w * v[iv + 3 + c] - (inner(om, om) if b == c else 0.0)
-            _add_block(pool, at_M + (3 * b + c) * size, m, cp * f, B)
-
-
-@kernel
-def _add_block(pool, at, m, f, B):
-    """Add f × (m × m block of the pool at `at`) to the modal block of B."""
-    if f != 0.0:
-        for k in range(m):
-            for c in range(m):
-                B[6 + k, 6 + c] += f * pool[at + k * m + c]
+            if b < 3:
+                f = cp * (v[o + b] * v[o + c] - (square if b == c else 0.0))
+            elif b == 3:
+                f = -2.0 * cv * v[o + c] - cp * vd[o + c]
+            else:
+                f = cp if c == 1 else cv if c == 2 else 0.0
+            if f != 0.0:
+                for k in range(m):
+                    row = at + ((3 * b + c) * m + k) * m
+                    for r in range(m):
+                        B[6 + k, 6 + r] += f * pool[row + r]

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.rotation import (
     cross,
-    put_polynomial,
     tangent_coefficients,
     transform,
 )
@@ -25,12 +24,15 @@ from flexmb.engine.kernels.algebra.triple import (
     outer,
     part,
     plus,
+    put_column,
     put_part,
     times,
     triple,
     turned,
     turned_back,
+    turned_by,
 )
+from flexmb.engine.kernels.algebra.triple import unit as axis
 from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
@@ -88,12 +90,22 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
-        _deform(mk, mn, body["m"], parts.pool, q, body["iq"] + 7)
-        put_part(mn["x"], 0, plus(part(q, body["iq"]), 1.0, turned(A, triple(mn["s"]))))
-        for c in range(3):
-            x = turned(A, turned(mn["E"], column(mk["R"], c)))
-            mn["R"][0, c], mn["R"][1, c], mn["R"][2, c] = x
+        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
+        m, iq = body["m"], body["iq"]
+        th = modal_vector(parts.pool, at_t + 3 * m, m, q, iq + 7)
+        square = inner(th, th)
+        c[0], c[1], c[2], c[3] = tangent_coefficients(square)
+        sine = 1.0 - c[1] * square  # sin θ/θ
+        arm = turned_by(th, sine, c[0], triple(mk["arm"]))
+        s = plus(triple(mk["rho"]), 1.0, modal_vector(parts.pool, at_t, m, q, iq + 7))
+        s = plus(s, 1.0, arm)
+        put_part(mn["th"], 0, th)
+        put_part(mn["arm"], 0, arm)
+        put_part(mn["s"], 0, s)
+        put_part(mn["x"], 0, plus(part(q, iq), 1.0, turned(A, s)))
+        for k in range(3):
+            put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis(k)))
+            put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
     return FINE
 
 
@@ -113,28 +125,6 @@ def _rigid_position(mk, mn, A, q, iq):
         x[a] = q[iq + a] + A[a, 0] * rho[0] + A[a, 1] * rho[1] + A[a, 2] * rho[2]
         for c in range(3):
             axes[a, c] = A[a, 0] * R[0, c] + A[a, 1] * R[1, c] + A[a, 2] * R[2, c]
-
-
-@kernel
-def _deform(mk, mn, m, pool, q, eta):
-    """Rotation and place of a marker in its deformed body."""
-    th, c, at = mn["th"], mn["c"], mk["modes"]
-    put_part(th, 0, modal_vector(pool, at + 3 * m, m, q, eta))
-    square = inner(th, th)
-    c[0], c[1], c[2], c[3] = tangent_coefficients(square)
-    put_polynomial(th, -c[0], c[1], mn["T"])
-    put_polynomial(th, 1.0 - c[1] * square, c[0], mn["E"])  # sin θ/θ = 1 − c2 θ²
-    put_part(mn["arm"], 0, turned(mn["E"], triple(mk["arm"])))
-    s = plus(triple(mk["rho"]), 1.0, modal_vector(pool, at, m, q, eta))
-    put_part(mn["s"], 0, plus(s, 1.0, triple(mn["arm"])))
-
-
-@kernel
-def _deformation_rates(mk, mn, m, pool, v, o):
-    """Velocity of a flexible marker from η̇ alone, body axes: of the point, angular."""
-    turning = turned_back(mn["T"], modal_vector(pool, mk["modes"] + 3 * m, m, v, o))
-    point = modal_vector(pool, mk["modes"], m, v, o)
-    return plus(point, 1.0, outer(turning, triple(mn["arm"]))), turning
 
 
 @unit
@@ -162,18 +152,26 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def move_flexible(run: Run, markers: Markers, at: Point) -> int:
-    """Velocity and angular velocity of the markers that modes move, global axes."""
+    """Motion of the markers that modes move at zero v̇, global axes: velocities, accelerations."""
     parts, now, v = run.system.parts, run.work.now, at.v
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
-        iv = body["iv"]
-        om = part(v, iv + 3)
-        point, turning = _deformation_rates(mk, mn, body["m"], parts.pool, v, iv + 6)
-        point = plus(point, 1.0, outer(om, triple(mn["s"])))
-        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, point)))
-        put_part(mn["om"], 0, turned(A, plus(om, 1.0, turning)))
+        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
+        iv, m, arm, th = body["iv"], body["m"], triple(mn["arm"]), triple(mn["th"])
+        om, rate = part(v, iv + 3), modal_vector(parts.pool, at_t + 3 * m, m, v, iv + 6)
+        # u and e: velocities in the body; e = Tᵀ θ̇
+        e, x = turned_back(mn["T"], rate), outer(om, triple(mn["s"]))
+        u = plus(modal_vector(parts.pool, at_t, m, v, iv + 6), 1.0, outer(e, arm))
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, plus(x, 1.0, u))))
+        put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
+        y, slope = outer(th, rate), 2.0 * inner(th, rate)
+        change = plus(times(slope * c[2], y), c[1], outer(rate, y))
+        change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
+        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
+        x = plus(outer(om, plus(x, 2.0, u)), 1.0, outer(e, outer(e, arm)))
+        put_part(mn["bx"], 0, turned(A, plus(x, 1.0, outer(change, arm))))
+        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
     return FINE
 
 
@@ -195,36 +193,6 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
             ax, ay, az = transform(A, ax, ay, az)
             put(mn["bx"], 0, ax, ay, az)
     return FINE
-
-
-@unit
-def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
-    """Acceleration of the markers that modes move at zero v̇, global axes: point, angular."""
-    parts, now, v = run.system.parts, run.work.now, at.v
-    rows, bodies, table = markers.rows, parts.bodies, parts.markers
-    for n in range(rows.shape[0]):
-        mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A, arm = bodies[mk["body"]], now.body[mk["body"]]["A"], triple(mn["arm"])
-        m, iv = body["m"], body["iv"]
-        om, th = part(v, iv + 3), modal_vector(parts.pool, mk["modes"] + 3 * m, m, v, iv + 6)
-        point, turning = _deformation_rates(mk, mn, m, parts.pool, v, iv + 6)
-        change = tangent_slope(mn, 1.0, th, th)  # Ṫᵀ θ̇
-        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm, u and e of the deformation
-        a = outer(om, plus(outer(om, triple(mn["s"])), 2.0, point))
-        a = plus(a, 1.0, outer(turning, outer(turning, arm)))
-        put_part(mn["bx"], 0, turned(A, plus(a, 1.0, outer(change, arm))))
-        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, turning))))
-    return FINE
-
-
-@kernel
-def tangent_slope(mn, sign, r, m):
-    """Derivative of Tᵀ(θ) m along δθ = r, of T(θ) m with sign −1."""
-    th, c = triple(mn["th"]), mn["c"]
-    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
-    x = plus(times(sign * c[0], w), sign * s * c[2], u)
-    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
-    return plus(x, s * c[3], outer(th, u))
 
 
 @unit
@@ -317,7 +285,6 @@ FLEXIBLE_MARKERS = Kind(
     {
         "position": place_flexible,
         "velocity": move_flexible,
-        "bias": bias_flexible,
         "wrench": clear_wrenches,
         "force": subtract_wrenches,
     },

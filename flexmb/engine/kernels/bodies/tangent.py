@@ -19,7 +19,7 @@ from flexmb.engine.kernels.algebra.triple import (
     turned_back,
 )
 from flexmb.engine.kernels.bodies.inertia_tangent import add_column, add_skew
-from flexmb.engine.kernels.bodies.kinematics import mode_vector, tangent_slope
+from flexmb.engine.kernels.bodies.kinematics import mode_vector
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Now
@@ -120,7 +120,17 @@ def _add_modal_lever(mk, mn, pool, m, force, moment, B):
         add_part(B[6 + c], 3, 1.0, plus(change, 1.0, outer(turning, moment)))
         # modal rows, δη: the arm turns, and T(θ) changes
         change = turned(mn["T"], outer(outer(turning, arm), force))
-        slope = tangent_slope(mn, -1.0, mode_vector(pool, o + c, m), whole)
+        slope = _tangent_slope(mn, mode_vector(pool, o + c, m), whole)
         x, y, z = plus(change, 1.0, slope)
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
+
+
+@kernel
+def _tangent_slope(mn, r, m):
+    """Derivative of T(θ) m along δθ = r."""
+    th, c = triple(mn["th"]), mn["c"]
+    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
+    x = plus(times(-c[0], w), -s * c[2], u)
+    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
+    return plus(x, s * c[3], outer(th, u))
