@@ -30,7 +30,8 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     for check in report.checks:
         assert check.passed, check
     assert report.statistics["largest_position_drift"] < 1e-8
-    assert report.statistics["energy_balance_error"] < 1e-4
+    asked = report.statistics.get("accuracy_asked", 0.0)  # stiff modes are damped
+    assert report.statistics["energy_balance_error"] < max(1e-4, asked)
 
 
 @pytest.mark.parametrize(

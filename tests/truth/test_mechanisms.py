@@ -263,4 +263,5 @@ def test_iftomm_bricard_to_the_accuracy_asked_for(exact_bricard, knobs, accuracy
     spans = {name: np.ptp(wanted, axis=0)[[n == name for n in names]].max() for name in names}
     error = (np.abs(found.sensors - wanted).max(axis=0) / [spans[name] for name in names]).max()
     assert error < 2 * accuracy
-    assert error < 3 * found.statistics["measured_error_of_positions"]
+    said = found.statistics["measured_error_of_positions"]
+    assert error < max(3 * said, 0.2 * accuracy)

@@ -52,9 +52,9 @@ class DynamicsSpec(Spec):
     by default): the largest error over the outputs of each position sensor, over its peak-to-peak;
     or ``step`` [s]: steps of fixed length. The error is measured by a second run with longer steps,
     a scout, unless ``verify`` is false. ``order`` is that of explicit-rk. ``spectral_radius`` is
-    that of generalized-alpha at infinite frequency, from 0 to 1 (1 is allowed and means no numerical
-    damping); ``newton_tolerance`` is relative to the share of the accelerations in a step's motion,
-    by default 1e-8 with fixed steps and a share of the error allowed with error control;
+    that of generalized-alpha at infinite frequency, from 0 to 1 (1 means no numerical damping);
+    ``newton_tolerance`` is relative to the share of the accelerations in a step's motion, by
+    default 1e-8 with fixed steps and a share of the error allowed with error control;
     ``start = "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial
     motion, ``"undeformed"`` leaves them straight.
     """

@@ -147,11 +147,11 @@ def test_it_is_told_until_when_the_accuracy_holds(n, chunks):
     """Errors grow by e every second: the time by hand, within two of the times that are kept."""
     made, t = model(*BOTH), np.linspace(0.0, 10.0, n)
     error = fed(made, *runs(made, t, right_x=1e-6 * np.exp(t), left_x=1e-9 * t), chunks)
-    for accuracy in (1e-6, 1e-5):
-        wanted = np.log(accuracy * 32 * 2.0 / 1e-6)
-        found = error.reached_until(RATIO, accuracy)
+    for accuracy in (1e-5, 1e-4):
+        wanted = np.log(accuracy * 2.0 / 1e-6)  # when the two runs are so far apart
+        found = error.reached_until(accuracy)
         assert 0.0 <= found - wanted < 2 * 10.0 / min(n - 1, 128)
-    assert error.reached_until(RATIO, 1e-2) == np.inf
+    assert error.reached_until(0.5) == np.inf
 
 
 @pytest.mark.parametrize("n", [51, 256, 257, 514, 1000, 1023, 5001])
@@ -159,14 +159,14 @@ def test_what_is_missed_in_the_last_row_only_is_told(n):
     made, t = model(*BOTH), np.linspace(0.0, 10.0, n)
     error = fed(made, *runs(made, t, right_x=1e-3 * (t == t[-1])))
     assert error.largest(RATIO)["positions"].time == 10.0
-    assert error.reached_until(RATIO, 1e-6) <= 10.0
+    assert error.reached_until(1e-6) <= 10.0
 
 
 def test_a_sensor_at_rest_holds_no_accuracy_up():
     made = model(*BOTH)
     coarse, fine = runs(made, T, right_x=0.0 * T)
     coarse.set("left.x", 1e-12 * T)
-    assert fed(made, coarse, fine).reached_until(RATIO, 1e-9) == np.inf
+    assert fed(made, coarse, fine).reached_until(1e-9) == np.inf
 
 
 @pytest.mark.parametrize("n", [40, 300, 1500])
@@ -183,7 +183,7 @@ def test_it_goes_on_from_its_arrays(n):
     for name, array in again.arrays().items():
         assert array.tobytes() == whole.arrays()[name].tobytes(), name
     assert again.largest(RATIO) == whole.largest(RATIO)
-    assert again.reached_until(RATIO, 1e-6) == whole.reached_until(RATIO, 1e-6)
+    assert again.reached_until(1e-6) == whole.reached_until(1e-6)
 
 
 class Cut:
