@@ -184,6 +184,7 @@ class Collocation(NamedTuple):
     gap: Matrix  # (stages, nc) constraint values
     change: Matrix  # (stages, nv) last correction
     share: Matrix  # (stages, stages) of the stages of the last step in the predicted ones
+    age: Vector  # (1,) steps made by the present factors; below 0: there are none
     span: Vector  # (2,) start and length of the step that the stages are of, s; 0: of none
     real: Factor  # of the real eigenvalue
     pair: ComplexFactor  # of the pair of complex ones

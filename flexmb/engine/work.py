@@ -252,7 +252,7 @@ def _new_collocation(system: System, stages: int) -> Collocation:
     )  # fmt: skip
     return Collocation(
         *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, stages)),
-        np.zeros(2), factor, pair,
+        np.full(1, -1.0), np.zeros(2), factor, pair,
     )  # fmt: skip
 
 

@@ -44,9 +44,9 @@ _STAGES = 3
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.1
 # An old factor is renewed before a step that expects a contraction above this.
-_RENEW_ABOVE = 0.05
+_RENEW_ABOVE = 0.1
 # Steps that differ by less share a factor.
-_SAME_STEP = 1e-3
+_SAME_STEP = 0.1
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
@@ -109,8 +109,9 @@ def radau_5() -> Method:
 @unit
 def step(run: Run, radau: Radau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`."""
-    memory = run.state.memory
+    memory, age = run.state.memory, run.work.collocation.age
     _predict(run, radau, h)
+    memory[method.AGE], age[0] = age[0], -1.0  # the factors outlast outputs
     if (
         abs(memory[method.FACTOR_STEP] - h) > _SAME_STEP * h
         or memory[method.CONTRACTION] > _RENEW_ABOVE
@@ -351,6 +352,7 @@ def _finish(run, radau, h):
     copy(col.a[last], tr.vd)
     copy(col.lam[last], tr.lam)
     col.span[0], col.span[1] = st.t[0], h
+    col.age[0] = memory[method.AGE]
     st.count[method.FACTORISATIONS] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
     status = accelerations(run, run.trial_point, cp, VELOCITIES)
