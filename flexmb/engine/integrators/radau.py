@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _STAGES = 3
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
-_SHARE = 0.1
+_SHARE = 0.005
 # An old factor is renewed before a step that expects a contraction above this.
 _RENEW_ABOVE = 0.1
 # Steps that differ by less share a factor.
