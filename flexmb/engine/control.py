@@ -91,7 +91,7 @@ def begin(sys, settings, st):
 def at_end(settings, plan, st):
     """Whether the run has reached its end, or that of the plan that it follows."""
     if settings.refinement > 0.0:
-        return st.t[0] >= plan.knots[plan.used[0] - 1]
+        return plan.used[0] == 0 or st.t[0] >= plan.knots[plan.used[0] - 1]
     return st.t[0] >= settings.end - 1e-9 * _least_interval(settings)
 
 

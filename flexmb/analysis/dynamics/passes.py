@@ -30,11 +30,11 @@ def stricter_tolerance(prepared: Prepared) -> float | None:
     verified, settings = prepared.verified, prepared.settings
     if verified is None or prepared.pace[1] >= MOST_PASSES:
         return None
-    measured = verified.errors()["positions"].error
-    if measured <= _ENOUGH * settings.accuracy:
+    worst = verified.errors().get("positions")
+    if worst is None or worst.error <= _ENOUGH * settings.accuracy:
         return None
     power = verified.kept.method.error_order / verified.kept.method.order
-    share = max(_AIM * settings.accuracy / measured, _LEAST_SHARE)
+    share = max(_AIM * settings.accuracy / worst.error, _LEAST_SHARE)
     return float(settings.tolerance * share**power)
 
 
@@ -60,16 +60,16 @@ def missed_accuracy(prepared: Prepared) -> Iterator[str]:
     verified, accuracy = prepared.verified, prepared.settings.accuracy
     if verified is None:
         return
-    worst = verified.errors()["positions"]
-    if worst.error <= _TOLD * accuracy:
+    worst = verified.errors().get("positions")
+    if worst is None or worst.error <= _TOLD * accuracy:
         return
     until = verified.error.reached_until(accuracy)
     unit = prepared.model.units
     yield (
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
-        f"t = {unit.say(worst.time, 's', 4)}); it holds until t = {unit.say(until, 's', 4)}: the "
-        "motion multiplies small errors; ask for a shorter run, or take the rest as one motion of "
-        "many"
+        f"t = {unit.say(worst.time, 's', 4)}); the run and its scout agree to it until "
+        f"t = {unit.say(until, 's', 4)}: a chaotic motion multiplies errors whatever the steps, so "
+        "that the rest is one motion of many; else another method or fixed steps may reach it"
     )
 
 

@@ -78,8 +78,8 @@ def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, 
     assert outcome.status == "finished"
     assert outcome.statistics["passes"] == 3
     (note,) = [note for note in outcome.notes if note.startswith("accuracy 1e-06 was asked for")]
-    assert "sensor end" in note and "multiplies small errors" in note
-    told = float(re.search(r"holds until t = ([\d.]+) s", note)[1])
+    assert "sensor end" in note and "multiplies errors" in note
+    told = float(re.search(r"agree to it until t = ([\d.]+) s", note)[1])
     error = np.abs(sensors - truth).max(axis=1) / np.ptp(truth, axis=0).max()
     # as far as the truth is known, and not much less
     assert error[t < min(told, until)].max() < 2 * accuracy
