@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dynamics.measured_error import QUANTITIES
 from flexmb.errors import SceneError
 from flexmb.model.sensors.sensor import channels_of, unit_of
 from flexmb.model.values.reading import Spec
@@ -23,17 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["History", "check_sensors", "histories", "with_velocities"]
 
 Array = NDArray[np.float64]
-QUANTITIES = {
-    "m": "positions",
-    "rad": "positions",
-    "m/s": "velocities",
-    "rad/s": "velocities",
-    "m/s^2": "accelerations",
-    "rad/s^2": "accelerations",
-    "N": "reactions",
-    "N m": "reactions",
-}
-"""What the channels of each unit are judged as; all others stand for themselves."""
 _OTHERS = "positions"  # a number that a state or an expression gives is judged as strictly
 _NOT_JUDGED = ("energy", "reaction")  # unless asked for: these a study has anyhow
 _ADDED = "_velocity"  # what the name of an added sensor ends with
