@@ -95,18 +95,19 @@ class MeasuredError:
         }  # fmt: skip
 
     def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
-        """Take in the same rows of both runs."""
-        n = len(fine.t)
+        """Take in the same rows of both runs, as far as both have them."""
+        n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
         gaps = np.zeros((n, len(self._judged)))
         for k, one in enumerate(self._judged):
             columns = list(one.columns)
-            ours, theirs = (getattr(rows, one.table)[:n, columns] for rows in (fine, coarse))
+            ours, theirs = (getattr(rows, one.table)[:n][:, columns] for rows in (fine, coarse))
             gaps[:, k] = np.abs(ours - theirs).max(axis=1, initial=0.0)
             low, high = self._range[:, k, : len(columns)]
             np.minimum(low, ours.min(axis=0), out=low)
             np.maximum(high, ours.max(axis=0), out=high)
+        gaps[np.isnan(gaps)] = np.inf  # nothing is known then
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]

@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy, scaled_size
+from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
 from flexmb.engine.kernels.bodies.motion import motion_of_rate, normalise, position_rate
 from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
-from flexmb.engine.kernels.stages import powers
+from flexmb.engine.kernels.stages import constraint_stage, powers
 from flexmb.engine.method import (
     FACTORISATIONS,
     FINE,
+    NO_CONVERGENCE,
     NOT_FINITE,
     RESIDUALS,
     STIFF_STEPS,
@@ -34,6 +35,8 @@ from flexmb.engine.state import Run
 if TYPE_CHECKING:
     from flexmb.model.tasks.dynamics import DynamicsSpec
 
+# Gap of a joint over the size of the model after its corrections: the step is too long for them.
+_OPEN = 1e-9
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD = 0.1
 
@@ -118,6 +121,9 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
     status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
     if h * _stiffness(run, stages) > tableau.stable:
         st.memory[STIFF_STEPS] += 1.0
+    constraint_stage(run, run.trial_point)
+    if status == FINE and not weighted_size(run.work.con.C, run.system.row_weights) < _OPEN:
+        return NO_CONVERGENCE
     copy(tr.vd, tr.aa)
     tr.extended[0] = 0
     if run.settings.works == 1:
@@ -186,11 +192,8 @@ def _add_slopes(slopes, at, weights, n, out):
 @unit
 def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
-    tr, before, h = (
-        run.work.trial,
-        run.work.trial.before,
-        run.state.t[0] - run.work.trial.before.t[0],
-    )
+    tr, before = run.work.trial, run.work.trial.before
+    h = run.state.t[0] - before.t[0]
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
     if tr.extended[0] == 0:
         for s in range(tableau.stages + 1, count):
@@ -241,13 +244,9 @@ def _estimate_error(run, errors, h):
 @kernel
 def _put_motion(run, weights, n, out):
     """out (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
-    parts, q, rate, slopes = (
-        run.system.parts,
-        run.state.q,
-        run.work.trial.rate,
-        run.work.trial.stages,
-    )
+    tr = run.work.trial
+    rate = tr.rate
     for i in range(rate.shape[0]):
         rate[i] = 0.0
-    _add_slopes(slopes, 0, weights, n, rate)
-    motion_of_rate(parts, q, rate, out)
+    _add_slopes(tr.stages, 0, weights, n, rate)
+    motion_of_rate(run.system.parts, run.state.q, rate, out)

@@ -64,9 +64,7 @@ class Radau(NamedTuple):
     mu_real: float
     mu_imag: float
     to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
-    back: (
-        Matrix  # (3, 3) columns of V as rows: of γ; twice the real and imaginary part of that of μ
-    )
+    back: Matrix  # (3, 3) columns of V: of γ; of μ twice the real, less twice the imaginary part
     error: Vector  # (3,) weights of the increments of the stages
 
 
