@@ -85,7 +85,8 @@ class MeasuredError:
         self._largest = np.zeros((2, n))  # difference so far; its time
         widest = max((len(one.columns) for one in self._judged), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
-        self._growth = np.full((_SAMPLES, 1 + n), np.nan)
+        self._places = [k for k, one in enumerate(self._judged) if one.quantity == "positions"]
+        self._growth = np.full((_SAMPLES, 1 + len(self._places)), np.nan)  # time, of positions
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that is known so far, to be kept and filled in again."""
@@ -95,7 +96,13 @@ class MeasuredError:
         }  # fmt: skip
 
     def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
-        """Take in the same rows of both runs, as far as both have them."""
+        """Take in the same rows of both runs, as far as both have them (SI).
+
+        Parameters
+        ----------
+        coarse, fine : OutputBlock
+            Rows (k, ...) of the scout and of the run that is kept.
+        """
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
@@ -113,7 +120,7 @@ class MeasuredError:
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
         for row in range(n):
-            self._sample(fine.t[row], so_far[row])
+            self._sample(fine.t[row], so_far[row, self._places])
 
     def _sample(self, t: float, differences: Array) -> None:
         """Keep the differences so far at every row, then at every second, ..."""
@@ -142,10 +149,10 @@ class MeasuredError:
     def reached_until(self, accuracy: float) -> float:
         """Time from which on the runs' positions are apart by more; infinite: never [s]."""
         spans, until = self._spans(), np.inf
-        for k, one in enumerate(self._judged):
-            if one.quantity != "positions" or spans[k] == 0.0:
+        for column, k in enumerate(self._places, start=1):
+            if spans[k] == 0.0:
                 continue
-            beyond = np.flatnonzero(self._growth[:, 1 + k] > accuracy * spans[k])
+            beyond = np.flatnonzero(self._growth[:, column] > accuracy * spans[k])
             if len(beyond):
                 until = min(until, float(self._growth[beyond[0], 0]))
             elif self._largest[0, k] > accuracy * spans[k]:

@@ -18,6 +18,8 @@ __all__ = ["Balance", "Clock", "Run"]
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
+# Steps of a chunk at least: after each the state is saved.
+_LEAST_CHUNK = 4
 # Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _AT_REST = 1e-6
 
@@ -49,7 +51,8 @@ class Run:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
         channels = len(compiled.layout.channels)
         self.work: Work = new_work(compiled.system, channels, chosen)
-        self.chunk = max(1, _CHUNK_WORK // (compiled.layout.nv * max(chosen.stages, 1)))  # steps
+        stages = max(chosen.stages, 1)
+        self.chunk = max(_LEAST_CHUNK, _CHUNK_WORK // (compiled.layout.nv * stages))  # steps
         self.plan = new_plan(self.chunk) if plan is None else plan
         self.output = new_output(compiled.system, self._rows(), channels)
         self._handed = hand_over(
