@@ -26,12 +26,18 @@ from flexmb.engine.method import (
     GREATEST_STEP,
     GRID,
     JERK_ERROR,
+    KINK,
+    LAST_RATIO,
     LAST_STEP,
     LEAST_STEP,
     MOTION,
     OUTPUTS,
     PART,
     REJECTED,
+    REJECTED_END,
+    REJECTED_RATIO,
+    REJECTED_START,
+    REJECTED_STEP,
     REPEAT,
     SINCE,
     SPEED,
@@ -45,8 +51,16 @@ from flexmb.engine.time_events import next_end
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
-# At a jump of forces the error of any step is of its own size; this share of the run will do.
-_JUMP_SHARE = 1e-9
+# At a jump of forces the error of any step is of its own size; these shares of the run will do: if
+# the error is what is allowed anywhere, and if it is not.
+_KINK_SHARE, _JUMP_SHARE = 1e-9, 1e-11
+# Where forces jump or have a kink the error of a step is this many times what the step before tells
+# (or what is not worth a look), and falls slower than by this share of its order and by this power
+# (where steps from other times are compared: by that of a jump), yet faster than noise. Estimates
+# miss it, so that it must be this share of the accuracy asked for.
+_SURPRISE, _SMALL, _ORDER_LOST, _KINKED, _JUMPED, _NOISE = 30.0, 1e-3, 0.5, 2.6, 1.4, 0.3
+_AT_KINK = 0.004
+_SHORTER = 1.5  # times, at least, for errors to be compared
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
 _LONGEST_SHARE = 0.1
@@ -160,10 +174,20 @@ def rejected(method, settings, st, error, status, h):
     else:
         patience = _PATIENCE if method.keeps_step == 1 else 1.0
         ratio = _ratio(settings, error, patience)
-        if ratio <= 1.0 or (h <= _JUMP_SHARE * (settings.end - settings.start) and ratio < 1e9):
+        allowed = 1.0
+        if _may_be_kink(method, memory, ratio, st.t[0], h):
+            most = settings.tolerance * settings.slack
+            allowed = min(1.0, _AT_KINK * settings.accuracy / most) if most > 0.0 else 1.0
+        span = settings.end - settings.start
+        if ratio <= allowed or (ratio <= 1.0 and h <= _KINK_SHARE * span):
+            return FINE
+        if ratio < 1e9 and h <= _JUMP_SHARE * span:
             return FINE
         count[REJECTED] += 1
-        memory[STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / method.error_order))
+        power = 1 if memory[KINK] == 1.0 else method.error_order
+        memory[STEP] = h * max(_LEAST, _SAFETY * (ratio / allowed) ** (-1.0 / power))
+        memory[REJECTED_STEP], memory[REJECTED_RATIO] = h, ratio
+        memory[REJECTED_START], memory[REJECTED_END] = st.t[0], st.t[0] + h
     memory[AGE] = -1.0
     memory[CONTRACTION] = 1.0
     memory[CALM] = _REST if method.keeps_step == 1 else 1.0
@@ -171,6 +195,29 @@ def rejected(method, settings, st, error, status, h):
     if settings.step == 0.0:
         smallest = _SMALLEST_SHARE * max(settings.end - settings.start, abs(st.t[0]))
     return TOO_SMALL if memory[STEP] < smallest else REPEAT
+
+
+@kernel
+def _may_be_kink(method, memory, ratio, t, h):
+    """Whether a force may jump or have a kink within the step, which its estimate misses.
+
+    The error is far from what the step before tells, or that of shorter steps where one was
+    rejected falls slower than the method's order says; what does not fall at all is noise.
+    """
+    before = memory[REJECTED_STEP]
+    if before == 0.0:
+        last = memory[LAST_STEP]
+        if method.keeps_step == 1 or not last > 0.0:
+            return False
+        expected = memory[LAST_RATIO] * (h / last) ** method.error_order
+        return ratio > _SURPRISE * max(expected, _SMALL)
+    if before > _SHORTER * h and ratio > 0.0:
+        slope = math.log(memory[REJECTED_RATIO] / ratio) / math.log(before / h)
+        same = memory[REJECTED_START] == t
+        kinked = min(_ORDER_LOST * method.error_order, _KINKED if same else _JUMPED)
+        if _NOISE < slope < kinked:
+            memory[KINK] = 1.0
+    return memory[KINK] == 1.0
 
 
 @kernel
@@ -208,6 +255,8 @@ def accepted(method, settings, st, error, h):
     memory[LEAST_STEP] = min(memory[LEAST_STEP], h)
     memory[GREATEST_STEP] = max(memory[GREATEST_STEP], h)
     memory[LAST_STEP] = h
+    if st.t[0] >= memory[REJECTED_END]:
+        memory[REJECTED_STEP], memory[KINK] = 0.0, 0.0
     if settings.step > 0.0:
         memory[PART] += h / settings.step
         if memory[PART] >= 1.0 - _ROUND_OFF:
@@ -218,6 +267,7 @@ def accepted(method, settings, st, error, h):
     memory[JERK_ERROR] = error[1] / h**3
     memory[ERROR_SUM] += error[0]
     ratio = max(_ratio(settings, error, 1.0), 1e-12)
+    memory[LAST_RATIO] = ratio
     factor = _SAFETY * ratio ** (-1.0 / method.error_order)
     calm = memory[CALM] == 0.0
     memory[CALM] = max(memory[CALM] - 1.0, 0.0)

@@ -70,13 +70,17 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 # may grow; the step before it was shortened to end at an event (0: it was not), how often it was,
 # and steps to go after an event before the next one is looked for; the largest present angular
 # velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
-# stability.
+# stability; the last step rejected, its error over what is allowed, the times at which it began
+# and would have ended, and 1 if a force jumps or has a kink within it (0 after that time); that error of the last
+# step accepted.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
 SINCE, JERK_ERROR, CALM = 11, 12, 13
 EVENT_STEP, EVENT_TRIES, EVENT_REST = 14, 15, 16
 TURNING, ERROR_SUM, STIFF_STEPS = 17, 18, 19
-MEMORY = 20
+REJECTED_STEP, REJECTED_RATIO, REJECTED_START, REJECTED_END = 20, 21, 22, 23
+KINK, LAST_RATIO = 24, 25
+MEMORY = 26
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
 EVENTS = 8

@@ -42,10 +42,10 @@ class VerifiedRun:
 
     @property
     def ratio(self) -> float:
-        """Error of the scout over that of the kept run."""
+        """Error of the scout over that of the kept run, which may take steps where it needs more."""
         kept, scout = (run.state.count[method.STEPS] for run in (self.kept, self.scout))
-        order = self.kept.method.order
-        return float(max(kept / max(scout, 1), 1.0) ** order)
+        finer = min(max(kept / max(scout, 1), 1.0), self.kept.settings.refinement)
+        return float(finer**self.kept.method.order)
 
     @classmethod
     def of(

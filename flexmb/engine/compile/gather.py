@@ -45,7 +45,8 @@ class Gathered:
     """All tables of a model; places in the factor are still open.
 
     The scalar coordinates of curve markers are the last ones, from number `before` on. `kinds` are
-    the tables of the kinds that the model holds, by name.
+    the tables of the kinds that the model holds, by name; `ground` (n, 3) are the points of the
+    ground that joints and forces hold on to.
     """
 
     model: Model
@@ -55,6 +56,7 @@ class Gathered:
     before: int
     coordinates: Table
     kinds: dict[str, Any]
+    ground: NDArray[np.float64]
     measured: Measured
 
     @property
@@ -105,6 +107,7 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     lowering = Lowering(model, flexbodies, markers, functions, groups, scalars)
     kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
+    ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
@@ -114,7 +117,7 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     if signals is not None:
         _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
     measured = Measured(sensors, numbers, starts, signals)
-    return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, measured)
+    return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, ground, measured)
 
 
 def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:

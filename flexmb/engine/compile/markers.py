@@ -73,6 +73,10 @@ class Markers:
         """Body of a marker, -1 for ground."""
         return self.rows[marker][0]
 
+    def on_ground(self) -> NDArray[np.float64]:
+        """Positions (n, 3) of those on the ground so far."""
+        return np.array([row[2] for row in self.rows if row[0] < 0]).reshape(-1, 3)
+
     def _modes(self, marker: PlacedMarker) -> int:
         if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
             return -1

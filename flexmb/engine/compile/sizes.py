@@ -11,14 +11,20 @@ from flexmb.engine.compile import bodies as body_tables
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.model import Model
-from flexmb.model.values.names import GROUND
 
 __all__ = ["body_weights", "model_length"]
 
 
-def model_length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:
-    """Size of the model [m]: spread of all markers and flexible bodies in the placed pose."""
-    spread = float(np.linalg.norm(np.ptp(_points(model, flexbodies), axis=0)))
+def model_length(
+    model: Model, flexbodies: Mapping[str, FlexBody], ground: NDArray[np.float64]
+) -> float:
+    """Size of the model [m]: spread of all markers and flexible bodies in the placed pose.
+
+    Of the ground only the points (n, 3) that hold something count, so that the size does not depend
+    on where the model stands.
+    """
+    points = np.concatenate([_points(model, flexbodies), ground])
+    spread = float(np.linalg.norm(np.ptp(points, axis=0)))
     rigid = [spec for spec in model.bodies.values() if not spec.flexible]
     mass, _, inertia = body_tables.mass_properties(rigid)
     gyration = np.sqrt(np.trace(inertia, axis1=1, axis2=2) / mass)
@@ -27,14 +33,14 @@ def model_length(model: Model, flexbodies: Mapping[str, FlexBody]) -> float:
 
 
 def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
-    """Global positions (n, 3) of all markers in the placed pose."""
+    """Global positions (n, 3) of all markers of bodies in the placed pose."""
     points, counts = [], []
-    for body in (*model.bodies, GROUND):
+    for body in model.bodies:
         places = lookup.places(model, body, flexbodies)
         points += places
         counts.append(len(places))
     r, A = lookup.poses(model)
-    r, A = (np.repeat(part, counts, axis=0) for part in (r, A))
+    r, A = (np.repeat(part[:-1], counts, axis=0) for part in (r, A))
     return r + (A @ np.array(points)[:, :, None])[:, :, 0]
 
 

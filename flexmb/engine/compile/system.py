@@ -76,7 +76,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     if not model.bodies:
         raise SceneError("the model has no bodies")
     found = gather(model, known)
-    length = model_length(model, known)
+    length = model_length(model, known, found.ground)
     system = _system(found, put_in_order(found), length)
     sliders = found.groups.sliders
     begin = np.append(np.zeros(found.before), sliders.starts())

@@ -31,7 +31,7 @@ from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_siz
 from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
-from flexmb.engine.kernels.projection import VELOCITIES, accelerations
+from flexmb.engine.kernels.projection import POSITIONS, accelerations
 from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import Method
 from flexmb.engine.records import Matrix, Vector
@@ -118,16 +118,14 @@ def step(run: Run, radau: Radau, h: float) -> int:
     allowed, floor = _allowed(run, h), last_places(run)
     last = 0.0
     for _ in range(run.settings.max_iterations):
-        if memory[method.AGE] < 0.0:
-            status = _evaluate_stage(run, radau, h, 1)
-            if status != method.FINE:
-                return status
-            _factorise(run, radau, h)
-            last = 0.0  # a contraction is measured between corrections by one factor
-        for i in range(_STAGES):
+        _put_rates(run, radau, h)
+        for i in (0, 2, 1):
             status = _evaluate_stage(run, radau, h, i)
             if status != method.FINE:
                 return status
+        if memory[method.AGE] < 0.0:  # at the stage in the middle, the last one evaluated
+            _factorise(run, radau, h)
+            last = 0.0  # a contraction is measured between corrections by one factor
         size, moved = _correct(run, radau, h)
         if not math.isfinite(size):
             return method.NOT_FINITE
@@ -157,7 +155,7 @@ def _allowed(run, h):
 def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
-    known = span[1] > 0.0
+    known, before = span[1] > 0.0, st.memory[method.LAST_STEP]
     for i in range(_STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if known else 0.0
         for j in range(_STAGES):
@@ -176,8 +174,10 @@ def _predict(run, radau, h):
     for k in range(st.lam.shape[0]):
         for i in range(_STAGES):
             col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if known else st.lam[k]
+        rise = (st.lam[k] - st.lam_before[k]) / before if before > 0.0 else 0.0
         for i in range(_STAGES):
             col.lam[i, k] = col.next_lam[i, k]
+            col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to
     span[1] = 0.0
 
 
@@ -188,8 +188,8 @@ def _sum(weights, rows, k):
 
 
 @unit
-def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
-    """Velocities of all stages and accelerations of stage i, from the motions of all."""
+def _put_rates(run: Run, radau: Radau, h: float) -> int:
+    """Velocities and accelerations of all stages from their motions."""
     st, col, bodies = run.state, run.work.collocation, run.system.parts.bodies
     nv = st.v.shape[0]
     for n in range(_STAGES):
@@ -198,9 +198,10 @@ def _put_stage(run: Run, radau: Radau, h: float, i: int) -> int:
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
             put_part(v, o, _angular_velocity(part(u, o), part(v, o)))
-    rate = radau.inverse[i]
-    for k in range(nv):
-        col.a[i, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
+    for n in range(_STAGES):
+        rate = radau.inverse[n]
+        for k in range(nv):
+            col.a[n, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
     return method.FINE
 
 
@@ -216,7 +217,6 @@ def _angular_velocity(theta, rate):
 def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     """What is out of balance at stage i, into its rows of the collocation; returns the status."""
     st, tr, col = run.state, run.work.trial, run.work.collocation
-    _put_stage(run, radau, h, i)
     move(run.system.parts, st.q, col.u[i], tr.q)
     copy(col.v[i], tr.v)
     copy(col.a[i], tr.vd)
@@ -286,20 +286,15 @@ def _correct(run, radau, h):
         x[place[k]] = -c * c * r
         z[place[k]] = -m * m * complex(p, q)
     for k in range(st.lam.shape[0]):
-        # multipliers from zero, so that redundant rows share the least
+        # Regularised towards those that the points before share the least among redundant rows;
+        # towards zero each step would yield to its reactions.
         i = place[nv + k]
         r, p, q = _transformed(to, col.gap, k)
         lr, lp, lq = _transformed(to, col.lam, k)
-        x[i] = eps[i] * c * c * lr - r
-        z[i] = eps[i] * m * m * complex(lp, lq) - complex(p, q)
-    ldl.solve(kkt, real, x)
-    ldl.solve_complex(kkt, pair)
-    for k in range(nv):
-        r, y = x[place[k]], z[place[k]]
-        for i in range(_STAGES):
-            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
-            col.u[i, k] += d
-            col.change[i, k] = d
+        nr, np_, nq = _transformed(to, col.next_lam, k)
+        x[i] = eps[i] * c * c * (lr - nr) - r
+        z[i] = eps[i] * m * m * complex(lp - np_, lq - nq) - complex(p, q)
+    _solve_stages(run, radau)
     for k in range(st.lam.shape[0]):
         i = place[nv + k]
         r, y = x[i] / (c * c), z[i] / (m * m)
@@ -314,6 +309,20 @@ def _correct(run, radau, h):
     if run.settings.step > 0.0:
         size = moved
     return size, moved
+
+
+@kernel
+def _solve_stages(run, radau):
+    """Solve both systems, and move the stages by what they say."""
+    col, kkt, back = run.work.collocation, run.system.kkt, radau.back
+    ldl.solve(kkt, col.real, col.real.sol)
+    ldl.solve_complex(kkt, col.pair)
+    for k in range(run.state.v.shape[0]):
+        r, y = col.real.sol[kkt.place[k]], col.pair.sol[kkt.place[k]]
+        for i in range(_STAGES):
+            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
+            col.u[i, k] += d
+            col.change[i, k] = d
 
 
 @kernel
@@ -342,8 +351,7 @@ def _finish(run, radau, h):
     memory[method.CONTRACTION] = min(
         0.99, measured + weighted_size(col.u[last], run.system.weights)
     )
-    for i in range(_STAGES):  # with the last correction
-        _put_stage(run, radau, h, i)
+    _put_rates(run, radau, h)  # with the last correction
     tr.t[0] = st.t[0] + h
     move(run.system.parts, st.q, col.u[last], tr.q)
     copy(col.v[last], tr.v)
@@ -353,38 +361,49 @@ def _finish(run, radau, h):
     col.age[0] = memory[method.AGE]
     st.count[method.FACTORISATIONS] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
-    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    status = accelerations(run, run.trial_point, cp, POSITIONS)
     copy(tr.vd, tr.aa)
     return status
 
 
 @kernel
 def _estimate_error(run, radau, h):
-    """Local error of the embedded formula of order 3, filtered by S(h/γ)⁻¹, into trial.error.
+    """Local error of the embedded formula of order 3, filtered by S(h/γ)⁻¹ M, into trial.error.
 
-    Of positions e and of velocities f before the filter; (I − h/γ ∂f/∂y)⁻¹ makes of them
-    S⁻¹ M (e + h/γ f) and (that less e) γ/h.
+    Of velocities f and, by (I − h/γ ∂f/∂y)⁻¹, of positions e + h/γ f: each as far as the
+    constraints let it be.
     """
-    st, tr, col, kkt = run.state, run.work.trial, run.work.collocation, run.system.kkt
-    nv, sol, e, raw, c = st.v.shape[0], run.work.factor.sol, radau.error, tr.jerk, h / radau.gamma
-    for k in range(nv):
-        raw[k] = c * st.v[k]
-        f = c * st.vd[k]
+    st, tr, col = run.state, run.work.trial, run.work.collocation
+    e, c = radau.error, h / radau.gamma
+    for k in range(st.v.shape[0]):
+        motion, change = c * st.v[k], c * st.vd[k]
         for i in range(_STAGES):
-            raw[k] += e[i] * col.u[i, k]
-            f += e[i] * (col.v[i, k] - st.v[k])
-        tr.res[k] = raw[k] + c * f
-    walk(run.stages.mass, run, run.trial_point)
-    copy(sol, col.real.sol)
-    for k in range(run.work.con.C.shape[0]):
-        col.real.sol[kkt.place[nv + k]] = 0.0
-    ldl.solve(kkt, col.real, col.real.sol)
-    for k in range(nv):
-        tr.dq[k] = col.real.sol[kkt.place[k]]
-        raw[k] = (tr.dq[k] - raw[k]) / c
+            motion += e[i] * col.u[i, k]
+            change += e[i] * (col.v[i, k] - st.v[k])
+        tr.dq[k], tr.jerk[k] = motion + c * change, change
+    _filter(run, tr.dq)
+    _filter(run, tr.jerk)
     noise = _UNTOLD * last_places(run)
     tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
-    tr.error[1] = scaled_size(raw, run.system.weights, st.speed, noise / c)
+    tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
+
+
+@unit
+def _filter(run: Run, x: Vector) -> int:
+    """x becomes S(h/γ)⁻¹ M x."""
+    tr, real, sol, place = run.work.trial, run.work.collocation.real, run.work.factor.sol, (
+        run.system.kkt.place
+    )  # fmt: skip
+    nv = x.shape[0]
+    copy(x, tr.res)
+    walk(run.stages.mass, run, run.trial_point)
+    copy(sol, real.sol)
+    for k in range(run.work.con.C.shape[0]):
+        real.sol[place[nv + k]] = 0.0
+    ldl.solve(run.system.kkt, real, real.sol)
+    for k in range(nv):
+        x[k] = real.sol[place[k]]
+    return method.FINE
 
 
 @unit

@@ -89,7 +89,7 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
 def project_positions(run: Run, at: Point, rounds: int) -> int:
     """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
 
-    Returns 1 if the last correction was round-off; leaves a position stage at q.
+    Returns 1 if the last correction was round-off; leaves a position stage at q, or that near.
     """
     kkt, parts, weights = run.system.kkt, run.system.parts, run.system.weights
     C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
@@ -103,9 +103,9 @@ def project_positions(run: Run, at: Point, rounds: int) -> int:
         solve(kkt, run.work.factor, sol)
         for i in range(nv):
             dq[i] = sol[place[i]]
+        move(parts, at.q, dq, at.q)
         if weighted_size(dq, weights) <= _ROUND_OFF:
             return 1
-        move(parts, at.q, dq, at.q)
         position_stage(run, at)
     return 0
 
