@@ -79,7 +79,7 @@ _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest motion in the model.
 _LEAST_SHARE = 1e-3
 # That of its modes as this share at least of its own: a sensor sees both.
-_FLEXIBLE_SHARE = 0.05
+_FLEXIBLE_SHARE = 1.0
 
 
 @kernel
