@@ -27,8 +27,8 @@ METHODS = {
 ACCURACIES = {
     "auto": (1e-3, 1e-4, 1e-6, 1e-8),
     "generalized-alpha": (1e-3, 1e-4),
-    "order 5": (1e-3, 1e-4, 1e-6, 1e-8),
-    "order 8": (1e-3, 1e-4, 1e-6, 1e-8),
+    "order 5": (1e-3, 1e-4, 1e-5, 1e-6, 1e-8),
+    "order 8": (1e-3, 1e-4, 1e-5, 1e-6, 1e-8),
     "radau": (1e-3, 1e-4, 1e-6, 1e-8),
 }
 TIGHT = {"accuracy": 1e-12, "method": "explicit-rk", "verify": False}
