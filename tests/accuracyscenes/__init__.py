@@ -1,0 +1,28 @@
+"""Scenes whose motion is known without flexmb: in closed form or from a textbook's equations."""
+
+from __future__ import annotations
+
+from .contacts import CONTACTS
+from .machines import MACHINES
+from .orbits import ORBITS
+from .oscillators import OSCILLATORS
+from .pendulums import PENDULUMS
+from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
+from .spinning import SPINNING
+from .states import STATES
+
+__all__ = ["AWAY", "CYCLES", "SCENES", "Scene", "beside_a_large_motion", "moved", "truth_of"]
+
+SCENES = {**PENDULUMS, **SPINNING, **ORBITS, **OSCILLATORS, **MACHINES, **STATES, **CONTACTS}
+
+CYCLES = {
+    "pendulum": 1982.0,
+    "mass on a spring": 628.0,
+    "Foucault's pendulum": 2090.0,
+    "orbit, e = 0.6": 6283.0,
+    "free top": 1100.0,
+    "gears": 1987.0,
+    "driven slider-crank": 314.0,
+    "bead on a cycloid": 1269.0,
+}
+"""Scenes with a closed form, and how long a thousand of their swings or turns take [s]."""
