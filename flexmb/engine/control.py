@@ -201,7 +201,7 @@ def rejected(method, settings, st, error, status, h):
 def _may_be_kink(method, memory, ratio, t, h):
     """Whether a force may jump or have a kink within the step, which its estimate misses.
 
-    The error is far from what the step before tells, or that of shorter steps where one was
+    The error is far from what the step before tells, or that of shorter steps within one that was
     rejected falls slower than the method's order says; what does not fall at all is noise.
     """
     before = memory[REJECTED_STEP]
@@ -211,7 +211,7 @@ def _may_be_kink(method, memory, ratio, t, h):
             return False
         expected = memory[LAST_RATIO] * (h / last) ** method.error_order
         return ratio > _SURPRISE * max(expected, _SMALL)
-    if before > _SHORTER * h and ratio > 0.0:
+    if before > _SHORTER * h and ratio > 0.0 and t + h <= memory[REJECTED_END]:
         slope = math.log(memory[REJECTED_RATIO] / ratio) / math.log(before / h)
         same = memory[REJECTED_START] == t
         kinked = min(_ORDER_LOST * method.error_order, _KINKED if same else _JUMPED)

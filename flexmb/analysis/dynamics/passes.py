@@ -19,8 +19,9 @@ __all__ = [
 # Measured error, known to a factor of about three, over what was asked for: that is good enough;
 # that the next pass aims at; from which on a sentence tells it.
 _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
-# Smallest factor of the tolerance from pass to pass.
-_LEAST_SHARE = 1e-4
+# Times as many steps at most from pass to pass; what is left of the difference of the two runs after
+# a pass that was in vain: they part, whatever the steps.
+_MOST_STEPS, _IN_VAIN = 5.0, 0.5
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
 _MANY, _OFTEN = 200, 0.15
 
@@ -33,9 +34,12 @@ def stricter_tolerance(prepared: Prepared) -> float | None:
     worst = verified.errors().get("positions")
     if worst is None or worst.error <= _ENOUGH * settings.accuracy:
         return None
-    power = verified.kept.method.error_order / verified.kept.method.order
-    share = max(_AIM * settings.accuracy / worst.error, _LEAST_SHARE)
-    return float(settings.tolerance * share**power)
+    before = prepared.pace[4]
+    if before > 0.0 and verified.difference > _IN_VAIN * before:
+        return None
+    chosen, share = verified.kept.method, _AIM * settings.accuracy / worst.error
+    factor = share ** (chosen.error_order / verified.order)
+    return float(settings.tolerance * max(factor, _MOST_STEPS**-chosen.error_order))
 
 
 def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:

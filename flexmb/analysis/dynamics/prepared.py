@@ -19,7 +19,7 @@ from flexmb.model.tasks.methods import METHODS
 
 __all__ = ["MOST_PASSES", "Prepared", "prepared_run"]
 
-MOST_PASSES = 3
+MOST_PASSES = 4
 """Passes of a run at most, each with a stricter tolerance by the error measured."""
 
 _FIRST = "first_"  # before the names of the first state among what is saved
@@ -36,7 +36,7 @@ class Prepared:
     notes: tuple[str, ...]
     settings: Settings  # of the run, were it alone
     first: State  # where it begins
-    pace: np.ndarray  # local tolerance, passes so far, number of the method
+    pace: np.ndarray  # as `new_pace` says
     rows_before: int = 0  # rows that are in the file already
     doubtful: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # with the scout of `run`
@@ -62,7 +62,9 @@ class Prepared:
         first = self.settings._replace(turn=1.0)
         settings = with_tolerance(first, spec, self.run.method, tolerance)
         again = self._again(self.method, settings)
+        assert self.verified is not None
         again.pace[1] = self.pace[1] + 1.0
+        again.pace[3:] = self.settings.tolerance, self.verified.difference
         return again
 
     def last(self) -> Prepared:
@@ -86,6 +88,12 @@ class Prepared:
         )  # fmt: skip
 
 
+def new_pace(settings: Settings, name: str) -> np.ndarray:
+    """Local tolerance, passes so far, number of the method; of the pass before its tolerance, and
+    the difference of its two runs (0: there was none)."""
+    return np.array([settings.tolerance, 1.0, tuple(METHODS).index(name), 0.0, 0.0])
+
+
 def prepared_run(
     compiled: Compiled, model: Model, name: str, state: State, settings: Settings,
     clock: Clock, **known: Any,
@@ -94,12 +102,12 @@ def prepared_run(
     spec = model.dynamics
     assert spec is not None
     chosen, verified = chosen_method(spec, name), None
+    pace = new_pace(settings, name)
     if spec.verify and settings.step == 0.0:
-        verified = VerifiedRun.of(compiled, model, chosen, settings, state)
+        verified = VerifiedRun.of(compiled, model, chosen, settings, state, pace)
         run = verified.kept
     else:
         run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)))
-    pace = np.array([settings.tolerance, 1.0, tuple(METHODS).index(name)])
     return Prepared(
         run, time_grid(spec), model, clock, first=state, settings=settings, verified=verified,
         pace=pace, **known,

@@ -55,7 +55,7 @@ def prepare_rest(
         raise ResultFileError(f"{result.path}: holds no state to go on from; run the scene again")
     rows, arrays = newest
     clock, name = Clock(), method_name(spec)
-    if PACE in arrays and arrays[PACE].shape == (3,):
+    if PACE in arrays and arrays[PACE].shape == (5,):
         name = tuple(METHODS)[int(arrays[PACE][2])]
     chosen = chosen_method(spec, name)
     units = prepare_integration(compiled.system, chosen, progress)

@@ -7,6 +7,8 @@ chunk; nothing of the scout is kept but its state at the border of a chunk.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
@@ -25,8 +27,9 @@ _AT_REST = 1e-10  # of the size of the model, or of a radian, within the run
 # Energy lost over the error from which on vibrations are damped; the ratio of errors there: what
 # is damped moves a sensor as the square of its period.
 _DAMPED, _DAMPED_RATIO = 3.0, 2.6
+_LEAST_ORDER = 1.0
 PACE = "pace"
-"""Name of local tolerance, number of passes and method among what is saved."""
+"""Its name among what is saved."""
 
 
 class VerifiedRun:
@@ -38,22 +41,41 @@ class VerifiedRun:
         The runs; the kept one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
+    pace : array
+        That of the run, as `Prepared` has it.
     """
 
-    def __init__(self, scout: Run, kept: Run, error: MeasuredError) -> None:
-        self.scout, self.kept, self.error = scout, kept, error
+    def __init__(self, scout: Run, kept: Run, error: MeasuredError, pace: np.ndarray) -> None:
+        self.scout, self.kept, self.error, self.pace = scout, kept, error, pace
+
+    @property
+    def difference(self) -> float:
+        """Largest difference of positions, over their peak-to-peak."""
+        found = self.error.largest(2.0)
+        return found["positions"].error if "positions" in found else 0.0
+
+    @property
+    def order(self) -> float:
+        """That of the method, or less, where the difference fell less since the pass before."""
+        chosen = self.kept.method
+        tolerance, before, difference = self.pace[0], self.pace[3], self.pace[4]
+        now = self.difference
+        if difference == 0.0 or now == 0.0:
+            return chosen.order
+        seen = chosen.error_order * math.log(difference / now) / math.log(before / tolerance)
+        return min(max(seen, _LEAST_ORDER), chosen.order)
 
     @property
     def ratio(self) -> float:
         """Error of the scout over that of the kept run, which may take steps where it needs more."""
         kept, scout = (run.state.count[method.STEPS] for run in (self.kept, self.scout))
         finer = min(max(kept / max(scout, 1), 1.0), self.kept.settings.refinement)
-        return float(finer**self.kept.method.order)
+        return float(finer**self.order)
 
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
-        first: State,
+        first: State, pace: np.ndarray,
     ) -> VerifiedRun:  # fmt: skip
         """A run from a copy of a state, and its scout, at the local tolerance of the settings."""
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
@@ -62,7 +84,7 @@ class VerifiedRun:
         length, span = compiled.length, settings.end - settings.start
         least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
         at_rest = {unit: _AT_REST * size for unit, size in least.items()}
-        return cls(scout, kept, MeasuredError(compiled.layout, model, at_rest))
+        return cls(scout, kept, MeasuredError(compiled.layout, model, at_rest), pace)
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
