@@ -89,12 +89,12 @@ def largest_error(found, truth):
     return shares[worst], worst
 
 
-def judged(model, truth, **knobs):
-    """Run a model; `truth(t)` are the channels it should have."""
+def judged(model, truth=None, bodies=None, **knobs):
+    """Run a model; `truth(t)` are the channels it should have, if known."""
     model.set_dynamics(**knobs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FlexmbWarning)
-        made, rows = compile_system(model), _Rows()
+        made, rows = compile_system(model, bodies), _Rows()
         prepared = prepare(made, model)
         begin = time.process_time()
         outcome = integrate(prepared, rows)
@@ -104,6 +104,6 @@ def judged(model, truth, **knobs):
     t = np.concatenate([block.t for block in rows.blocks])
     sensors = np.concatenate([block.sensors for block in rows.blocks])
     found = dict(zip(made.layout.channels, sensors.T, strict=True))
-    achieved, worst = largest_error(found, truth(t))
+    achieved, worst = largest_error(found, truth(t)) if truth else (np.nan, "")
     told = outcome.statistics.get("measured_error_of_positions", np.nan)
     return Judged(achieved, told, worst, outcome.statistics, cpu, "", outcome.notes)

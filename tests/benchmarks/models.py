@@ -63,17 +63,23 @@ def held_by(force, n=10):
 
 
 def slider_crank(modes):
-    """The case with a flexible rod of 6 + `modes` coordinates."""
+    """The case with a flexible rod of 6 + `modes` coordinates, in fixed steps."""
     fixed = {"dynamics.step": "1e-5", "dynamics.newton_tolerance": "1e-6"}
+    made, bodies = reduced_slider_crank(modes, fixed)
+    return made, compile_system(made, bodies), bodies["rod"].m
+
+
+def reduced_slider_crank(modes, fixed=None):
+    """The case with a flexible rod, and that rod reduced."""
     made = load_scene(
-        _CASES / "slider_crank" / "scene.toml", {"bodies.rod.modes": str(modes), **fixed}
+        _CASES / "slider_crank" / "scene.toml", {"bodies.rod.modes": str(modes), **(fixed or {})}
     )
     rod = made.bodies["rod"]
     body = reduce(
         made.path(rod.mesh), units=rod.units, material=rod.material,
         interfaces=dict(rod.interfaces), modes=rod.modes,
     )  # fmt: skip
-    return made, compile_system(made, {"rod": body}), body.m
+    return made, {"rod": body}
 
 
 def rigid_slider_crank():

@@ -1,4 +1,4 @@
-"""The mechanisms that are timed beside another program are the same in both, and in the textbook."""
+"""The mechanisms that are timed beside another program move as the textbook says in both."""
 
 from __future__ import annotations
 

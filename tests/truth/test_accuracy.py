@@ -14,7 +14,7 @@ import pytest
 from accuracyscenes import AWAY, CYCLES, SCENES, beside_a_large_motion, moved, truth_of
 from accuracyscenes.judging import METHODS, judged, largest_error
 from flexiblescenes import flexible_crank, flexible_pendulum
-from truthkit import run
+from truthkit import reference, run
 
 from flexmb.model import Model
 
@@ -73,48 +73,48 @@ def test_other_methods_reach_it_too(name, method):
     assert_reached(name, method, 1e-4)
 
 
-# What does not keep it yet.
-MISSED = {
-}  # fmt: skip
-"""(scene, method, accuracy): missed by more than twice, or told wrong by more than three times."""
+# By how a scene stands: what does not keep it yet, missed by more than twice or told wrong by more
+# than three times.
+MISSED = reference("missed_accuracy")
+
+
+def marked(case, how, slow=True):
+    """A case as a slow test, and expected to fail if it is known to."""
+    marks = [pytest.mark.slow] if slow else []
+    if list(case) in MISSED[how]:
+        marks.append(pytest.mark.xfail(strict=True, reason="does not keep it yet"))
+    return pytest.param(*case, id=", ".join(f"{part}" for part in (how, *case)), marks=marks)
 
 
 def cases():
-    for name, scene in SCENES.items():
-        for method, accuracies in ACCURACIES.items():
-            if scene.stiff and method == "order 5":
-                continue
-            for accuracy in accuracies:
-                case = name, method, accuracy
-                known = [pytest.mark.xfail(strict=True)] if case in MISSED else []
-                yield pytest.param(*case, id=f"{name}, {method}, {accuracy:g}", marks=known)
+    return [
+        marked((name, method, accuracy), "plain")
+        for name, scene in SCENES.items()
+        for method, accuracies in ACCURACIES.items()
+        if not (scene.stiff and method == "order 5")
+        for accuracy in accuracies
+    ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "method", "accuracy"), list(cases()))
+@pytest.mark.parametrize(("name", "method", "accuracy"), cases())
 def test_all_scenes_by_all_methods(name, method, accuracy):
     assert_reached(name, method, accuracy)
 
 
 THIN = ("pendulum", "oscillator", "orbit, e = 0.6", "free top")
-# What does not keep it yet where it is moved, made larger or smaller, or beside a large motion.
-MISSED_CHANGED = {
-}  # fmt: skip
 
 
-def changed(change):
+def changed(how):
     """Scenes by the methods of one step; a thin selection, and all others as slow tests."""
-    for name, scene in SCENES.items():
-        for method in ("auto", "order 5", "radau"):
-            if not scene.sized or (scene.stiff and method == "order 5"):
-                continue
-            marks = [] if name in THIN and method == "auto" else [pytest.mark.slow]
-            if (change, name, method) in MISSED_CHANGED:
-                marks.append(pytest.mark.xfail(strict=True))
-            yield pytest.param(name, method, id=f"{change}, {name}, {method}", marks=marks)
+    return [
+        marked((name, method), how, slow=name not in THIN or method != "auto")
+        for name, scene in SCENES.items()
+        for method in ("auto", "order 5", "radau")
+        if scene.sized and not (scene.stiff and method == "order 5")
+    ]
 
 
-@pytest.mark.parametrize(("name", "method"), list(changed("moved")))
+@pytest.mark.parametrize(("name", "method"), changed("moved"))
 def test_a_scene_a_kilometre_away_is_as_accurate(name, method):
     for accuracy in (1e-4, 1e-6):
         assert_reached(name, method, accuracy, moved(SCENES[name].make(1.0)), away=AWAY)
@@ -128,26 +128,27 @@ def assert_reached_at(size, name, method):
         assert found.steps == pytest.approx(plain.steps, rel=0.2)
 
 
-@pytest.mark.parametrize(("name", "method"), list(changed("1 µm")))
+@pytest.mark.parametrize(("name", "method"), changed("1 µm"))
 def test_a_scene_of_micrometres_is_as_accurate(name, method):
     assert_reached_at(1e-6, name, method)
 
 
-@pytest.mark.parametrize(("name", "method"), list(changed("1 km")))
+@pytest.mark.parametrize(("name", "method"), changed("1 km"))
 def test_a_scene_of_kilometres_is_as_accurate(name, method):
     assert_reached_at(1e3, name, method)
 
 
-@pytest.mark.parametrize(("name", "method"), list(changed("beside")))
+@pytest.mark.parametrize(("name", "method"), changed("beside"))
 def test_a_small_sensor_beside_a_large_motion_is_as_accurate(name, method):
     """A flywheel of 1 km turns far off."""
     model = beside_a_large_motion(SCENES[name].make(1.0))
     assert_reached(name, method, 1e-5, model)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
-@pytest.mark.parametrize("name", CYCLES)
+@pytest.mark.parametrize(
+    ("name", "accuracy"),
+    [marked((name, accuracy), "cycles") for name in CYCLES for accuracy in (1e-3, 1e-4)],
+)
 def test_a_thousand_cycles_are_as_accurate(name, accuracy):
     assert_reached(name, "auto", accuracy, duration=CYCLES[name])
 
