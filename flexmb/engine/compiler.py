@@ -282,6 +282,8 @@ def _machine() -> tuple[Any, Any]:
     """Target machine of this processor, and the passes of the optimiser."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    # Modes are tens, not thousands: more vectors at once cost compile time and gain nothing.
+    llvm.set_option("flexmb", "-force-vector-interleave=2")
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
         reloc="pic", codemodel="default",
@@ -327,6 +329,7 @@ def compile_unit(unit: jit.Unit) -> tuple[bytes, tuple[str, ...]]:
 def main(arguments: list[str]) -> int:
     """Compile the units whose modules and names come in, line by line, until there are no more."""
     folder = Path(arguments[0])
+    sys.modules["scipy"] = None  # type: ignore[assignment]  # else Numba loads its linear algebra
     jit.compile_with(_mark_kernel, _mark_unit)
     _put_calls()
     gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them
