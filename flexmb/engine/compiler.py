@@ -282,8 +282,6 @@ def _machine() -> tuple[Any, Any]:
     """Target machine of this processor, and the passes of the optimiser."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    # Modes are tens, not thousands: more vectors at once cost compile time and gain nothing.
-    llvm.set_option("flexmb", "-force-vector-interleave=2")
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
         reloc="pic", codemodel="default",
