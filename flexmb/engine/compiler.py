@@ -327,6 +327,7 @@ def compile_unit(unit: jit.Unit) -> tuple[bytes, tuple[str, ...]]:
 def main(arguments: list[str]) -> int:
     """Compile the units whose modules and names come in, line by line, until there are no more."""
     folder = Path(arguments[0])
+    sys.modules["scipy"] = None  # type: ignore[assignment]  # else Numba loads its linear algebra
     jit.compile_with(_mark_kernel, _mark_unit)
     _put_calls()
     gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them

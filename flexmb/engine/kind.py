@@ -100,6 +100,9 @@ class Kind:
         Whether it may be stiff.
     unsymmetric : callable, optional
         Tells of its tables whether its tangent is far from symmetric.
+    scratch : callable, optional
+        Makes from its tables what its units write into (`Work.kinds`); these find it in the field
+        `scratch` of the tables that they are handed.
     """
 
     name: str
@@ -112,6 +115,7 @@ class Kind:
     works: bool = False
     stiff: bool = False
     unsymmetric: Callable[[Any], bool] | None = None
+    scratch: Callable[[Any], Any] | None = None
 
     @property
     def core(self) -> bool:

@@ -10,6 +10,7 @@ handed the address alone, so its types are the same for all scenes.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -130,33 +131,34 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
     TypeError
         An array of another dtype or number of dimensions than annotated, or not contiguous.
     """
-    memory = np.zeros(max(layout(type(record))[1], 1), np.int64)
-    owned: list[Any] = [memory, record]
-    _write(record, memory, 0, owned, address_of)
-    return Packed(memory.ctypes.data, record, tuple(owned))
+    words: list[int] = []
+    owned: list[Any] = [record]
+    _add_words(record, words, owned, address_of)
+    memory = np.array(words or [0], np.int64)
+    return Packed(memory.ctypes.data, record, (memory, *owned))
 
 
-def _write(
-    record: Any,
-    memory: np.ndarray,
-    first: int,
-    owned: list[Any],
-    address_of: Callable[[Unit], int],
+def _add_words(
+    record: Any, words: list[int], owned: list[Any], address_of: Callable[[Unit], int]
 ) -> None:
-    for name, word, kind, table in layout(type(record))[0]:
-        value, at = getattr(record, name), first + word
+    """Append the words of a record, and to `owned` what they point at beside its arrays."""
+    for name, _, kind, table in layout(type(record))[0]:
+        value = getattr(record, name)
         if table:
             value = _addresses(value, table, owned, address_of)
         if isinstance(kind, Array):
             _check(record, name, value, kind)
-            memory[at] = value.__array_interface__["data"][0]
-            memory[at + 1 : at + 1 + kind.ndim] = value.shape
+            words.append(value.ctypes.data)  # faster than __array_interface__ where it has fields
+            words += value.shape
         elif kind is float:
-            memory[at : at + 1].view(np.float64)[0] = value
+            words.append(_WORD_OF_FLOAT(_FLOAT(value))[0])
         elif kind is int:
-            memory[at] = value
+            words.append(int(value))
         else:
-            _write(value, memory, at, owned, address_of)
+            _add_words(value, words, owned, address_of)
+
+
+_FLOAT, _WORD_OF_FLOAT = struct.Struct("d").pack, struct.Struct("q").unpack
 
 
 def _addresses(
@@ -182,12 +184,23 @@ def _check(record: Any, name: str, value: Any, kind: Array) -> None:
 
 def units_in(record: Any) -> Iterator[Unit]:
     """All units that stand in the tables of a record."""
-    for name, _, kind, table in layout(type(record))[0]:
+    for name, table in _holders(type(record)):
         value = getattr(record, name)
         if table == "units":
             yield from (unit for unit in value if unit is not None)
         elif table == "records":
             for entry in value:
                 yield from units_in(entry)
-        elif is_record(kind):
+        else:
             yield from units_in(value)
+
+
+@cache
+def _holders(record: type) -> tuple[tuple[str, str], ...]:
+    """Fields of a record class that may hold units, and which tables they are, "" of records."""
+    fields = layout(record)[0]
+    return tuple(
+        (field.name, field.table)
+        for field in fields
+        if field.table or (is_record(field.kind) and _holders(field.kind))
+    )

@@ -7,7 +7,8 @@ evaluated shows at once. `Run` holds all that compiled code is handed, by its ad
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -252,7 +253,7 @@ class FeedbackWork(NamedTuple):
 
 
 class Work(NamedTuple):
-    """All scratch."""
+    """All scratch: of two runs of one System none is shared."""
 
     now: Now
     con: Constraints
@@ -266,6 +267,7 @@ class Work(NamedTuple):
     energies: Vector  # (5,) kinetic, strain, gravity, spring; stored in bristles of friction
     powers: Vector  # (3,) of drivers, dampers, applied forces
     fault: Integers  # (1,) row of the element that gave the last status
+    kinds: Mapping[str, Any]  # scratch of the kinds that have some, by name (`engine.kind`)
 
 
 class Stage(NamedTuple):

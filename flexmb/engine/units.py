@@ -220,7 +220,8 @@ def call(unit: Unit, *arguments: Any) -> Any:
     """
     if interpreted():
         return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
-    prepare_units(_needed(unit, arguments))
+    if not _is_loaded(unit, arguments):
+        prepare_units(_needed(unit, arguments))
     owned, words = [], []
     for value, hint in zip(arguments, _parameters(unit.name), strict=True):
         if isinstance(value, tuple):
@@ -250,6 +251,12 @@ def call_ready(unit: Unit, *arguments: Any) -> Any:
     """As `call`, but nothing is compiled: if a unit is missing, all of them run as plain Python."""
     with nullcontext() if load_units(_needed(unit, arguments)) else interpretation():
         return call(unit, *arguments)
+
+
+def _is_loaded(unit: Unit, arguments: Iterable[Any]) -> bool:
+    """Whether nothing is left to prepare for a call of a unit with records handed over before."""
+    handed = not any(isinstance(value, tuple) for value in arguments)
+    return handed and unit.name in _loader().addresses
 
 
 def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from flexmb.engine.jit import Unit
@@ -72,15 +75,18 @@ def kinds_of(system: System) -> list:
     return [kind for kind in KINDS if kind.name in system.kinds]
 
 
-def stages_of(system: System) -> Stages:
-    """What each kind of a system does, stage by stage."""
+def stages_of(system: System, scratch: Mapping[str, Any]) -> Stages:
+    """What each kind of a system does, stage by stage, its tables with its scratch of one run."""
     kinds, called = kinds_of(system), _called_by_number(system)
+    tables = dict(system.kinds)
+    for name, own in scratch.items():
+        tables[name] = tables[name]._replace(scratch=own)
 
     def stage(name: str) -> Stage:
         acting = [kind for kind in kinds if name in kind.units]
         used = called.get(name, range(len(acting)))
         units = tuple(kind.units[name] if k in used else None for k, kind in enumerate(acting))
-        return Stage(units, tuple(system.kinds[kind.name] for kind in acting))
+        return Stage(units, tuple(tables[kind.name] for kind in acting))
 
     stages = {name: stage(name) for name in Stages._fields}
     if any(kind.uses_velocity for kind in kinds):
@@ -144,7 +150,7 @@ def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
 
 def units_of(system: System) -> list[Unit]:
     """All units of what a system holds."""
-    tables = stages_of(system), row_units(system), sensor_units(system)
+    tables = stages_of(system, {}), row_units(system), sensor_units(system)
     return [unit for table in tables for unit in units_in(table)]
 
 
@@ -204,8 +210,14 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
         trial, _new_feedback(system),
         Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
-        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
+
+
+def _scratch_of_kinds(system: System) -> dict[str, Any]:
+    tables = system.kinds
+    own = [kind for kind in kinds_of(system) if kind.scratch is not None]
+    return {kind.name: kind.scratch(tables[kind.name]) for kind in own}
 
 
 def _new_feedback(system: System) -> FeedbackWork:
@@ -294,7 +306,7 @@ def new_run(
         system, state, work,
         Point(state.t, state.q, state.v, state.vd, state.lam),
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
-        stages_of(system), row_units(system), sensor_units(system), method, settings,
+        stages_of(system, work.kinds), row_units(system), sensor_units(system), method, settings,
         new_plan(0) if plan is None else plan,
         new_output(system, 0, len(state.angles)) if output is None else output,
     )  # fmt: skip

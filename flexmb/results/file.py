@@ -99,6 +99,7 @@ class ResultWriter:
         self.columns = Columns.of(layout)
         self._rows = 0
         self._saves = 0
+        self._slots: tuple[dict[str, h5py.Dataset], ...] = ()  # of the state, once it is there
         self._capacity = max(int(n_outputs), 1)
         self._disk = _open_disk(self.path)
         with uninterrupted():
@@ -135,6 +136,7 @@ class ResultWriter:
                 writer._file = h5py.File(writer._disk, "r+")
                 writer.columns, writer._rows = contents.columns, newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
+                writer._slots = ()
                 writer._capacity = len(writer._file["time"])
                 writer._file["progress"][:] = writer._rows, STATUS.index("running")
                 writer._flush()
@@ -245,13 +247,15 @@ class ResultWriter:
         if self._saves == 0:
             create_state(group, arrays)
             self._flush()
+        if not self._slots:
+            self._slots = tuple(dict(group[slot].items()) for slot in ("0", "1"))
         slot = self._saves % 2
-        if set(arrays) != set(group[str(slot)]):
+        if arrays.keys() != self._slots[slot].keys():
             raise KeyError("the state's names differ from those of the first call")
         group["saves"][slot] = 0  # not valid while it is being written
         self._flush()
         for name, value in arrays.items():
-            group[str(slot)][name][...] = value
+            self._slots[slot][name][...] = value
         group["rows"][slot] = self._rows
         self._flush()
         self._saves += 1

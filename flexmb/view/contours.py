@@ -52,7 +52,7 @@ def _shape(mechanism: Mechanism, joint: JointSpec, side: int, size: float) -> Tr
     thick = _THICK * size
     if side < len(joint.curves):
         shape = curve_shape(mechanism.model, joint.curves[side])
-        points = shape.points()[:: max(1, len(shape.samples) // _SEGMENTS)]
+        points = shape.points[:: max(1, len(shape.samples) // _SEGMENTS)]
         if shape.closed:
             return plate(points[:-1], thick)
         ends = zip(points[:-1], points[1:], strict=True)

@@ -80,7 +80,7 @@ def test_normal_force_is_that_of_two_bearings():
         wanted = sum(np.linalg.norm(R) for R in ends) + row["preload"]
         if row["width"] > 0.0:
             wanted += abs(M @ z) / row["width"]
-        assert bench.sys.kinds["joint_frictions"].load[k, 0] == pytest.approx(wanted, rel=1e-12)
+        assert bench.work.kinds["joint_frictions"].load[k, 0] == pytest.approx(wanted, rel=1e-12)
 
 
 def reaction(bench, group):
@@ -101,7 +101,7 @@ def test_power_of_friction_is_torque_times_rate(friction):
     wanted = 0.0
     for k, row in enumerate(bench.sys.kinds["joint_frictions"].rows):
         rate = bench.v[bench.sys.parts.coordinates[row["coordinate"]]["iv"]]
-        wanted += bench.sys.kinds["joint_frictions"].load[k, 1] * row["radius"] * rate
+        wanted += bench.work.kinds["joint_frictions"].load[k, 1] * row["radius"] * rate
     damping = modal_damping(bench)
     assert bench.powers[1] == pytest.approx(wanted + damping, rel=1e-12)
 

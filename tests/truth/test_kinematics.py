@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from enginekit import computed
+from enginekit import executed
 from linkages import four_bar_angles
 from quickreturn import ram_motion
 
@@ -22,7 +22,6 @@ NORTON = Path(__file__).parents[1] / "references" / "norton_fourbar.json"
 
 PLANAR = """
 import json
-import sys
 import numpy as np
 from linkages import four_bar, four_bar_angles, slider_crank, swept
 from quickreturn import quick_return
@@ -55,7 +54,6 @@ for branch in (1, -1):
     made.add_sensor("pin", "position", of="coupler.end")
     keep(f"bar{branch}", swept(made, duration=1.3, outputs=6))
 
-sys.path.insert(0, TRUTH)
 from test_curves import cam
 made = cam("cam-flat", axis="y", gravity=(0, -9.81, 0))
 keep("cam", swept(made, duration=1.3, outputs=5))
@@ -89,9 +87,10 @@ for branch, word in ((1, "open"), (-1, "crossed")):
 
 
 @pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    code = PLANAR.replace("NORTON", repr(str(NORTON))).replace("TRUTH", repr(str(TRUTH)))
-    return computed(code, tmp_path_factory.mktemp("planar"))
+def planar():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(TRUTH)  # for test_curves
+        return executed(PLANAR.replace("NORTON", repr(str(NORTON))))
 
 
 def test_slider_crank(planar):
@@ -244,8 +243,8 @@ found["energy"] = rows["energy"]
 
 
 @pytest.fixture(scope="module")
-def spatial(tmp_path_factory):
-    return computed(SPATIAL, tmp_path_factory.mktemp("spatial"))
+def spatial():
+    return executed(SPATIAL)
 
 
 def test_universal_joint_turns_unevenly(spatial):

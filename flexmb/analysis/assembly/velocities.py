@@ -87,6 +87,10 @@ class AskedVelocities:
 
     def start(self, state: State) -> None:
         """Set v of a state with closed positions."""
+        if not self._asked:
+            state.v[:] = 0.0
+            solve_level(self._system, state, self._work, VELOCITIES)
+            return
         self._measure(state)
         wanted = self._wanted()
         aim = wanted.copy()
@@ -106,6 +110,8 @@ class AskedVelocities:
 
     def notes(self, state: State) -> list[str]:
         """What was asked for and could not be kept."""
+        if not self._asked:
+            return []
         self._measure(state)
         wanted, found = self._wanted(), self._found()
         scale = max(self._size(wanted), self._size(found), 1e-12)

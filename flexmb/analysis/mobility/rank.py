@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+import scipy.linalg  # noqa: F401  its threads are found with those of NumPy
+from threadpoolctl import ThreadpoolController
 
 from flexmb.analysis.mobility.rows import dense_jacobian
 from flexmb.engine.compile import Compiled
@@ -32,8 +34,14 @@ def one_blas_thread() -> Iterator[None]:
     With up to `LARGEST` coordinates two threads take no less time, and where other processes run
     they wait for each other: a chain of 100 bars takes 0.4 s with one thread, 1 to 4 s with two.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _pools().limit(limits=1, user_api="blas"):
         yield
+
+
+@cache
+def _pools() -> ThreadpoolController:
+    # NumPy and SciPy have loaded theirs; looking for them takes longer than a small decomposition
+    return ThreadpoolController()
 
 
 def n_free(compiled: Compiled) -> int:

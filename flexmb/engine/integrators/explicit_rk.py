@@ -11,6 +11,7 @@ Equations I, 1993, §II.5, II.6, II.10). For scenes without stiff forces.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -81,6 +82,7 @@ def dormand_prince_8() -> Method:
     return _method(tableau, order=8, loosest=3e-7)
 
 
+@cache
 def _dense_weights(method: type) -> np.ndarray:
     """Weights (16, 7) of the stages in the dense output of DOP853, as powers of the share θ.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,7 @@ class CurveShape:
         """Parameters evenly between the ends, both included."""
         return np.linspace(self.breaks[0], self.breaks[-1], _SAMPLES + 1)
 
+    @cached_property
     def points(self) -> Array:
         """(n, 3) points along the curve [m], both ends included."""
         found: Array = self.at(self.samples)[:, 0]

@@ -121,4 +121,4 @@ def _known(model: Model, curve: str) -> CurveShape | None:
 
 
 def _length(shape: CurveShape) -> float:
-    return float(np.linalg.norm(np.diff(shape.points(), axis=0), axis=1).sum())
+    return float(np.linalg.norm(np.diff(shape.points, axis=0), axis=1).sum())

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from enginekit import computed
+from enginekit import executed
 from linkages import four_bar_angles
+
+from flexmb.analysis.kinematics import analysis
 
 CODE = """
 import numpy as np
@@ -155,8 +157,10 @@ found["branch"] = np.array([outcome.status, outcome.message])
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    return computed(CODE, tmp_path_factory.mktemp("runs"))
+def runs():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(analysis, "_CHUNK_WORK", analysis._CHUNK_WORK)  # set in between
+        return executed(CODE)
 
 
 def said(runs, name, status, *words):

@@ -62,18 +62,18 @@ def test_a_table_of_points_on_a_line_is_the_line():
 
 def test_units_of_a_scene_are_those_of_its_curves():
     inside = [
-        shape("mm-t-s", **fields).points()
+        shape("mm-t-s", **fields).points
         for fields in ({"circle": 50}, {"circle": "c*25"}, {"polar": "50"}, {"polar": "5 cm"})
     ]
     for found in inside:
         np.testing.assert_allclose(np.linalg.norm(found, axis=1), 0.05, rtol=1e-14)
     line = shape("mm-t-s", polar="c*t + 1", range=["pi/2", "90*deg + 1"])
-    assert np.linalg.norm(line.points()[0]) == pytest.approx((np.pi + 1) * 1e-3)
+    assert np.linalg.norm(line.points[0]) == pytest.approx((np.pi + 1) * 1e-3)
 
 
 def test_the_parameter_of_an_expression_is_a_number_whatever_the_unit_of_time():
     milli, plain = shape("mm-kg-ms", polar="1 + t"), shape("mm-kg-s", polar="1 + t")
-    np.testing.assert_array_equal(milli.points(), plain.points())
+    np.testing.assert_array_equal(milli.points, plain.points)
 
 
 def test_pieces_have_their_length_for_parameter():
@@ -103,7 +103,7 @@ def test_points_of_a_file_stay_with_the_scene(rows, tmp_path):
     model.add_curve("cam", file="cam.csv", closed=True)
     table = model.to_scene_dict()["curves"]["cam"]
     assert table == {"points": [[1, 0], [0, 1], [-1, 0], [0, -1]], "closed": True}
-    told = curve_shape(model, "cam").points()
+    told = curve_shape(model, "cam").points
     np.testing.assert_allclose(np.linalg.norm(told[0]), 1e-3)
 
 
@@ -113,6 +113,4 @@ def test_a_scene_gives_its_curves_back(name):
     model.add_curve("c", **SHAPES[name])
     model.add_body("b", mass=1, inertia=[1, 1, 1])
     again = Model.from_scene_dict(model.to_scene_dict())
-    np.testing.assert_array_equal(
-        curve_shape(again, "c").points(), curve_shape(model, "c").points()
-    )
+    np.testing.assert_array_equal(curve_shape(again, "c").points, curve_shape(model, "c").points)

@@ -28,6 +28,9 @@ def driven() -> flexmb.Model:
     return made
 
 
+_SHORT = 6 * 16 * 9  # so that a pass has many chunks
+
+
 class Interrupt:
     """Progress that presses Ctrl-C after a chunk of a pass, and knows the passes."""
 
@@ -46,13 +49,15 @@ class Interrupt:
 
 @pytest.fixture(autouse=True)
 def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_CHUNK_WORK", 6 * 16 * 9)
+    monkeypatch.setattr(module, "_CHUNK_WORK", _SHORT)
 
 
-@pytest.fixture
-def whole(tmp_path: Path) -> Result:
-    seen = Interrupt()
-    result = flexmb.simulate(driven(), output=tmp_path / "whole", progress=seen)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    seen, folder = Interrupt(), tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_CHUNK_WORK", _SHORT)
+        result = flexmb.simulate(driven(), output=folder, progress=seen)
     assert result.statistics["passes"] == seen.passes == 2 and seen.chunk > 5
     return result
 
@@ -109,7 +114,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
             watched(name)
         flexmb.simulate(driven(), output=tmp_path / "run")
     monkeypatch.undo()
-    monkeypatch.setattr(module, "_CHUNK_WORK", 6 * 16 * 9)
+    monkeypatch.setattr(module, "_CHUNK_WORK", _SHORT)
     began = [moment for moment, _ in left].index("after save_state")
     restart = [moment for moment, _ in left].index("before restart")
     chosen = [*range(began, restart - 4, 7), *range(restart - 4, restart + 6), len(left) - 1]

@@ -15,7 +15,6 @@ from flexmb.engine.kernels.forces.contact_force import (
     BALL,
     BORE,
     CONTACT,
-    CONTACT_NOW,
     CYLINDER,
     PLANE,
     Contacts,
@@ -54,9 +53,7 @@ def lower_contacts(lowering: Lowering) -> Contacts | None:
     if not rows:
         return None
     table = np.array(rows, CONTACT)
-    return Contacts(
-        table, lowering.watch(2 * len(table)), np.zeros(1, CONTACT_NOW), np.zeros((3, 3))
-    )
+    return Contacts(table, lowering.watch(2 * len(table)))
 
 
 def _rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[Any, ...]]:

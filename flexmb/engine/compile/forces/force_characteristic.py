@@ -20,7 +20,6 @@ from flexmb.engine.kernels.forces.characteristic import (
 from flexmb.engine.kernels.forces.force_characteristic import (
     FORCE_CHARACTERISTICS,
     ForceCharacteristics,
-    Scratch,
 )
 from flexmb.model import lookup
 from flexmb.model.forces.force import JointSpringSpec, SpringDamperSpec
@@ -50,9 +49,7 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
     rows, programs = made.table(), lower(made.programs)
     stops = np.flatnonzero(rows["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
-    s, R, g = (np.full(n, np.nan) for n in (2, 3, 12))
-    first = lowering.watch(len(stops))
-    return ForceCharacteristics(rows, programs, stops, first, Scratch(s, R, g))
+    return ForceCharacteristics(rows, programs, stops, lowering.watch(len(stops)))
 
 
 @dataclass

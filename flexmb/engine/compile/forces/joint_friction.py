@@ -39,10 +39,7 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
         lowering.markers.framed.add(groups.in_group(group)[0].I)  # the reaction is read in its axes
     if not rows:
         return None
-    n = len(rows)
-    return JointFrictions(
-        np.array(rows, JOINT_FRICTION), lowering.watch(n), np.full((n, 2), np.nan), np.zeros(7)
-    )
+    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.watch(len(rows)))
 
 
 def place_joint_frictions(frictions: JointFrictions, placement: Placement) -> None:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.compile.pool import Pool
-from flexmb.engine.kernels.forces.relative_motion import RelativeMotion
 from flexmb.engine.kernels.forces.six_component_force import (
     SIX_COMPONENT_FORCE,
     SIX_COMPONENT_FORCES,
@@ -47,14 +46,7 @@ def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
         rows.append((i, j, -1, pool.add(numbers), damped))
     if not rows:
         return None
-    scratch = {name: _nan(6) for name in ("x", "rate", "elastic", "viscous", "p")}
-    scratch |= {name: _nan(3, 3) for name in "QS"} | {name: _nan(6, 12) for name in "ED"}
-    motion = RelativeMotion(**scratch, e=_nan(2))
-    return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE), pool.array(), motion)
-
-
-def _nan(*shape: int) -> Array:
-    return np.full(shape, np.nan)
+    return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE), pool.array())
 
 
 def _bushing_numbers(lowering: Lowering, spec: BushingSpec) -> Numbers:

@@ -18,6 +18,7 @@ from flexmb.engine.kernels.algebra.triple import (
     outer,
     part,
     plus,
+    put_part,
     times,
     triple,
     turned,
@@ -101,13 +102,13 @@ def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
     m, flex, zw = body["m"], body["flex"], body["z"] + 9 * body["m"]
     at_M = flex + 12 * m * (1 + m)
     for k in range(m):
-        x = turned(bn["A"], mode_vector(pool, flex + k, m))
-        B[0, 6 + k], B[1, 6 + k], B[2, 6 + k] = x
-        B[3, 6 + k], B[4, 6 + k], B[5, 6 + k] = mode_vector(Z, zw + k, m)
+        row = B[6 + k]
+        put_part(row, 0, turned(bn["A"], mode_vector(pool, flex + k, m)))
+        put_part(row, 3, mode_vector(Z, zw + k, m))
         for r in range(6):
-            B[6 + k, r] = B[r, 6 + k]
+            B[r, 6 + k] = row[r]
         for r in range(m):
-            B[6 + k, 6 + r] = pool[at_M + k * m + r]
+            row[6 + r] = pool[at_M + k * m + r]
     if cv != 0.0 or cp != 0.0:
         a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
         _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)

@@ -18,6 +18,7 @@ from flexmb.engine.kernels.forces.contact_force import (
     bristle,
     evaluate_contact,
     force,
+    new_scratch,
     put_wrench,
     separation,
 )
@@ -35,7 +36,8 @@ _ZERO = (0.0, 0.0, 0.0)
 @unit
 def add_wrenches(run: Run, contacts: Contacts, at: Point) -> int:
     """Add the wrenches of all contacts to their markers."""
-    rows, cn, markers, w = contacts.rows, contacts.now[0], run.work.now.marker, run.work.dense.g[0]
+    rows, cn = contacts.rows, contacts.scratch.now[0]
+    markers, w = run.work.now.marker, run.work.dense.g[0]
     for k in range(rows.shape[0]):
         if evaluate_contact(run, contacts, k) > 0.0:
             c = rows[k]
@@ -50,7 +52,8 @@ def add_wrenches(run: Run, contacts: Contacts, at: Point) -> int:
 @unit
 def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
     """Wrench pair of all points of the contact that a channel reads: on its first I, and on J."""
-    rows, cn, markers, dense = contacts.rows, contacts.now[0], run.work.now.marker, run.work.dense
+    rows, cn = contacts.rows, contacts.scratch.now[0]
+    markers, dense = run.work.now.marker, run.work.dense
     row = run.system.sensors.channels[channel]
     first, g, w = row["first"], dense.g[0], dense.g[1]
     i, j = rows[first]["I"], rows[first]["J"]
@@ -71,7 +74,7 @@ def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
 @unit
 def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
     """Elastic energy Σ K dⁿ⁺¹/(n + 1), and Σ ½ k s² in the bristles."""
-    rows, cn, out = contacts.rows, contacts.now[0], run.work.energies
+    rows, cn, out = contacts.rows, contacts.scratch.now[0], run.work.energies
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
@@ -84,7 +87,7 @@ def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
 @unit
 def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
     """Power of damping and friction, that into bristles included."""
-    rows, cn, out = contacts.rows, contacts.now[0], run.work.powers
+    rows, cn, out = contacts.rows, contacts.scratch.now[0], run.work.powers
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
@@ -96,7 +99,7 @@ def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
 @unit
 def remember(run: Run, contacts: Contacts, at: Point) -> int:
     """Write the history of all contacts at an accepted state; `now` has that of the step."""
-    rows, cn, now, history = contacts.rows, contacts.now[0], run.work.now, run.state.history
+    rows, cn, now, history = contacts.rows, contacts.scratch.now[0], run.work.now, run.state.history
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         o, rate = c["history"], cn["rate"]
@@ -116,7 +119,7 @@ def watch(run: Run, contacts: Contacts, at: Point) -> int:
     That crosses zero from below where it begins to slide, or to stick: |T| − μ N while it sticks,
     the speed against its bristle while it slides.
     """
-    rows, cn, now, out = contacts.rows, contacts.now[0], run.work.now, run.work.events.now
+    rows, cn, now, out = contacts.rows, contacts.scratch.now[0], run.work.now, run.work.events.now
     for k in range(rows.shape[0]):
         c, o, d = rows[k], contacts.first_event + 2 * k, evaluate_contact(run, contacts, k)
         out[o, 0], out[o, 1] = d, cn["rate"]
@@ -154,4 +157,5 @@ CONTACTS = Kind(
     works=True,
     stiff=True,
     unsymmetric=_has_friction,
+    scratch=new_scratch,
 )

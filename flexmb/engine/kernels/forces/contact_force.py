@@ -85,13 +85,24 @@ CONTACT_NOW = np.dtype(
 _ZERO = (0.0, 0.0, 0.0)
 
 
+class Scratch(NamedTuple):
+    """Scratch of one contact."""
+
+    now: array_of(CONTACT_NOW)  # (1,) the contact that was evaluated last
+    D: Matrix  # (3, 3) its force per relative velocity
+
+
 class Contacts(NamedTuple):
     """Contacts of a model."""
 
     rows: array_of(CONTACT)
     first_event: int  # each has two: its depth, and what makes it slide or stick
-    now: array_of(CONTACT_NOW)  # (1,) scratch: the contact that was evaluated last
-    D: Matrix  # (3, 3) scratch: force of one contact per relative velocity
+    scratch: Scratch = None  # of one run
+
+
+def new_scratch(contacts: Contacts) -> Scratch:
+    """Scratch that holds nothing yet."""
+    return Scratch(np.zeros(1, CONTACT_NOW), np.zeros((3, 3)))
 
 
 @kernel
@@ -150,8 +161,8 @@ def bristle(c, history, mj):
 
 @unit
 def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
-    """Depth of contact k, and all else of it into `contacts.now`."""
-    c, now, out = contacts.rows[k], run.work.now, contacts.now[0]
+    """Depth of contact k, and all else of it into `contacts.scratch.now`."""
+    c, now, out = contacts.rows[k], run.work.now, contacts.scratch.now[0]
     mi, mj = now.marker[c["I"]], now.marker[c["J"]]
     d, n, rho = _penetration(c, mi, mj)
     g = _relative_velocity(c, n, mi, mj)

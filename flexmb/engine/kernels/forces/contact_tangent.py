@@ -84,7 +84,8 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
 
     It is the contact that was evaluated last, of depth d > 0.
     """
-    c, cn, D, now, H = contacts.rows[k], contacts.now[0], contacts.D, run.work.now, run.work.dense.H
+    c, s, now, H = contacts.rows[k], contacts.scratch, run.work.now, run.work.dense.H
+    cn, D = s.now[0], s.D
     mi, mj, n, F = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), force(cn)
     rho, g, u, li = cn["rho"], triple(cn["g"]), separation(mi, mj), times(-c["ri"], n)
     lj = plus(u, 1.0, li)
@@ -122,9 +123,8 @@ def contact_tangents(run: Run, contacts: Contacts, at: Point, cv: float, cp: flo
 
 @kernel
 def _add_contact(run, contacts, k, v, cv, cp, d):
-    c, cn, D, markers, dense = (
-        contacts.rows[k], contacts.now[0], contacts.D, run.work.now.marker, run.work.dense
-    )  # fmt: skip
+    c, s, markers, dense = contacts.rows[k], contacts.scratch, run.work.now.marker, run.work.dense
+    cn, D = s.now[0], s.D
     i, j, couple = c["I"], c["J"], c["couple"]
     mi, mj, n = markers[i], markers[j], triple(cn["n"])
     put_contact_changes(run, contacts, k, d, cp)

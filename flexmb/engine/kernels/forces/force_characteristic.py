@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
 from flexmb.engine.kernels.algebra.vector import copy
@@ -57,7 +59,11 @@ class ForceCharacteristics(NamedTuple):
     programs: FunctionTable  # of springs and dampers, their variable in place of time
     stops: Integers  # rows that are stops
     first_event: int  # place of the first stop among the events
-    scratch: Scratch
+    scratch: Scratch = None  # of one run
+
+
+def _scratch(forces: ForceCharacteristics) -> Scratch:
+    return Scratch(*(np.full(n, np.nan) for n in (2, 3, 12)))
 
 
 @kernel
@@ -279,4 +285,5 @@ FORCE_CHARACTERISTICS = Kind(
     uses_velocity=True,
     works=True,
     stiff=True,
+    scratch=_scratch,
 )

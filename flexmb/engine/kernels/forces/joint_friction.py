@@ -45,13 +45,23 @@ JOINT_FRICTION = np.dtype(
 )
 
 
+class Scratch(NamedTuple):
+    """Scratch of all frictions."""
+
+    load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
+    surface: Vector  # (7,) of one of them, as `evaluate_surface` says
+
+
 class JointFrictions(NamedTuple):
     """Frictions in joints of a model."""
 
     rows: array_of(JOINT_FRICTION)
     first_event: int  # each has one: what makes it slide or stick
-    load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
-    surface: Vector  # (7,) scratch, as `evaluate_surface` says
+    scratch: Scratch = None  # of one run
+
+
+def _scratch(frictions: JointFrictions) -> Scratch:
+    return Scratch(np.full((len(frictions.rows), 2), np.nan), np.zeros(7))
 
 
 # Places in `surface`.
@@ -64,11 +74,11 @@ def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> 
 
     Returns the stretch of its bristle, m.
     """
-    f, out, history = frictions.rows[k], frictions.surface, run.work.now.history
+    f, out, history = frictions.rows[k], frictions.scratch.surface, run.work.now.history
     s = run.system.parts.coordinates[f["coordinate"]]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
     force, anchor, mode, excess, stiffness, damping = along(
-        f, frictions.load[k, 0], x, rate, history[f["history"]]
+        f, frictions.scratch.load[k, 0], x, rate, history[f["history"]]
     )
     out[_FORCE], out[_ANCHOR], out[_MODE], out[_EXCESS] = force, anchor, mode, excess
     out[_STIFFNESS], out[_DAMPING], out[_PLACE] = stiffness, damping, x
@@ -94,7 +104,7 @@ def _bearing(run, f, w):
 @unit
 def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
     """Bearing loads of all joint frictions for these multipliers; returns the largest change."""
-    rows, load, w = frictions.rows, frictions.load, run.work.dense.g[1]
+    rows, load, w = frictions.rows, frictions.scratch.load, run.work.dense.g[1]
     change = 0.0
     for k in range(rows.shape[0]):
         f = rows[k]
@@ -114,8 +124,8 @@ def put_forces(run: Run, frictions: JointFrictions, at: Point) -> int:
     rows, coordinates, res = frictions.rows, run.system.parts.coordinates, run.work.trial.res
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
-        force = frictions.surface[_FORCE]
-        frictions.load[k, 1] = force
+        force = frictions.scratch.surface[_FORCE]
+        frictions.scratch.load[k, 1] = force
         res[coordinates[rows[k]["coordinate"]]["iv"]] -= rows[k]["radius"] * force
     return FINE
 
@@ -127,7 +137,7 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
     As all that acts on coordinates without mass, not at the acceleration level.
     """
     rows, coordinates, panels = frictions.rows, run.system.parts.coordinates, run.system.kkt.panels
-    low, up, surface = run.work.factor.low, run.work.factor.up, frictions.surface
+    low, up, surface = run.work.factor.low, run.work.factor.up, frictions.scratch.surface
     if cv != 0.0:
         for k in range(rows.shape[0]):
             f = rows[k]
@@ -142,9 +152,9 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
 @unit
 def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
     """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
-    rows, surface = frictions.rows, frictions.surface
+    rows, surface = frictions.rows, frictions.scratch.surface
     for k in range(rows.shape[0]):
-        f, N = rows[k], frictions.load[k, 0]
+        f, N = rows[k], frictions.scratch.load[k, 0]
         evaluate_surface(run, frictions, at, k)
         if surface[_MODE] == SLIDES and N > 0.0:  # then the force is in proportion to N
             put_group_wrench(run, f["group"], at.lam)
@@ -185,7 +195,7 @@ def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
         f = rows[k]
         evaluate_surface(run, frictions, at, k)
         rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
-        out[1] += frictions.surface[_FORCE] * rate
+        out[1] += frictions.scratch.surface[_FORCE] * rate
     return FINE
 
 
@@ -214,7 +224,7 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
 @unit
 def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Write the history of all joint frictions at an accepted state."""
-    rows, surface, history = frictions.rows, frictions.surface, run.state.history
+    rows, surface, history = frictions.rows, frictions.scratch.surface, run.state.history
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
         o = rows[k]["history"]
@@ -226,7 +236,7 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
 @unit
 def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
     """What crosses zero from below where it begins to slide, or to stick, as of contacts."""
-    rows, surface, history = frictions.rows, frictions.surface, run.work.now.history
+    rows, surface, history = frictions.rows, frictions.scratch.surface, run.work.now.history
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
         f, o = rows[k], frictions.first_event + k
@@ -260,4 +270,5 @@ JOINT_FRICTIONS = Kind(
         "events": watch,
     },
     unsymmetric=_always,
+    scratch=_scratch,
 )

@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.triple import (
     add_part,
@@ -54,6 +56,12 @@ class RelativeMotion(NamedTuple):
     S: Matrix  # (3, 3) a slope of G
     E: Matrix  # (6, 12) gradient of x
     D: Matrix  # (6, 12) change of the rates with the position of the markers
+
+
+def new_relative_motion() -> RelativeMotion:
+    """Scratch that holds nothing yet."""
+    shapes = *((6,) for _ in range(5)), (2,), (3, 3), (3, 3), (6, 12), (6, 12)
+    return RelativeMotion(*(np.full(shape, np.nan) for shape in shapes))
 
 
 @unit

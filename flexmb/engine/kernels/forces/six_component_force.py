@@ -22,6 +22,7 @@ from flexmb.engine.kernels.forces import relative_motion
 from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.relative_motion import (
     RelativeMotion,
+    new_relative_motion,
     put_gradient_of,
     put_pull_tangent,
     put_rate_change,
@@ -47,7 +48,11 @@ class SixComponentForces(NamedTuple):
 
     rows: array_of(SIX_COMPONENT_FORCE)
     pool: Vector
-    scratch: RelativeMotion
+    scratch: RelativeMotion = None  # of one run
+
+
+def _scratch(forces: SixComponentForces) -> RelativeMotion:
+    return new_relative_motion()
 
 
 @kernel
@@ -172,4 +177,5 @@ SIX_COMPONENT_FORCES = Kind(
     uses_velocity=True,
     works=True,
     stiff=True,
+    scratch=_scratch,
 )
