@@ -94,7 +94,7 @@ def prepared_run(
     spec = model.dynamics
     assert spec is not None
     chosen, verified = chosen_method(spec, name), None
-    if spec.verify and settings.step == 0.0:
+    if spec.verify is not False and settings.step == 0.0:
         verified = VerifiedRun.of(compiled, model, chosen, settings, state)
         run = verified.kept
     else:
