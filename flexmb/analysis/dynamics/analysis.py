@@ -321,6 +321,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
         **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
+        **({"partitions": 1 + int(count[method.PARTITIONS])} if run.method.partitions else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

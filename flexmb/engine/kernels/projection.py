@@ -115,8 +115,9 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
     The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
-    with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the status; NO_LOOP where forces that depend on
-    accelerations or reactions do not settle, SELF_LOCKING where friction does not.
+    with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the
+    status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
+    SELF_LOCKING where friction does not.
     """
     if run.method.stabilised == 1:
         project = NOTHING
