@@ -75,7 +75,7 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 # may grow; the step before it was shortened to end at an event (0: it was not), how often it was,
 # and steps to go after an event before the next one is looked for; the largest present angular
 # velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
-# stability, and the largest rate of the motion at the last one.
+# stability, and the largest rate of the motion at the first one.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
 SINCE, JERK_ERROR, CALM = 11, 12, 13

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
+from flexmb.analysis.dynamics.run import Run
 from flexmb.engine import method
 from flexmb.engine.integrators import AUTO, STIFF_METHOD
 
 __all__ = [
     "error_statistics", "limited_by_stability", "may_change_method", "missed_accuracy",
-    "stricter_tolerance",
+    "stricter_tolerance", "unstable_step",
 ]  # fmt: skip
 
 # Measured error, known to a factor of about three, over what was asked for: that is good enough;
@@ -23,6 +24,8 @@ _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
 _LEAST_SHARE = 1e-4
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
 _MANY, _OFTEN = 200, 0.15
+# Their share in a run of fixed steps that fails by that.
+_SELDOM = 0.01
 
 
 def stricter_tolerance(prepared: Prepared) -> float | None:
@@ -78,6 +81,21 @@ def may_change_method(prepared: Prepared) -> bool:
     spec = prepared.model.dynamics
     automatic = spec is not None and spec.method == AUTO and prepared.settings.step == 0.0
     return automatic and prepared.method != STIFF_METHOD
+
+
+def unstable_step(run: Run, name: str, failed: bool) -> str:
+    """The sentence for fixed steps at the limit of stability of an explicit method, or nothing."""
+    memory, steps, h = run.state.memory, run.state.count[method.STEPS], run.settings.step
+    share = _SELDOM if failed else _OFTEN
+    if h == 0.0 or memory[method.STIFF_STEPS] <= share * steps:
+        return ""
+    limit = run.method.coefficients[0].stable / float(memory[method.STIFF_RATE])
+    where = "beyond" if failed else "at"
+    rest = "" if failed else ", and the fastest vibrations may be wrong"
+    return (
+        f"the step of {h:.3g} s is {where} the limit of stability of {name}, about {limit:.1g} s "
+        f'at the fastest rate of this motion{rest}: shorten it, or use method = "{STIFF_METHOD}"'
+    )
 
 
 def limited_by_stability(prepared: Prepared) -> bool:

@@ -195,8 +195,9 @@ def _watch_stability(run, tableau, h):
         apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
     rate = change / apart if apart > 0.0 else 0.0
     if h * rate > tableau.stable:
+        if run.state.memory[STIFF_STEPS] == 0.0:  # later ones are those of what has grown
+            run.state.memory[STIFF_RATE] = rate
         run.state.memory[STIFF_STEPS] += 1.0
-        run.state.memory[STIFF_RATE] = rate
 
 
 @kernel
