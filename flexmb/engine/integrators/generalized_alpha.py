@@ -157,11 +157,12 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
         tolerance = settings.tolerance * allowed
     floor = last_places(run)
+    enough = max(tolerance, floor) if settings.step == 0.0 else tolerance
     tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
-    for _ in range(settings.max_iterations):
+    for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count[RESIDUALS] += 1
         status = residual(run, run.trial_point)
@@ -187,7 +188,9 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        if noise or size <= floor or theta / (1.0 - theta) * size <= tolerance:
+        # what an old factor leaves is a bias, below the last places of positions too
+        settled = size <= floor and (n > 0 or settings.step == 0.0)
+        if noise or settled or theta / (1.0 - theta) * size <= enough:
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
