@@ -143,7 +143,9 @@ class Run:
 
 
 def _endless(t: float, step: float, left: float, limited: bool) -> str:
-    where = f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
+    where = (
+        f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
+    )
     if limited:
         return (
             f"{where}: stability of an explicit method limits them, not accuracy; "

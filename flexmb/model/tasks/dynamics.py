@@ -97,8 +97,8 @@ class DynamicsSpec(Spec):
 
     Options of some methods: ``order`` of the explicit ones, 8 (by default) or 5;
     ``newton_tolerance`` of the implicit ones is relative to the share of the accelerations in a
-    step's motion, by default 1e-8 with fixed steps and a share of the error allowed with error
-    control; ``spectral_radius`` of generalized-alpha at infinite frequency, from 0 to 1 (1 means no
+    step's motion, by default 1e-8 (of radau 1e-10) with fixed steps and a share of the error
+    allowed with error control; ``spectral_radius`` of generalized-alpha at infinite frequency, from 0 to 1 (1 means no
     numerical damping), by default 0.8; ``alpha`` of hht, from -1/3 to 0 (no numerical damping), by
     default -0.1; ``gamma`` of newmark, by default 1/2, and ``beta``, by default (gamma + 1/2)²/4;
     ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s] of baumgarte, α and β in
