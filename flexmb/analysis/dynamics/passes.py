@@ -27,6 +27,11 @@ _MANY, _OFTEN = 200, 0.15
 # Their share in a run of fixed steps that fails by that.
 _SELDOM = 0.01
 
+_DRIFTED = (
+    "stabilization makes forces of the drift of joints that are beyond measure: the pose is singular, "
+    'or the gains are large for the steps; method = "explicit-rk" has neither drift nor gains'
+)
+
 
 def stricter_tolerance(prepared: Prepared) -> float | None:
     """The local tolerance that leaves what was asked for, where the measured error is larger."""
@@ -84,17 +89,20 @@ def may_change_method(prepared: Prepared) -> bool:
 
 
 def unstable_step(run: Run, name: str, failed: bool) -> str:
-    """The sentence for fixed steps at the limit of stability of an explicit method, or nothing."""
+    """The sentence for steps that an explicit method is not stable with, or nothing."""
     memory, steps, h = run.state.memory, run.state.count[method.STEPS], run.settings.step
     share = _SELDOM if failed else _OFTEN
     if h == 0.0 or memory[method.STIFF_STEPS] <= share * steps:
-        return ""
-    limit = run.method.coefficients[0].stable / float(memory[method.STIFF_RATE])
+        return _DRIFTED if failed and run.method.stabilised else ""
     where = "beyond" if failed else "at"
+    limit = f"the limit of stability of {name}"
+    if memory[method.STIFF_RATE] > 0.0:
+        longest = run.method.coefficients[0].stable / float(memory[method.STIFF_RATE])
+        limit += f", about {longest:.1g} s at the fastest rate of this motion"
     rest = "" if failed else ", and the fastest vibrations may be wrong"
     return (
-        f"the step of {h:.3g} s is {where} the limit of stability of {name}, about {limit:.1g} s "
-        f'at the fastest rate of this motion{rest}: shorten it, or use method = "{STIFF_METHOD}"'
+        f"the step of {h:.3g} s is {where} {limit}{rest}: shorten it, or use method = "
+        f'"{STIFF_METHOD}"'
     )
 
 

@@ -21,8 +21,8 @@ __all__ = ["Balance", "Clock", "Run"]
 _CHUNK_WORK = 200_000
 # Steps of a chunk at least: after each the state is saved.
 _LEAST_CHUNK = 4
-# Steps between two looks at how long the rest of a run will take; steps for it that are given up, and
-# where stability limits them, which another method is free of.
+# Steps between two looks at how long the rest of a run will take, and steps for it that are too
+# many; fewer where stability limits them, which another method is free of.
 _LOOK_EVERY = 5_000
 _MOST_STEPS, _MOST_STABLE_STEPS = 1e9, 1e7
 # Share of steps at the limit of stability that makes a run one that stability limits.

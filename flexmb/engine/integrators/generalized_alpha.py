@@ -157,8 +157,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
         tolerance = settings.tolerance * allowed
     floor = last_places(run)
-    enough = max(tolerance, floor) if settings.step == 0.0 else tolerance
-    tolerance = max(tolerance, floor)
+    enough = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
@@ -179,18 +178,20 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         size, moved = _correct(run, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
-        if last > 0.0:
-            memory[CONTRACTION] = size / last
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
-        if noise:
-            memory[CONTRACTION] = 0.0  # it measures nothing here
-        elif last > 0.0 and size > tolerance and give_up(memory, size / last):
-            return NO_CONVERGENCE
+        if noise:  # it measures nothing here
+            memory[CONTRACTION] = memory[CONTRACTION] if memory[CONTRACTION] < 1.0 else 0.0
+        elif last > 0.0:
+            memory[CONTRACTION] = size / last
+            if size > enough and give_up(memory, size / last):
+                return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        # what an old factor leaves is a bias, below the last places of positions too
-        settled = size <= floor and (n > 0 or settings.step == 0.0)
-        if noise or settled or theta / (1.0 - theta) * size <= enough:
+        # What an old factor leaves in a first correction is a bias that adds up over many steps,
+        # below the last places of positions too.
+        limit = enough if n > 0 or settings.step == 0.0 else tolerance
+        settled = size <= floor and limit == enough
+        if noise or settled or theta / (1.0 - theta) * size <= limit:
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:

@@ -190,14 +190,16 @@ def _watch_stability(run, tableau, h):
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
     change, apart = 0.0, 0.0
     for i in range(tr.v.shape[0]):
-        difference = tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]
-        change = max(change, abs(difference) * weights[i])
+        difference = abs(tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]) * weights[i]
+        if not difference <= change:
+            change = difference
         apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
     rate = change / apart if apart > 0.0 else 0.0
-    if h * rate > tableau.stable:
-        if run.state.memory[STIFF_STEPS] == 0.0:  # later ones are those of what has grown
-            run.state.memory[STIFF_RATE] = rate
-        run.state.memory[STIFF_STEPS] += 1.0
+    if not h * rate <= tableau.stable:  # what is not finite was not stable either
+        memory = run.state.memory
+        if memory[STIFF_RATE] == 0.0 and math.isfinite(rate):
+            memory[STIFF_RATE] = rate  # later ones are those of what has grown
+        memory[STIFF_STEPS] += 1.0
 
 
 @kernel

@@ -95,14 +95,15 @@ class DynamicsSpec(Spec):
     a scout, unless ``verify`` is false. ``start = "quasi-static"`` puts the flexible bodies into
     elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
 
-    Options of some methods: ``order`` of the explicit ones, 8 (by default) or 5;
-    ``newton_tolerance`` of the implicit ones is relative to the share of the accelerations in a
-    step's motion, by default 1e-8 (of radau 1e-10) with fixed steps and a share of the error
-    allowed with error control; ``spectral_radius`` of generalized-alpha at infinite frequency, from 0 to 1 (1 means no
-    numerical damping), by default 0.8; ``alpha`` of hht, from -1/3 to 0 (no numerical damping), by
-    default -0.1; ``gamma`` of newmark, by default 1/2, and ``beta``, by default (gamma + 1/2)²/4;
-    ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s] of baumgarte, α and β in
-    C̈ + 2α Ċ + β² C = 0, by default 20 over the duration, one over a fixed step at most.
+    Options that only some methods have, and that others refuse: ``order`` of the explicit ones, 8
+    (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the share of the
+    accelerations in a step's motion, by default 1e-8 (of radau 1e-10) with fixed steps and a share
+    of the error allowed with error control; ``spectral_radius`` of generalized-alpha at infinite
+    frequency, from 0 to 1 (1 means no numerical damping), by default 0.8; ``alpha`` of hht, from
+    -1/3 to 0 (no numerical damping), by default -0.1; ``gamma`` of newmark, by default 1/2, and
+    ``beta``, by default (gamma + 1/2)²/4; ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s] of
+    baumgarte, α and β in C̈ + 2α Ċ + β² C = 0, by default 20 over the duration, one over a fixed
+    step at most.
     """
 
     duration: Time
@@ -145,12 +146,15 @@ class DynamicsSpec(Spec):
             return "fixed steps are not verified: give accuracy in place of step, or remove it"
         method = f'method "{self.method}"'
         if self.method == "auto":
-            steps = f"which is {_AUTO_BY_STEP} with a fixed step" if self.step else "which chooses"
-            method = f"{method}, {steps},"
+            method += (
+                f", with a fixed step {_AUTO_BY_STEP}," if self.step else " with error control"
+            )
         *first, last = OPTIONS[option]
         owners = f"{', '.join(first)} and {last}" if first else last
-        which = "one of these" if first else "it"
-        return f"{method} has no {option}, an option of {owners}: name {which}, or remove it"
+        return (
+            f"{method} has no {option}, an option of {owners}: choose such a method, or remove the "
+            "option"
+        )
 
     @model_validator(mode="after")
     def _newmark_is_stable(self) -> Self:
