@@ -28,8 +28,9 @@ _MANY, _OFTEN = 200, 0.15
 _SELDOM = 0.01
 
 _DRIFTED = (
-    "stabilization makes forces of the drift of joints that are beyond measure: the pose is singular, "
-    'or the gains are large for the steps; method = "explicit-rk" has neither drift nor gains'
+    "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
+    "singular, or the gains are large for the steps; method = "
+    '"explicit-rk" has neither drift nor gains'
 )
 
 
