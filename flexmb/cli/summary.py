@@ -18,6 +18,7 @@ Row = tuple[str, str, str]
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _PER_STEP = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
 _LARGEST, _PROJECTED = "the largest of any constraint", "before the velocities' projection"
+_NOT_PROJECTED = "baumgarte"  # the method whose velocities stay as they are
 _MEASURED, _WORST = "measured_error_of_", "worst_of_"
 _QUANTITIES = ("positions", "velocities", "reactions")
 _ERRORS = {
@@ -53,7 +54,8 @@ def work(known: Mapping[str, Number], units: UnitSystem = SI) -> list[Row]:
     rows += _measured(known)
     for key, (name, meaning) in _ERRORS.items():
         if key in known:
-            told = meaning.replace(_PROJECTED, _LARGEST) if "points" in known else meaning
+            as_is = "points" in known or known.get("method") == _NOT_PROJECTED
+            told = meaning.replace(_PROJECTED, _LARGEST) if as_is else meaning
             rows.append((name, f"{float(known[key]):.2g}", told))
     if _RESUMED in known:
         rows.append(

@@ -223,6 +223,7 @@ def march(run: Run, n_steps: int) -> int:
     st.memory[AGE] = -1.0
     run.work.collocation.span[1] = 0.0
     run.work.collocation.age[0] = -1.0
+    run.work.partition.age[0] = -1.0
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)

@@ -32,6 +32,10 @@ class Method(NamedTuple):
     keeps_step: int  # 1: a change of the step is dear, or its estimate rings after one
     collocation: int  # implicit stages that it needs memory for
     loosest: float  # local tolerance from which on errors fall with the steps as the order says
+    stabilised: int = 0  # 1: C̈ + 2α Ċ + β² C = 0 in place of projection onto the constraints
+    alpha: float = 0.0  # 1/s
+    beta: float = 0.0  # 1/s
+    partitions: int = 0  # 1: it needs memory for independent and dependent coordinates
 
 
 class Settings(NamedTuple):
@@ -58,6 +62,7 @@ class Settings(NamedTuple):
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle
+NO_PARTITION = 9  # no choice of independent coordinates determines the others
 NO_LOOP = 20  # forces that depend on accelerations or reactions do not settle
 # Of a kinematic analysis: a singular pose, a point that does not continue the motion, a function
 # that jumps, rows that repeat others and ask for other velocities.
@@ -70,18 +75,19 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 # may grow; the step before it was shortened to end at an event (0: it was not), how often it was,
 # and steps to go after an event before the next one is looked for; the largest present angular
 # velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
-# stability; the last step rejected, its error over what is allowed, the times at which it began
-# and would have ended, and 1 if a force jumps or has a kink within it (0 after that time); that error of the last
-# step accepted.
+# stability, and the largest rate of the motion at the first one; the last step rejected, its error
+# over what is allowed, the times at which it began and would have ended, and 1 if a force jumps or
+# has a kink within it (0 after that time); that error of the last step accepted.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
 SINCE, JERK_ERROR, CALM = 11, 12, 13
 EVENT_STEP, EVENT_TRIES, EVENT_REST = 14, 15, 16
-TURNING, ERROR_SUM, STIFF_STEPS = 17, 18, 19
-REJECTED_STEP, REJECTED_RATIO, REJECTED_START, REJECTED_END = 20, 21, 22, 23
-KINK, LAST_RATIO = 24, 25
-MEMORY = 26
-# Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written.
+TURNING, ERROR_SUM, STIFF_STEPS, STIFF_RATE = 17, 18, 19, 20
+REJECTED_STEP, REJECTED_RATIO, REJECTED_START, REJECTED_END = 21, 22, 23, 24
+KINK, LAST_RATIO = 25, 26
+MEMORY = 27
+# Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written, PARTITIONS how
+# often independent coordinates were chosen because those before were poor.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
-EVENTS = 8
-COUNTS = 9
+EVENTS, PARTITIONS = 8, 9
+COUNTS = 10

@@ -191,6 +191,18 @@ class Collocation(NamedTuple):
     pair: ComplexFactor  # of the pair of complex ones
 
 
+class Partition(NamedTuple):
+    """Independent and dependent coordinates."""
+
+    metric: Vector  # (nv,) weights of least change: heavy for independent coordinates
+    free: Vector  # (nv,) 1: dependent, 0: independent or left out of the system
+    motion: Vector  # (nv,) of the present stage from the start of the step
+    jacobian: Matrix  # (nc, nv) Cq without units, for the choice
+    age: Vector  # (1,) steps since the choice; below 0: it is due
+    pivot: Vector  # (2,) least pivot of the rows at the choice, and now
+    rank: Integers  # (1,) number of dependent coordinates; 0: not known
+
+
 class Before(NamedTuple):
     """What the dense output needs of the start of the last accepted step."""
 
@@ -261,6 +273,7 @@ class Work(NamedTuple):
     row: RowWork
     factor: Factor
     collocation: Collocation
+    partition: Partition
     trial: Trial
     feedback: FeedbackWork
     events: Events

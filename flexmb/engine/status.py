@@ -9,6 +9,7 @@ from flexmb.engine.method import (
     CURVE_END,
     NO_CONVERGENCE,
     NO_LOOP,
+    NO_PARTITION,
     NOT_FINITE,
     SELF_LOCKING,
     TOO_SMALL,
@@ -24,6 +25,7 @@ _WHAT = {
     "undefined",
     NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
     SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
+    NO_PARTITION: "no choice of independent coordinates determines the dependent ones",
 }
 _LOCKS = (
     "friction grows as fast as the forces against it, so that a joint locks itself: lower its "
@@ -38,8 +40,9 @@ _CURE = {
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
     NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
     SELF_LOCKING: _LOCKS,
+    NO_PARTITION: 'the pose is singular; method = "explicit-rk" or "radau" may pass it',
 }
-_NAMELESS = (ZERO_LENGTH, SELF_LOCKING)
+_NAMELESS = (ZERO_LENGTH, SELF_LOCKING, NO_PARTITION)
 
 
 def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:

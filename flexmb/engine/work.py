@@ -36,6 +36,7 @@ from flexmb.engine.state import (
     FeedbackWork,
     Now,
     Output,
+    Partition,
     Plan,
     Point,
     RowUnits,
@@ -208,7 +209,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     row = RowWork(now.marker, dense.g[0], dense.H)
     return Work(
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
-        trial, _new_feedback(system),
+        _new_partition(system, method.partitions), trial, _new_feedback(system),
         Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
@@ -265,6 +266,14 @@ def _new_collocation(system: System, stages: int) -> Collocation:
     return Collocation(
         *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, stages)),
         np.full(1, -1.0), np.zeros(2), factor, pair,
+    )  # fmt: skip
+
+
+def _new_partition(system: System, partitions: int) -> Partition:
+    _, nv, nc = sizes(system) if partitions else (0, 0, 0)
+    return Partition(
+        *(_nan(nv) for _ in range(3)), _nan(nc, nv), np.full(1, -1.0), np.zeros(2),
+        np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 

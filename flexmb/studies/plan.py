@@ -22,6 +22,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.model import Model
 from flexmb.model.bodies.meshbody import MeshBodySpec
 from flexmb.model.tasks.knobs import resolve_knob
+from flexmb.model.tasks.methods import OPTIONS
 from flexmb.model.tasks.overrides import override
 from flexmb.model.values.reading import under
 from flexmb.studies.sensing import with_velocities
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NUMERICAL", "Setting", "changed_model", "is_numerical", "settings_of"]
 
-NUMERICAL = ("accuracy", "step", "method", "spectral_radius", "newton_tolerance")
+NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
 
 _FIDELITY = ("modes", "mesh", "flexbody", "reduction", "mass_matrix", "stress")

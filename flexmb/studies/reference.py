@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from flexmb.model.tasks.dynamics import ACCURACY
+from flexmb.model.tasks.methods import OPTIONS
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
 from flexmb.studies.words import error_text
@@ -190,7 +191,7 @@ class Search:
             least = min(self._given("accuracy"), default=ACCURACY)
             knob, value = "accuracy", least * 0.1**stage
         changes[f"dynamics.{knob}"] = value = float(f"{value:.12g}")
-        if newton:
+        if newton and method in OPTIONS["newton_tolerance"]:
             changes["dynamics.newton_tolerance"] = max(0.01 * min(newton), min(*newton, _ROUND_OFF))
         return Tight(f"{method} with {knob} {value:.3g}", method, changes, stage, limit)
 

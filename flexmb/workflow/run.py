@@ -154,7 +154,7 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.model.tasks.dynamics import INSTEAD
+    from flexmb.model.tasks.dynamics import INSTEAD, drop_idle_options
 
     if dynamics:
         spec = model.dynamics
@@ -162,7 +162,9 @@ def simulate(
         for new in dynamics:
             given.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
-        model.set_dynamics(**{**given, **dynamics})
+        fields = {**given, **dynamics}
+        drop_idle_options(fields, dynamics)
+        model.set_dynamics(**fields)
     return _opened(model, "dynamics", output, start_from, progress)
 
 

@@ -135,7 +135,8 @@ ONE_LINE = [
     pytest.param(
         ("step = 1e-3", 'step = 1e-3\nmethod = "rk"'),
         'dynamics.method: unknown choice "rk"; '
-        "allowed: auto, generalized-alpha, explicit-rk, radau",
+        "allowed: auto, generalized-alpha, explicit-rk, radau, hht, newmark, trapezoidal, "
+        "baumgarte, coordinate-partitioning",
         id="unknown method",
     ),
     pytest.param(

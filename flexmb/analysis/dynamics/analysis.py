@@ -22,6 +22,7 @@ from flexmb.analysis.dynamics.passes import (
     may_change_method,
     missed_accuracy,
     stricter_tolerance,
+    unstable_step,
 )
 from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock, Run
@@ -232,6 +233,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     statistics |= error_statistics(prepared)
     if status == "finished":
         notes += missed_accuracy(prepared)
+        notes += [note for note in [unstable_step(run, prepared.method, failed=False)] if note]
     if prepared.doubtful:
         statistics[NOT_UNIQUE] = ", ".join(prepared.doubtful)
     return Outcome(status, message, statistics, tuple(notes))
@@ -278,6 +280,9 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
         if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
             run = verified.scout
         at, step = float(run.state.t[0]), float(run.state.memory[method.STEP])
+        unstable = unstable_step(run, prepared.method, failed=True)
+        if unstable:
+            return "failed", f"at t = {at:.6g} s {unstable}"
         return "failed", reason(status, run.compiled, prepared.model, run.work, at, step)
     return "finished", ""
 
@@ -324,6 +329,7 @@ def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
         "factorisations": int(count[method.FACTORISATIONS]),
         "replaced_pivots": int(count[method.FIXED_PIVOTS]),
         **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
+        **({"partitions": 1 + int(count[method.PARTITIONS])} if run.method.partitions else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
+from flexmb.analysis.dynamics.run import Run
 from flexmb.engine import method
 from flexmb.engine.integrators import AUTO, STIFF_METHOD
 
 __all__ = [
     "error_statistics", "limited_by_stability", "may_change_method", "missed_accuracy",
-    "stricter_tolerance",
+    "stricter_tolerance", "unstable_step",
 ]  # fmt: skip
 
 # Measured error, known to a factor of about three, over what was asked for: that is good enough;
@@ -24,6 +25,14 @@ _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
 _MOST_STEPS, _IN_VAIN = 5.0, 0.5
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
 _MANY, _OFTEN = 200, 0.15
+# Their share in a run of fixed steps that fails by that.
+_SELDOM = 0.01
+
+_DRIFTED = (
+    "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
+    "singular, or the gains are large for the steps; method = "
+    '"explicit-rk" has neither drift nor gains'
+)
 
 
 def stricter_tolerance(prepared: Prepared) -> float | None:
@@ -82,6 +91,24 @@ def may_change_method(prepared: Prepared) -> bool:
     spec = prepared.model.dynamics
     automatic = spec is not None and spec.method == AUTO and prepared.settings.step == 0.0
     return automatic and prepared.method != STIFF_METHOD
+
+
+def unstable_step(run: Run, name: str, failed: bool) -> str:
+    """The sentence for steps that an explicit method is not stable with, or nothing."""
+    memory, steps, h = run.state.memory, run.state.count[method.STEPS], run.settings.step
+    share = _SELDOM if failed else _OFTEN
+    if h == 0.0 or memory[method.STIFF_STEPS] <= share * steps:
+        return _DRIFTED if failed and run.method.stabilised else ""
+    where = "beyond" if failed else "at"
+    limit = f"the limit of stability of {name}"
+    if memory[method.STIFF_RATE] > 0.0:
+        longest = run.method.coefficients[0].stable / float(memory[method.STIFF_RATE])
+        limit += f", about {longest:.1g} s at the fastest rate of this motion"
+    rest = "" if failed else ", and the fastest vibrations may be wrong"
+    return (
+        f"the step of {h:.3g} s is {where} {limit}{rest}: shorten it, or use method = "
+        f'"{STIFF_METHOD}"'
+    )
 
 
 def limited_by_stability(prepared: Prepared) -> bool:

@@ -103,7 +103,7 @@ def prepared_run(
     assert spec is not None
     chosen, verified = chosen_method(spec, name), None
     pace = new_pace(settings, name)
-    if spec.verify and settings.step == 0.0:
+    if spec.verify is not False and settings.step == 0.0:
         verified = VerifiedRun.of(compiled, model, chosen, settings, state, pace)
         run = verified.kept
     else:

@@ -12,6 +12,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import new_output, new_plan, new_run, new_work
+from flexmb.errors import FlexmbError
 from flexmb.results import OutputBlock
 
 __all__ = ["Balance", "Clock", "Run"]
@@ -20,6 +21,12 @@ __all__ = ["Balance", "Clock", "Run"]
 _CHUNK_WORK = 200_000
 # Steps of a chunk at least: after each the state is saved.
 _LEAST_CHUNK = 4
+# Steps between two looks at how long the rest of a run will take, and steps for it that are too
+# many; fewer where stability limits them, which another method is free of.
+_LOOK_EVERY = 5_000
+_MOST_STEPS, _MOST_STABLE_STEPS = 1e9, 1e7
+# Share of steps at the limit of stability that makes a run one that stability limits.
+_OFTEN = 0.15
 # Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _AT_REST = 1e-6
 
@@ -59,6 +66,7 @@ class Run:
             new_run(compiled.system, state, self.work, chosen, settings, self.plan, self.output)
         )
         self.unread = False
+        self._seen: tuple[int, float, float] | None = None  # steps, time, steps at the limit
         self.largest_drift = np.zeros(2)
         self.balance = Balance()
 
@@ -86,10 +94,33 @@ class Run:
         return bool(self.state.t[0] >= settings.end - 1e-9 * shortest)
 
     def march(self, steps: int) -> int:
-        """Run some steps, or with 0 report the present state; returns the status."""
+        """Run some steps, or with 0 report the present state; returns the status.
+
+        Raises
+        ------
+        FlexmbError
+            Steps under error control have become so short that the run would not end.
+        """
+        if self.settings.step == 0.0:
+            self._refuse_endless()
         self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
         return entries.integrate(self._handed, steps)
+
+    def _refuse_endless(self) -> None:
+        """Stop a run whose rest would take far too many steps."""
+        done, t = int(self.state.count[method.STEPS]), float(self.state.t[0])
+        stiff = float(self.state.memory[method.STIFF_STEPS])
+        if self._seen is None:
+            self._seen = done, t, stiff
+        steps, passed = done - self._seen[0], t - self._seen[1]
+        if steps < _LOOK_EVERY:
+            return
+        limited = stiff - self._seen[2] > _OFTEN * steps
+        self._seen = done, t, stiff
+        left = (self.settings.end - t) / passed * steps if passed > 0.0 else math.inf
+        if left > (_MOST_STABLE_STEPS if limited else _MOST_STEPS):
+            raise FlexmbError(_endless(t, passed / steps, left, limited))
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk, or the first row; returns the status, and its rows."""
@@ -109,6 +140,21 @@ class Run:
         if len(energy):
             self.largest_drift = np.maximum(self.largest_drift, drift.max(axis=0))
             self.balance.add(energy)
+
+
+def _endless(t: float, step: float, left: float, limited: bool) -> str:
+    where = (
+        f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
+    )
+    if limited:
+        return (
+            f"{where}: stability of an explicit method limits them, not accuracy; "
+            'method = "radau" has no such limit'
+        )
+    return (
+        f"{where}: look for a singular pose, or forces that jump again and again; ask for less "
+        "accuracy, or try another method or a fixed step"
+    )
 
 
 class Balance:

@@ -18,7 +18,7 @@ __all__ = [
 ]  # fmt: skip
 
 _MAX_ITERATIONS = 15
-_NEWTON = 1e-8  # relative, with fixed steps
+_NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
 _LOCAL = 0.2  # local error over what is asked for in the end
 _HIGH_ORDER = 5
 _SLACK = 4.0
@@ -78,6 +78,7 @@ def loop_settings(
         or np.any(system.parts.bodies["damped"])
     )
     stiff = any(kind.stiff for kind in kinds)
+    newton = _NEWTON if chosen.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,
         end=spec.duration,
@@ -89,7 +90,7 @@ def loop_settings(
         turn=1.0,
         refinement=0.0,
         least_motion=_AT_REST,
-        newton_tolerance=spec.newton_tolerance or (_NEWTON if grid.step else 0.0),
+        newton_tolerance=spec.newton_tolerance or (newton if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         works=int(works),
         stiff=int(stiff),

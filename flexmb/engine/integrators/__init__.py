@@ -1,12 +1,13 @@
-"""The methods that a scene can name: each is the file of its name, which says `make_method`.
+"""The methods that a scene can name: for each, what makes it.
 
 Their words are `model.tasks.methods`; the contract is in `engine.method`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from flexmb.engine.method import Method
 
@@ -20,8 +21,23 @@ STIFF_METHOD = "radau"
 """What a run by "auto" goes over to where stiffness limits the steps."""
 
 
-def _module(name: str) -> Any:
-    return import_module(f"{__name__}.{name.replace('-', '_')}")
+_MAKERS = {
+    "generalized-alpha": "generalized_alpha.make_method",
+    "hht": "generalized_alpha.make_hht",
+    "newmark": "generalized_alpha.make_newmark",
+    "trapezoidal": "generalized_alpha.make_trapezoidal",
+    "explicit-rk": "explicit_rk.make_method",
+    "baumgarte": "baumgarte.make_method",
+    "coordinate-partitioning": "coordinate_partitioning.make_method",
+    "radau": "radau.make_method",
+}
+"""File of each method, and the function there that makes it for a scene."""
+
+
+def _maker(name: str) -> Callable[[DynamicsSpec], Method]:
+    file, _, function = _MAKERS[name].partition(".")
+    maker: Callable[[DynamicsSpec], Method] = getattr(import_module(f"{__name__}.{file}"), function)
+    return maker
 
 
 def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
@@ -35,14 +51,10 @@ def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
 
 def chosen_method(spec: DynamicsSpec, name: str | None = None) -> Method:
     """The integrator of a name, by default that of `dynamics.method`, with the numbers of a run."""
-    method: Method = _module(name or method_name(spec)).make_method(spec)
-    return method
+    return _maker(name or method_name(spec))(spec)
 
 
 def import_methods() -> None:
     """Import all methods, so that their units are known."""
-    from flexmb.model.tasks.methods import METHODS
-
-    for name in METHODS:
-        if name != AUTO:
-            _module(name)
+    for name in _MAKERS:
+        _maker(name)

@@ -6,12 +6,22 @@ Arnold & Brüls, Multibody Syst. Dyn. 18 (2007) 185; Brüls, Cardona & Arnold, M
 S = M + (γb/(βh)) ∂F/∂v + b ∂F/∂q bordered by Cq serves as long as its measured contraction is good:
 symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step that expects more than
 0.1 and within one that measures more than 0.3; given up above 0.9.
+
+Methods of Hilber, Hughes & Taylor and of Newmark are cases of it (Géradin & Rixen, Mechanical
+Vibrations, 2015, §7.3). In directions that joints hold, all of them repeat the recursion of an
+oscillator of infinite frequency: errors of velocities and accelerations there shrink by the
+spectral radius ρ at infinity, after they have grown by about 1/(1 − ρ)². Above 0.95 they grow
+faster than the motion forgets them (measured: at 0.98 a chain of three bodies fails), and with 1
+for ever (Cardona & Géradin, Computers & Structures 33 (1989) 801). There velocities, accelerations
+and multipliers are put on the constraints after each step, at the price of a second factor.
 """
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.interpolation import interpolate_step
@@ -20,6 +30,7 @@ from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
+from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
     AGE,
@@ -55,6 +66,9 @@ _NOISE = 50.0
 _SHARE, _SPEED_SHARE = 0.05, 0.3
 # Steps of one size after which differences of accelerations are smooth.
 _SETTLED = 3
+# Spectral radius up to which what joints hold needs no projection.
+_FREE_RADIUS = 0.95
+_ROUND_OFF = 1e-12
 # Refinements of a solve by a factor with replaced pivots.
 _REFINEMENTS = 3
 
@@ -66,11 +80,28 @@ class Alpha(NamedTuple):
     alpha_f: float
     beta: float
     gamma: float
+    project: int  # 1: velocities and accelerations are put on the constraints after each step
 
 
 def make_method(spec: DynamicsSpec) -> Method:
     """The method for a scene, by its `spectral_radius`."""
-    return generalized_alpha(spec.spectral_radius)
+    return generalized_alpha(0.8 if spec.spectral_radius is None else spec.spectral_radius)
+
+
+def make_hht(spec: DynamicsSpec) -> Method:
+    """The method of Hilber, Hughes & Taylor, by its `alpha`."""
+    return hilber_hughes_taylor(-0.1 if spec.alpha is None else spec.alpha)
+
+
+def make_newmark(spec: DynamicsSpec) -> Method:
+    """Newmark's method by its `gamma` and `beta`, without `beta` of most damping."""
+    gamma = 0.5 if spec.gamma is None else spec.gamma
+    return newmark(0.25 * (gamma + 0.5) ** 2 if spec.beta is None else spec.beta, gamma)
+
+
+def make_trapezoidal(spec: DynamicsSpec) -> Method:
+    """The trapezoidal rule; nothing is to choose."""
+    return newmark(0.25, 0.5)
 
 
 def generalized_alpha(spectral_radius: float) -> Method:
@@ -79,12 +110,32 @@ def generalized_alpha(spectral_radius: float) -> Method:
     alpha_m = (2.0 * rho - 1.0) / (rho + 1.0)
     alpha_f = rho / (rho + 1.0)
     gamma = 0.5 + alpha_f - alpha_m
-    beta = 0.25 * (gamma + 0.5) ** 2
+    return _method(alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma, rho)
+
+
+def hilber_hughes_taylor(alpha: float) -> Method:
+    """Their coefficients for α in [−1/3, 0]."""
+    return _method(
+        0.0, -alpha, 0.25 * (1.0 - alpha) ** 2, 0.5 - alpha, (1.0 + alpha) / (1.0 - alpha)
+    )
+
+
+def newmark(beta: float, gamma: float) -> Method:
+    """Newmark's method, stable for 2 β ≥ γ ≥ 1/2; of order 2 with γ = 1/2."""
+    # velocity and acceleration where nothing moves, from step to step
+    held = np.array(
+        [[1.0 - gamma / beta, 1.0 - 0.5 * gamma / beta], [-1.0 / beta, 1.0 - 0.5 / beta]]
+    )
+    return _method(0.0, 0.0, beta, gamma, np.abs(np.linalg.eigvals(held)).max())
+
+
+def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: float) -> Method:
+    alpha = Alpha(alpha_m, alpha_f, beta, gamma, int(radius > _FREE_RADIUS))
+    order = 2 if abs(gamma - 0.5 - alpha_f + alpha_m) < _ROUND_OFF else 1
     return Method(
-        step=(step,), interpolate=(interpolate,),
-        coefficients=(Alpha(alpha_m, alpha_f, beta, gamma),), order=2, error_order=3, stages=0,
-        filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m), keeps_step=1, collocation=0,
-        loosest=1e-4,
+        step=(step,), interpolate=(interpolate,), coefficients=(alpha,), order=order,
+        error_order=order + 1, stages=0, filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
+        keeps_step=1, collocation=0, loosest=1e-4,
     )  # fmt: skip
 
 
@@ -106,11 +157,11 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
         tolerance = settings.tolerance * allowed
     floor = last_places(run)
-    tolerance = max(tolerance, floor)
+    enough = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
-    for _ in range(settings.max_iterations):
+    for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count[RESIDUALS] += 1
         status = residual(run, run.trial_point)
@@ -127,20 +178,26 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         size, moved = _correct(run, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
-        if last > 0.0:
-            memory[CONTRACTION] = size / last
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
-        if noise:
-            memory[CONTRACTION] = 0.0  # it measures nothing here
-        elif last > 0.0 and size > tolerance and give_up(memory, size / last):
-            return NO_CONVERGENCE
+        if noise:  # it measures nothing here
+            memory[CONTRACTION] = memory[CONTRACTION] if memory[CONTRACTION] < 1.0 else 0.0
+        elif last > 0.0:
+            memory[CONTRACTION] = size / last
+            if size > enough and give_up(memory, size / last):
+                return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        if noise or size <= floor or theta / (1.0 - theta) * size <= tolerance:
+        # What an old factor leaves in a first correction is a bias that adds up over many steps,
+        # below the last places of positions too.
+        limit = enough if n > 0 or settings.step == 0.0 else tolerance
+        settled = size <= floor and limit == enough
+        if noise or settled or theta / (1.0 - theta) * size <= limit:
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
+            if alpha.project == 1 and st.lam.shape[0] > 0:
+                return _project(run, alpha, b)
             return FINE
     return NO_CONVERGENCE
 
@@ -231,13 +288,30 @@ def _finish(weights, alpha, st, tr):
     The matrix changes by about as much as the model moves relative to its size (or turns), so the
     contraction of an old factor is the last one measured plus the motion since.
     """
-    for i in range(tr.vd.shape[0]):
-        new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
-        tr.aa[i] = (new - alpha.alpha_m * tr.aa_start[i]) / (1.0 - alpha.alpha_m)
+    _put_algorithmic(alpha, st, tr)
     if st.memory[AGE] >= 0.0:  # else a renewal is due
         st.memory[AGE] += 1.0
     measured = st.memory[CONTRACTION] if st.memory[CONTRACTION] < 1.0 else 0.0
     st.memory[CONTRACTION] = min(0.99, measured + weighted_size(tr.dq, weights))
+
+
+@kernel
+def _put_algorithmic(alpha, st, tr):
+    """Algorithmic acceleration of the trial state."""
+    for i in range(tr.vd.shape[0]):
+        new = (1.0 - alpha.alpha_f) * tr.vd[i] + alpha.alpha_f * st.vd[i]
+        tr.aa[i] = (new - alpha.alpha_m * tr.aa_start[i]) / (1.0 - alpha.alpha_m)
+
+
+@kernel
+def _project(run, alpha, b):
+    """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
+    cp = b if run.settings.determined == 0 else 0.0
+    run.state.count[FACTORISATIONS] += 1
+    run.state.memory[AGE] = -1.0
+    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    _put_algorithmic(alpha, run.state, run.work.trial)
+    return status
 
 
 @unit

@@ -117,7 +117,7 @@ def step(run: Run, radau: Radau, h: float) -> int:
         memory[method.AGE] = -1.0
     allowed, floor = _allowed(run, h), last_places(run)
     last = 0.0
-    for _ in range(run.settings.max_iterations):
+    for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
             status = _evaluate_stage(run, radau, h, i)
@@ -136,7 +136,9 @@ def step(run: Run, radau: Radau, h: float) -> int:
                 return method.NO_CONVERGENCE
         last = size
         theta = min(memory[method.CONTRACTION], 0.99)
-        if noise or moved <= floor or theta / (1.0 - theta) * size <= allowed:
+        # what an old factor leaves is a bias, below the last places of positions too
+        settled = moved <= floor and (n > 0 or run.settings.step == 0.0)
+        if noise or settled or theta / (1.0 - theta) * size <= allowed:
             return _finish(run, radau, h)
     return method.NO_CONVERGENCE
 

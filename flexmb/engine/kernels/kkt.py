@@ -17,6 +17,9 @@ from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
+_REGULARISATION = 1e-9
+_REPEATED = 1e-7
+
 
 @unit
 def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
@@ -97,7 +100,7 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
     for i in range(low.shape[0]):
         low[i] = 0.0
     factor.symmetric[0] = 1
-    _put_metric(parts, kkt, metric, low)
+    put_metric(parts, kkt, metric, low)
     constraint_jacobian(run)
     _fix_shapes(parts, run.system.rows, run.work.dense.jac)
     put_constraint_matrix(run, at)
@@ -108,7 +111,22 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
 
 
 @kernel
-def _put_metric(parts, kkt, metric, low):
+def least_pivot(run, nv):
+    """The smallest pivot of a row over its own compliance: small where others decide the row.
+
+    Rows that repeat others, with hardly a pivot, do not count.
+    """
+    fac, place, least = run.work.factor, run.system.kkt.place, 1.0
+    for i in range(nv, place.shape[0]):
+        k = place[i]
+        if fac.eps[k] > 0.0:
+            pivot = abs(fac.d[k]) * _REGULARISATION / fac.eps[k]
+            least = min(least, pivot if pivot > _REPEATED else 1.0)
+    return least
+
+
+@kernel
+def put_metric(parts, kkt, metric, low):
     """The metric of bodies and scalar coordinates on the diagonal."""
     bodies, coordinates, panels, column = parts.bodies, parts.coordinates, kkt.panels, kkt.column
     for i in range(bodies.shape[0]):

@@ -115,9 +115,12 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
     The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
-    with POSITIONS q and v are. Returns the status; NO_LOOP where forces that depend on
-    accelerations or reactions do not settle, SELF_LOCKING where friction does not.
+    with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the
+    status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
+    SELF_LOCKING where friction does not.
     """
+    if run.method.stabilised == 1:
+        project = NOTHING
     position_stage(run, at)
     velocity_stage(run, at)
     feedback_stage(run, at)
@@ -132,12 +135,25 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
         feedback_stage(run, at)
     bias_stage(run, at)
     constraint_right_side(run)
+    if run.method.stabilised == 1:
+        _stabilise(run, at)
     status = _solve(run, at, cp)
     if status != FINE:
         return status
     if depends_on_solution(run) and not _repeat(run, at, cp):
         return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
     return FINE
+
+
+@kernel
+def _stabilise(run, at):
+    """γ −= 2α (Cq v + C_t) + β² C; Constraints.drift keeps how far v is off."""
+    con, rate_gain, gain = run.work.con, 2.0 * run.method.alpha, run.method.beta**2
+    constraint_stage(run, at)
+    rate_stage(run, at)
+    con.drift[0] = largest(con.rate)
+    for k in range(con.gamma.shape[0]):
+        con.gamma[k] -= rate_gain * con.rate[k] + gain * con.C[k]
 
 
 @kernel

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.tasks.methods import MethodName
+from flexmb.model.tasks.methods import METHODS, OPTIONS, MethodName
 from flexmb.model.values.quantities import Integer, Quantity, Time
 from flexmb.model.values.reading import Reader, Spec, fail
 
-__all__ = ["ACCURACY", "INSTEAD", "ROUND_OFF", "DynamicsSpec"]
+__all__ = ["ACCURACY", "INSTEAD", "ROUND_OFF", "DynamicsSpec", "drop_idle_options"]
 
 INSTEAD = {"accuracy": "step", "step": "accuracy"}
 """The choice that another one replaces where both are given, one after the other."""
@@ -22,12 +23,49 @@ ACCURACY = 1e-4
 ROUND_OFF = 1e-12
 """Accuracy below which the errors of a run are those of its arithmetic."""
 
+_AUTO_BY_STEP = "generalized-alpha"
+"""What `method = "auto"` is with fixed steps."""
 
-def _radius(value: Any, info: ValidationInfo) -> float:
-    number = Quantity().read(value, info)
-    if not 0 <= number <= 1:
-        raise fail(Problem("", f"must lie between 0 and 1, is {number:g}"))
-    return number
+
+def _idle_options(table: Mapping[str, Any]) -> Iterator[str]:
+    """The options in a table of `[dynamics]` that its method, or a fixed step, does not have."""
+    method, fixed = table.get("method", "auto"), table.get("step") is not None
+    if method == "auto" and fixed:
+        method = _AUTO_BY_STEP
+    for option, methods in OPTIONS.items():
+        if table.get(option) is not None and method in tuple(METHODS) and method not in methods:
+            yield option
+    if fixed and table.get("verify") is True:
+        yield "verify"
+
+
+def drop_idle_options(table: dict[str, Any], changes: Collection[str]) -> None:
+    """Drop options that have lost their meaning by changes of the method or its steps.
+
+    Parameters
+    ----------
+    table : dict
+        The changed table `[dynamics]`.
+    changes : collection of str
+        Names of its fields that were changed; options among them stay, to be refused.
+    """
+    if not {"method", "step", "accuracy"}.isdisjoint(changes):
+        for option in [*_idle_options(table)]:
+            if option not in changes:
+                del table[option]
+
+
+def _between(least: float, most: float) -> Reader:
+    """Reads a number between two others."""
+
+    def read(value: Any, info: ValidationInfo) -> float:
+        number = Quantity().read(value, info)
+        if not least <= number <= most:
+            what = f"must lie between {least:.4g} and {most:.4g}, is {number:g}"
+            raise fail(Problem("", what))
+        return number
+
+    return Reader(read)
 
 
 def _tolerance(value: Any, info: ValidationInfo) -> float:
@@ -45,28 +83,42 @@ def _accuracy(value: Any, info: ValidationInfo) -> float:
     return number
 
 
+_Rate = Annotated[float, Quantity("1/s", "not negative")]
+
+
 class DynamicsSpec(Spec):
     """Run in time.
 
     ``duration`` [s]; ``outputs`` intervals of equal length are recorded. Either ``accuracy`` (1e-4
     by default): the largest error over the outputs of each position sensor, over its peak-to-peak;
     or ``step`` [s]: steps of fixed length. The error is measured by a second run with longer steps,
-    a scout, unless ``verify`` is false. ``order`` is that of explicit-rk. ``spectral_radius`` is
-    that of generalized-alpha at infinite frequency, from 0 to 1 (1 means no numerical damping);
-    ``newton_tolerance`` is relative to the share of the accelerations in a step's motion, by
-    default 1e-8 with fixed steps and a share of the error allowed with error control;
-    ``start = "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial
-    motion, ``"undeformed"`` leaves them straight.
+    a scout, unless ``verify`` is false. ``start = "quasi-static"`` puts the flexible bodies into
+    elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
+
+    Options that only some methods have, and that others refuse: ``order`` of the explicit ones, 8
+    (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the share of the
+    accelerations in a step's motion, by default 1e-8 (of radau 1e-10) with fixed steps and a share
+    of the error allowed with error control; ``spectral_radius`` of generalized-alpha at infinite
+    frequency, from 0 to 1 (1 means no numerical damping), by default 0.8; ``alpha`` of hht, from
+    -1/3 to 0 (no numerical damping), by default -0.1; ``gamma`` of newmark, by default 1/2, and
+    ``beta``, by default (gamma + 1/2)²/4; ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s] of
+    baumgarte, α and β in C̈ + 2α Ċ + β² C = 0, by default 20 over the duration, one over a fixed
+    step at most.
     """
 
     duration: Time
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
-    verify: bool = True
+    verify: bool | None = None
     step: Time | None = None
     outputs: Annotated[int, Integer(1)] = 200
     method: MethodName = "auto"
-    order: Literal[5, 8] = 8
-    spectral_radius: Annotated[float, Reader(_radius)] = 0.8
+    order: Literal[5, 8] | None = None
+    spectral_radius: Annotated[float, _between(0.0, 1.0)] | None = None
+    alpha: Annotated[float, _between(-1.0 / 3.0, 0.0)] | None = None
+    beta: Annotated[float, _between(0.25, 1.0)] | None = None
+    gamma: Annotated[float, _between(0.5, 1.0)] | None = None
+    baumgarte_alpha: _Rate | None = None
+    baumgarte_beta: _Rate | None = None
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
     start: Literal["undeformed", "quasi-static"] = "undeformed"
 
@@ -78,4 +130,39 @@ class DynamicsSpec(Spec):
         if self.step is not None and self.step > self.duration:
             what = f"must not exceed the duration {self.duration:g} s, is {self.step:g} s"
             raise fail(Problem("step", what))
+        return self
+
+    @model_validator(mode="after")
+    def _options_act(self) -> Self:
+        table = {name: getattr(self, name) for name in ("method", "step", "verify", *OPTIONS)}
+        problems = [Problem(option, self._idle(option)) for option in _idle_options(table)]
+        if problems:
+            raise fail(*problems)
+        return self
+
+    def _idle(self, option: str) -> str:
+        """The sentence for an option that does nothing."""
+        if option == "verify":
+            return "fixed steps are not verified: give accuracy in place of step, or remove it"
+        method = f'method "{self.method}"'
+        if self.method == "auto":
+            method += (
+                f", with a fixed step {_AUTO_BY_STEP}," if self.step else " with error control"
+            )
+        *first, last = OPTIONS[option]
+        owners = f"{', '.join(first)} and {last}" if first else last
+        return (
+            f"{method} has no {option}, an option of {owners}: choose such a method, or remove the "
+            "option"
+        )
+
+    @model_validator(mode="after")
+    def _newmark_is_stable(self) -> Self:
+        gamma = 0.5 if self.gamma is None else self.gamma
+        if self.beta is not None and 2.0 * self.beta < gamma:
+            what = f"must be at least gamma/2 = {0.5 * gamma:g} for a stable method"
+            raise fail(Problem("beta", f"{what}, is {self.beta:g}"))
+        if gamma != 0.5 and self.step is None:
+            what = "other than 1/2 makes newmark a method of first order, without error control"
+            raise fail(Problem("gamma", f"{what}: give a fixed step, or gamma = 0.5"))
         return self

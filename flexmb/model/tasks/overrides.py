@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexmb.errors import Problem, nearest
-from flexmb.model.tasks.dynamics import INSTEAD
+from flexmb.model.tasks.dynamics import INSTEAD, drop_idle_options
 from flexmb.model.values.reading import given
 
 __all__ = ["override"]
@@ -36,6 +36,9 @@ def override(
         problem = _set(changed, str(name).strip(), _value(text))
         if problem is not None:
             problems.append(problem)
+    if isinstance(changed.get("dynamics"), dict):
+        names = {str(name).strip().removeprefix("dynamics.") for name in changes}
+        drop_idle_options(changed["dynamics"], names)
     return changed, problems
 
 

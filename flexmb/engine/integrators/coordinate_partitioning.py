@@ -1,0 +1,336 @@
+"""Generalised coordinate partitioning, by explicit Runge–Kutta on the independent coordinates.
+
+The coordinates of a step are the motions x from its start, rotations as rotation vectors. Complete
+pivoting of Cq splits them: columns of pivots are dependent coordinates u, the rest are independent
+ones w (Wehage & Haug, J. Mech. Des. 104 (1982) 247). Only w and its velocities are integrated; at
+every stage Newton's method finds u from C = 0 with w fixed, Cq v + C_t = 0 gives the dependent
+velocities, and the augmented equations the accelerations. Rows that repeat others have no pivot and
+no coordinate of their own. The choice is renewed where the equations for u become ill-conditioned:
+at a stretched or flat pose other coordinates must lead.
+
+Changes of u alone come from the matrix [[W, Cqᵀ], [Cq, −ε]] with a metric W that is heavy for w.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from flexmb.engine.integrators.runge_kutta import (
+    Tableau,
+    add_slopes,
+    begin_step,
+    combine,
+    end_step,
+    explicit_method,
+    put_shares,
+    put_slopes,
+    tableau_of,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
+from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
+from flexmb.engine.kernels.algebra.vector import copy, weighted_size
+from flexmb.engine.kernels.bodies.motion import move
+from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
+from flexmb.engine.kernels.kkt import least_pivot, put_metric
+from flexmb.engine.kernels.projection import NOTHING, accelerations
+from flexmb.engine.kernels.stages import (
+    constraint_stage,
+    position_stage,
+    rate_stage,
+    velocity_stage,
+)
+from flexmb.engine.method import (
+    FINE,
+    NO_CONVERGENCE,
+    NO_PARTITION,
+    NOT_FINITE,
+    PARTITIONS,
+    Method,
+)
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.model.tasks.dynamics import DynamicsSpec
+
+# Pivots of Cq over the first one: below, a row repeats others; below, the pose is singular.
+_RANK, _SINGULAR = 1e-10, 1e-7
+# Weight of independent coordinates in the metric.
+_HEAVY = 1e10
+# The choice is renewed where the least pivot of the rows has fallen to this share.
+_POOR = 0.2
+_MAX_ITERATIONS = 12
+# Corrections this small, relative to the model, are round-off; and these, if they do not shrink.
+_ROUND_OFF, _NOISE = 1e-14, 1e-11
+_STAGNANT = 0.3
+
+
+def make_method(spec: DynamicsSpec) -> Method:
+    """The method for a scene, by its `order`."""
+    return explicit_method(tableau_of(spec), step, interpolate, partitions=1)
+
+
+@unit
+def step(run: Run, tableau: Tableau, h: float) -> int:
+    """One step from the state; see the contract in `engine.method`."""
+    st, tr, split, stages = run.state, run.work.trial, run.work.partition, tableau.stages
+    if split.age[0] < 0.0:
+        status = choose_independent(run, run.state_point)
+        if status != FINE:
+            return status
+    copy(st.v, tr.stages[0])
+    begin_step(run)
+    status = FINE
+    for s in range(1, stages + 1):
+        copy(tr.v, tr.aa_start)
+        status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], s, h)
+        if status != FINE:
+            split.age[0] = -1.0
+            return status
+    if split.pivot[1] < _POOR * split.pivot[0]:
+        split.age[0] = -1.0
+        st.count[PARTITIONS] += 1
+    return end_step(run, tableau, h, status, False)
+
+
+@unit
+def choose_independent(run: Run, at: Point) -> int:
+    """Split the coordinates at a point; returns NO_PARTITION where that is ambiguous."""
+    split, con, weights = run.work.partition, run.work.con, run.system.weights
+    free, metric, J, done = split.free, split.metric, split.jacobian, con.rate
+    nc, nv = J.shape[0], J.shape[1]
+    for i in range(nv):
+        free[i] = 0.0
+        split.motion[i] = 0.0
+        metric[i] = weights[i] ** 2 if weights[i] > 0.0 else 1.0
+    position_stage(run, at)
+    _factorise(run, at, False)
+    _put_jacobian(run)
+    for r in range(nc):
+        done[r] = 0.0
+    rank, first, least = 0, 0.0, 1.0
+    for _ in range(min(nc, nv)):
+        row, column, size = _largest(J, done, free)
+        first = max(first, size)
+        if not size > _RANK * first:
+            break
+        least = size / first
+        rank += 1
+        free[column], done[row] = 1.0, 1.0
+        _eliminate(J, done, row, column)
+    if least < _SINGULAR or rank < split.rank[0]:
+        return NO_PARTITION
+    for i in range(nv):
+        if free[i] == 0.0:
+            metric[i] *= _HEAVY
+    _factorise(run, at, False)
+    split.rank[0], split.age[0] = rank, 0.0
+    split.pivot[0] = split.pivot[1] = least_pivot(run, nv)
+    return FINE
+
+
+@kernel
+def _put_jacobian(run):
+    """Cq of the present matrix, each row and column without unit."""
+    kkt, fac, sys = run.system.kkt, run.work.factor, run.system
+    J, place, x, y = run.work.partition.jacobian, kkt.place, fac.rhs, fac.tmp
+    nc, nv = J.shape[0], J.shape[1]
+    for i in range(x.shape[0]):
+        x[i] = 0.0
+    for c in range(nv):
+        left_out = place[c] == x.shape[0] - 1
+        x[place[c]] = 1.0
+        ldl.multiply(kkt, fac, x, y)
+        x[place[c]] = 0.0
+        for r in range(nc):
+            weightless = left_out or not sys.weights[c] > 0.0
+            J[r, c] = 0.0 if weightless else y[place[nv + r]] * sys.row_weights[r] / sys.weights[c]
+
+
+@kernel
+def _largest(J, done, free):
+    """Row, column and size of the largest entry where there was no pivot yet."""
+    row, column, size = 0, 0, 0.0
+    for r in range(J.shape[0]):
+        if done[r] == 0.0:
+            for c in range(J.shape[1]):
+                if free[c] == 0.0 and abs(J[r, c]) > size:
+                    row, column, size = r, c, abs(J[r, c])
+    return row, column, size
+
+
+@kernel
+def _eliminate(J, done, row, column):
+    """Take the pivot row from all rows that are left."""
+    for r in range(J.shape[0]):
+        if done[r] == 0.0:
+            f = J[r, column] / J[row, column]
+            if f != 0.0:
+                for c in range(J.shape[1]):
+                    J[r, c] -= f * J[row, c]
+
+
+@unit
+def _factorise(run: Run, at: Point, turned: bool) -> int:
+    """Factor [[W, Cqᵀ], [Cq, −ε]] after a position stage, for velocities or (turned) for x."""
+    split, fac, kkt, parts = run.work.partition, run.work.factor, run.system.kkt, run.system.parts
+    low, low0 = fac.low, fac.low0
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+    fac.symmetric[0] = 1
+    put_metric(parts, kkt, split.metric, low)
+    constraint_jacobian(run)
+    if turned:
+        _turn_rows(parts, run.system.rows, run.work.dense.jac, split.motion)
+    put_constraint_matrix(run, at)
+    copy(low, low0)
+    fac.replaced[0] = ldl.factor(kkt, fac)
+    return fac.replaced[0]
+
+
+@kernel
+def _turn_rows(parts, rows, jac, motion):
+    """Rows for changes of rotation vectors, by T(θ)."""
+    bodies, markers = parts.bodies, parts.markers
+    for k in range(rows.shape[0]):
+        for side in range(2):
+            at = rows[k]["jac_I"] if side == 0 else rows[k]["jac_J"]
+            if at >= 0:
+                marker = rows[k]["I"] if side == 0 else rows[k]["J"]
+                theta = part(motion, bodies[markers[marker]["body"]]["iv"] + 3)
+                c1, c2, _, _ = tangent_coefficients(inner(theta, theta))
+                row = part(jac, at + 3)
+                once = outer(theta, row)
+                put_part(jac, at + 3, plus(plus(row, c1, once), c2, outer(theta, once)))
+
+
+@kernel
+def _evaluate_stage(run, tableau, q, v, t, s, h):
+    """Slopes of stage s of a step h from (t, q, v); leaves its state in the trial state."""
+    tr, parts, x = run.work.trial, run.system.parts, run.work.partition.motion
+    for i in range(x.shape[0]):
+        x[i] = 0.0
+    add_slopes(tr.stages, 0, tableau.A[s], s, x)
+    for i in range(x.shape[0]):
+        x[i] *= h
+    move(parts, q, x, tr.q)
+    combine(v, tr.stages, q.shape[0], tableau.A[s], s, h, tr.v)
+    tr.t[0] = t + tableau.c[s] * h
+    if run.work.con.C.shape[0] > 0:
+        status = _solve_positions(run, q)
+        if status != FINE:
+            return status
+        _solve_velocities(run)
+    status = accelerations(run, run.trial_point, 0.0, NOTHING)
+    _put_rates(parts.bodies, x, tr.v, tr.stages[s])
+    put_slopes(run, s)
+    return status
+
+
+@unit
+def _solve_positions(run: Run, q: Vector) -> int:
+    """Dependent coordinates of the trial state from C = 0, q that of the start of the step."""
+    split, fac, kkt, at = run.work.partition, run.work.factor, run.system.kkt, run.trial_point
+    C, x, free, sol, place = run.work.con.C, split.motion, split.free, fac.sol, kkt.place
+    last = math.inf
+    for n in range(_MAX_ITERATIONS):
+        position_stage(run, at)
+        if n == 0:
+            _factorise(run, at, True)
+        constraint_stage(run, at)
+        _solve_rows(kkt, fac, C, x.shape[0])
+        size = 0.0
+        for i in range(x.shape[0]):
+            d = free[i] * sol[place[i]]
+            x[i] += d
+            size = max(size, abs(d) * run.system.weights[i])
+        if not math.isfinite(size):
+            return NOT_FINITE
+        move(run.system.parts, q, x, at.q)
+        if size <= _ROUND_OFF or (size <= _NOISE and size > _STAGNANT * last):
+            return FINE
+        last = size
+    return NO_CONVERGENCE
+
+
+@unit
+def _solve_velocities(run: Run) -> int:
+    """Dependent velocities of the trial state from Cq v + C_t = 0."""
+    split, fac, kkt, at = run.work.partition, run.work.factor, run.system.kkt, run.trial_point
+    v, free, weights, sol, place = at.v, split.free, run.system.weights, fac.sol, kkt.place
+    position_stage(run, at)
+    _factorise(run, at, False)
+    split.pivot[1] = least_pivot(run, v.shape[0])
+    for _ in range(_MAX_ITERATIONS):
+        velocity_stage(run, at)
+        rate_stage(run, at)
+        _solve_rows(kkt, fac, run.work.con.rate, v.shape[0])
+        size = 0.0
+        for i in range(v.shape[0]):
+            d = free[i] * sol[place[i]]
+            v[i] += d
+            size = max(size, abs(d) * weights[i])
+        if size <= _ROUND_OFF * weighted_size(v, weights):
+            break
+    return FINE
+
+
+@kernel
+def _solve_rows(kkt, fac, gaps, nv):
+    """fac.sol: the least change that closes the gaps of the rows."""
+    sol, place = fac.sol, kkt.place
+    for i in range(nv):
+        sol[place[i]] = 0.0
+    for k in range(gaps.shape[0]):
+        sol[place[nv + k]] = -gaps[k]
+    ldl.solve(kkt, fac, sol)
+
+
+@kernel
+def _put_rates(bodies, x, v, out):
+    """ẋ of velocities v: θ̇ = T(θ)⁻¹ ω'."""
+    copy(v, out)
+    for k in range(bodies.shape[0]):
+        o = bodies[k]["iv"] + 3
+        theta, w = part(x, o), part(v, o)
+        once = outer(theta, w)
+        f = _inverse_coefficient(inner(theta, theta))
+        put_part(out, o, plus(plus(w, 0.5, once), f, outer(theta, once)))
+
+
+@kernel
+def _inverse_coefficient(x):
+    """(1 − θ/2 cot θ/2)/θ² with x = θ²: T⁻¹ = I + θ̃/2 + that θ̃²."""
+    if x < 1e-2:
+        return 1.0 / 12.0 + x * (1.0 / 720.0 + x * (1.0 / 30240.0 + x / 1209600.0))
+    half = 0.5 * math.sqrt(x)
+    return (1.0 - half * math.cos(half) / math.sin(half)) / x
+
+
+@unit
+def interpolate(run: Run, tableau: Tableau, share: float) -> int:
+    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    tr, before, x = run.work.trial, run.work.trial.before, run.work.partition.motion
+    h = run.state.t[0] - before.t[0]
+    count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
+    if tr.extended[0] == 0:
+        for s in range(tableau.stages + 1, count):
+            status = _evaluate_stage(run, tableau, before.q, before.v, before.t[0], s, h)
+            if status != FINE:
+                return status
+        tr.extended[0] = 1
+    put_shares(tableau, share, weights)
+    for i in range(x.shape[0]):
+        x[i] = 0.0
+    add_slopes(tr.stages, 0, weights, count, x)
+    for i in range(x.shape[0]):
+        x[i] *= h
+    move(run.system.parts, before.q, x, tr.q)
+    combine(before.v, tr.stages, nq, weights, count, h, tr.v)
+    copy(before.work_done, tr.work_done)
+    if run.settings.works == 1:
+        combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
+    return FINE

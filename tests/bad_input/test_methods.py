@@ -1,0 +1,74 @@
+"""Methods that cannot do a scene stop with the reason, and with the method that can."""
+
+from __future__ import annotations
+
+import pytest
+from truthkit import Memory
+
+from flexmb.analysis.dynamics import run as run_module
+from flexmb.analysis.dynamics.analysis import dynamics, prepare
+from flexmb.engine.compile import compile_system
+from flexmb.engine.integrators.coordinate_partitioning import choose_independent
+from flexmb.engine.method import FINE, NO_PARTITION
+from flexmb.engine.status import sentence
+from flexmb.engine.units import call
+from flexmb.model import Model
+
+EXPLICIT = ("explicit-rk", "baumgarte", "coordinate-partitioning")
+
+
+def stiff_chain(stiffness=1e8):
+    """Two links with a stiff spring that is stretched at first."""
+    made = Model("stiff", gravity=[0, -9.81, 0])
+    for k in range(2):
+        made.add_body(f"b{k}", mass=1, center=[0.5, 0, 0], inertia=[0.01, 0.1, 0.1],
+                      position=[k, 0, 0])  # fmt: skip
+        made.add_marker(f"b{k}.end", position=[1, 0, 0])
+        made.add_joint(f"j{k}", "revolute", between=[f"b{k - 1}.end" if k else "ground", f"b{k}"],
+                       axis="z")  # fmt: skip
+    made.add_marker("ground.high", position=[2, 2, 0])
+    made.add_force("spring", "spring-damper", between=["ground.high", "b1.end"],
+                   stiffness=stiffness, free_length=1.999)  # fmt: skip
+    made.add_sensor("end", "position", of="b1.end")
+    return made
+
+
+def outcome(model, **knobs):
+    model.set_dynamics(**knobs)
+    return dynamics(compile_system(model), model, Memory())
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+def test_fixed_steps_beyond_stability(method):
+    ended = outcome(stiff_chain(), duration=1.0, step=1e-2, outputs=10, method=method)
+    assert ended.status == "failed"
+    assert f"the step of 0.01 s is beyond the limit of stability of {method}" in ended.message
+    assert 'method = "radau"' in ended.message
+    done = outcome(stiff_chain(), duration=1.0, step=1e-2, outputs=10, method="radau")
+    assert done.status == "finished"
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+def test_error_control_that_would_never_end(method, monkeypatch):
+    """Stability of explicit methods allows steps of a microsecond, for an hour."""
+    monkeypatch.setattr(run_module, "_LOOK_EVERY", 300)
+    ended = outcome(stiff_chain(1e12), duration=3600.0, outputs=10, method=method, accuracy=1e-3)
+    assert ended.status == "failed"
+    assert "leave" in ended.message and "for the rest of the run" in ended.message
+    assert ended.statistics["steps"] < 5000
+
+
+def test_a_choice_of_coordinates_that_does_not_exist():
+    """One more dependent coordinate than the constraints of this pose determine."""
+    model = stiff_chain()
+    model.set_dynamics(duration=1.0, step=1e-3, method="coordinate-partitioning")
+    compiled = compile_system(model)
+    run = prepare(compiled, model).run
+    handed, split = run._handed, run.work.partition
+    assert run.march(1) == FINE
+    assert split.free.sum() == split.rank[0] == 10  # of 12 coordinates
+    split.rank[0] += 1
+    assert call(choose_independent, handed, handed.record.state_point) == NO_PARTITION
+    text = sentence(NO_PARTITION, compiled, run.work, 0.5)
+    assert text.startswith("at t = 0.5 s no choice of independent coordinates")
+    assert "explicit-rk" in text
