@@ -73,7 +73,8 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 
 def _span(scene: Mapping[str, Any]) -> NDArray[np.float64]:
     dynamics = scene.get("dynamics", {})
-    return np.array([dynamics.get(key, np.nan) for key in ("duration", "outputs")], dtype=float)
+    told = [dynamics.get(key, np.nan) for key in ("duration", "outputs")]
+    return np.array([np.nan if isinstance(value, list) else value for value in told], dtype=float)
 
 
 def _plain(value: float | int | str) -> float | int | str:

@@ -19,7 +19,7 @@ dataset        shape               meaning
 /energy        (n, energies)       energies and works [J]
 /drift         (n, 2)              largest constraint violation: position, velocity
 /progress      (2,)                valid rows; status code (index into `STATUS`)
-/span          (2,)                duration and number of output intervals, NaN if not told;
+/span          (2,)                duration and number of output intervals, NaN if not told so;
                                    they replace those of the scene when a run is extended
 /report        text of fixed size  JSON: statistics and the message of the end
 /layout/*                          names and offsets of the columns

@@ -101,7 +101,7 @@ def resume_run(
     prepared = prepare_rest(compiled, model, run, progress=progress)
     if duration is not None and model.dynamics is not None:
         spec = model.dynamics
-        extend_file(run.path, model.units.written(spec.duration, "s"), spec.outputs)
+        extend_file(run.path, model.units.written(spec.duration, "s"), spec.n_rows - 1)
     with ResultWriter.reopen(run.path) as writer:
         if writer.rows_written != prepared.rows_before:
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
@@ -145,6 +145,12 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
                 "give a new duration of the whole (--duration)"
             )
         return
+    if isinstance(spec.outputs, tuple):
+        what = (
+            "the output times of this run are listed one by one, and a longer run would record "
+            "nothing more; begin another one where it ended (--from)"
+        )
+        raise SceneError.from_problems([Problem("duration", what)])
     interval, asked = spec.duration / spec.outputs, duration * units.scale("s")
     outputs = round(asked / interval) if math.isfinite(asked) else 0
     what = ""

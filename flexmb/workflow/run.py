@@ -110,7 +110,7 @@ def run_model(
     with ResultWriter(
         folder / "result.h5",
         compiled.layout,
-        task.outputs + 1,
+        task.rows,
         scene=task.scene(model.to_scene_dict(folder, names)),
         flexbodies=names,
         texts=texts,

@@ -1,7 +1,7 @@
 """Motion in time: chunks of compiled steps, their rows to the writer, progress to the caller.
 
 Chunks are counted in steps, never in seconds, so a run repeats itself to the last bit. The step is
-shortened so that the outputs fall on steps.
+shortened so that outputs at equal intervals fall on steps.
 """
 
 from __future__ import annotations
@@ -132,7 +132,8 @@ def prepare(
     notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
-        notes.append(f"step shortened {shortened} to meet the outputs")
+        met = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
+        notes.append(f"step shortened {shortened} to meet {met}")
     return prepared_run(
         compiled, model, name, first.assembled.state, settings, clock, notes=tuple(notes),
         doubtful=first.doubtful,

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, local_tolerance, time_grid, with_tolerance
+from flexmb.analysis.dynamics.settings import (
+    Steps,
+    local_tolerance,
+    output_times,
+    time_grid,
+    with_tolerance,
+)
 from flexmb.analysis.dynamics.verified import PACE, VerifiedRun
 from flexmb.engine.compile import Compiled
 from flexmb.engine.integrators import chosen_method
@@ -93,12 +99,12 @@ def prepared_run(
     """A run from a state by an integrator, with a scout where it controls its error."""
     spec = model.dynamics
     assert spec is not None
-    chosen, verified = chosen_method(spec, name), None
+    chosen, times, verified = chosen_method(spec, name), output_times(spec), None
     if spec.verify and settings.step == 0.0:
-        verified = VerifiedRun.of(compiled, model, chosen, settings, state)
+        verified = VerifiedRun.of(compiled, model, chosen, settings, state, times)
         run = verified.kept
     else:
-        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)))
+        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)), times)
     pace = np.array([settings.tolerance, 1.0, tuple(METHODS).index(name)])
     return Prepared(
         run, time_grid(spec), model, clock, first=state, settings=settings, verified=verified,

@@ -9,9 +9,10 @@ import numpy as np
 
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
+from flexmb.engine.control import round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
-from flexmb.engine.work import new_output, new_plan, new_run, new_work
+from flexmb.engine.work import new_output, new_plan, new_run, new_work, output_run
 from flexmb.results import OutputBlock
 
 __all__ = ["Balance", "Clock", "Run"]
@@ -38,7 +39,17 @@ class Clock:
 
 
 class Run:
-    """One integration: tables, state, scratch and room for the rows of one chunk."""
+    """One integration: tables, state, scratch and room for the rows of one chunk.
+
+    Parameters
+    ----------
+    compiled, chosen, settings, state : Compiled, Method, Settings, State
+        What is integrated, how, and where it begins.
+    times : (n,) array
+        Times of all outputs [s].
+    plan : Plan, optional
+        Of the run to be followed; else this one writes its own.
+    """
 
     def __init__(
         self,
@@ -46,29 +57,38 @@ class Run:
         chosen: method.Method,
         settings: method.Settings,
         state: State,
+        times: np.ndarray,
         plan: Plan | None = None,
     ) -> None:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
+        self.times = times
         channels = len(compiled.layout.channels)
         self.work: Work = new_work(compiled.system, channels, chosen)
         stages = max(chosen.stages, 1)
         self.chunk = max(_LEAST_CHUNK, _CHUNK_WORK // (compiled.layout.nv * stages))  # steps
         self.plan = new_plan(self.chunk) if plan is None else plan
         self.output = new_output(compiled.system, self._rows(), channels)
-        self._handed = hand_over(
-            new_run(compiled.system, state, self.work, chosen, settings, self.plan, self.output)
+        run = new_run(
+            compiled.system, state, self.work, chosen, settings, self.plan, self.output, times
         )
+        self._handed, self._aside = hand_over(run), hand_over(output_run(run))
         self.unread = False
         self.largest_drift = np.zeros(2)
         self.balance = Balance()
 
     def _rows(self) -> int:
         """Room for the outputs of one chunk; of a few of them at least."""
-        settings = self.settings
+        settings, most = self.settings, max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
         every = settings.interval / settings.step if settings.step else 1.0
-        left = math.ceil((settings.end - settings.start) / settings.interval) + 1
-        most = max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
-        return min(int(self.chunk / every) + 1, left, most) + 4
+        rows = min(math.ceil(self.chunk / every) + 1, len(self.times), most)
+        return max(rows, self._most_in_a_step()) + 4
+
+    def _most_in_a_step(self) -> int:
+        """The largest number of outputs within a fixed step."""
+        if not self.settings.step:
+            return 0
+        ends = self.times + self.settings.step * (1.0 + 1e-5)
+        return int((np.searchsorted(self.times, ends) - np.arange(len(self.times))).max(initial=0))
 
     @property
     def share_done(self) -> float:
@@ -82,14 +102,13 @@ class Run:
     def finished(self) -> bool:
         """Whether the run has reached its end."""
         settings = self.settings
-        shortest = settings.step or settings.interval
-        return bool(self.state.t[0] >= settings.end - 1e-9 * shortest)
+        return bool(self.state.t[0] >= settings.end - round_off(settings))
 
     def march(self, steps: int) -> int:
         """Run some steps, or with 0 report the present state; returns the status."""
         self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
-        return entries.integrate(self._handed, steps)
+        return entries.integrate(self._handed, steps, self._aside)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk, or the first row; returns the status, and its rows."""

@@ -50,12 +50,12 @@ class VerifiedRun:
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
-        first: State,
+        first: State, times: np.ndarray,
     ) -> VerifiedRun:  # fmt: skip
         """A run from a copy of a state, and its scout, at the local tolerance of the settings."""
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
-        kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
+        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0], times)
+        kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], times, scout.plan)
         length, span = compiled.length, settings.end - settings.start
         least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
         at_rest = {unit: _AT_REST * size for unit, size in least.items()}

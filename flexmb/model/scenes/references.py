@@ -108,3 +108,17 @@ def _times(scope: Scope) -> Iterator[Problem]:
         if time > duration * (1 + 1e-12):
             after, end = units.say(time, "s"), units.say(duration, "s")
             yield Problem(where, f"{after} lies after the end of the run, {end}")
+    yield from _between_outputs(scope, times)
+
+
+def _between_outputs(scope: Scope, times: list[tuple[str, float]]) -> Iterator[Problem]:
+    """Times that the listed outputs do not cover."""
+    spec, units = scope.model.dynamics, scope.model.units
+    if spec is None or not isinstance(spec.outputs, tuple) or scope.model.kinematics is not None:
+        return
+    first, last = spec.outputs[0], spec.outputs[-1]
+    for where, time in times:
+        if not first <= time <= last and time <= spec.duration:
+            span = f"{units.say(first, 's')} to {units.say(last, 's')}"
+            what = f"nothing is recorded there: dynamics.outputs covers {span}"
+            yield Problem(where, f"{units.say(time, 's')}: {what}")

@@ -51,7 +51,7 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
     stops = np.flatnonzero(rows["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
     s, R, g = (np.full(n, np.nan) for n in (2, 3, 12))
-    first = lowering.watch(len(stops))
+    first = lowering.watch(2 * len(stops))
     return ForceCharacteristics(rows, programs, stops, first, Scratch(s, R, g))
 
 
