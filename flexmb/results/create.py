@@ -16,8 +16,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.results.keep import Kept
 from flexmb.results.layout import Columns
-from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION, widths
+from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION
 
 __all__ = ["create_content", "create_state", "report_text", "reserve"]
 
@@ -28,6 +29,7 @@ def create_content(
     file: h5py.File,
     columns: Columns,
     rows: int,
+    kept: Kept,
     scene: Mapping[str, Any],
     texts: Mapping[str, str],
     flexbodies: Mapping[str, str],
@@ -37,12 +39,14 @@ def create_content(
     file.attrs["version"] = VERSION
     file.attrs["run"] = uuid4().hex  # tells a file that was written anew from the one opened first
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    for name, width in widths(columns).items():
-        reserve(file, name, (rows,) if name == "time" else (rows, width))
+    for name, numbers in kept.items():
+        reserve(file, name, (rows,) if name == "time" else (rows, len(numbers)))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
     file.create_dataset("span", data=_span(scene))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
     _write_layout(file.create_group("layout"), columns)
+    for name, numbers in kept.items():
+        file["layout"].create_dataset(f"kept/{name}", data=numbers)
     _write_text(file, "scene", json.dumps(scene))
     for group, content in (("texts", texts), ("flexbodies", flexbodies)):
         file.create_group(group)

@@ -24,9 +24,10 @@ from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.create import create_content, create_state, report_text
 from flexmb.results.disk import DiskFile
 from flexmb.results.finite import finite_rows, not_finite
+from flexmb.results.keep import kept_columns
 from flexmb.results.layout import Columns
 from flexmb.results.read import read_contents, read_state
-from flexmb.results.schema import STATUS, TABLES
+from flexmb.results.schema import STATUS, TABLES, widths
 from flexmb.results.uninterrupted import uninterrupted
 
 __all__ = ["OutputBlock", "ResultWriter"]
@@ -81,6 +82,8 @@ class ResultWriter:
 
     Raises
     ------
+    SceneError
+        The scene keeps what there is not.
     OutputError
         The file or its folder cannot be written, or the disk lacks the space.
     """
@@ -97,6 +100,7 @@ class ResultWriter:
     ) -> None:
         self.path = Path(path)
         self.columns = Columns.of(layout)
+        self.kept = kept_columns(self.columns, scene)
         self._rows = 0
         self._saves = 0
         self._capacity = max(int(n_outputs), 1)
@@ -104,8 +108,9 @@ class ResultWriter:
         with uninterrupted():
             self._file = h5py.File(self._disk, "w")
             create_content(
-                self._file, self.columns, self._capacity, scene, texts or {}, flexbodies or {}
-            )
+                self._file, self.columns, self._capacity, self.kept, scene, texts or {},
+                flexbodies or {},
+            )  # fmt: skip
             self._flush()
 
     @classmethod
@@ -133,7 +138,8 @@ class ResultWriter:
                 raise ResultFileError(f"{writer.path}: {what}")
             with uninterrupted():
                 writer._file = h5py.File(writer._disk, "r+")
-                writer.columns, writer._rows = contents.columns, newest[0]
+                writer.columns, writer.kept = contents.columns, contents.kept
+                writer._rows = newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
                 writer._capacity = len(writer._file["time"])
                 writer._file["progress"][:] = writer._rows, STATUS.index("running")
@@ -275,8 +281,8 @@ class ResultWriter:
 
     def _check_shapes(self, tables: dict[str, Array]) -> None:
         k = len(tables["time"])
-        for name, values in tables.items():
-            expected = (k, *self._file[name].shape[1:])
+        for name, width in widths(self.columns).items():
+            values, expected = tables[name], (k,) if name == "time" else (k, width)
             if values.shape != expected:
                 raise ValueError(f"block.{name} has shape {values.shape}, not {expected}")
 
@@ -285,8 +291,9 @@ class ResultWriter:
         if stop > self._capacity:
             self._grow(stop)
         for name, values in tables.items():
-            if values[:k].size:
-                self._file[name][start:stop] = values[:k]
+            stored = values[:k] if name == "time" else values[:k, self.kept[name]]
+            if stored.size:
+                self._file[name][start:stop] = stored
         self._flush()
         self._file["progress"][0] = stop
         self._flush()

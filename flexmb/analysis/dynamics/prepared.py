@@ -58,6 +58,7 @@ class Prepared:
             **self.run.state._asdict(),
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
             PACE: self.pace,
+            **self.run.tallies(),
         }
         return own if self.verified is None else {**own, **self.verified.saved()}
 
