@@ -96,6 +96,8 @@ def resume_run(
     bodies = _bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
+    if problems := model.problems():  # tables that end before the new duration
+        raise SceneError.from_problems(problems)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
     prepared = prepare_rest(compiled, model, run, progress=progress)

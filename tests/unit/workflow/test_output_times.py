@@ -134,4 +134,4 @@ def test_known_answers_where_nothing_is_recorded_are_told() -> None:
     model = flexmb.load_scene(SCENE)
     model.set_dynamics(duration="turn", outputs=[0.03, "turn"])
     problems = [str(problem) for problem in model.problems()]
-    assert any("nothing is recorded there" in problem for problem in problems), problems
+    assert any("nothing is recorded at" in problem for problem in problems), problems
