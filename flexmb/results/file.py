@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 
 from flexmb.engine.layout import Layout
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.create import create_content, create_state, report_text
+from flexmb.results.create import (
+    arrays_text,
+    create_content,
+    create_state,
+    report_text,
+    state_bytes,
+)
 from flexmb.results.disk import DiskFile
 from flexmb.results.finite import finite_rows, not_finite
 from flexmb.results.keep import kept_columns
@@ -251,13 +257,12 @@ class ResultWriter:
         if self._saves == 0:
             create_state(group, arrays)
             self._flush()
-        slot = self._saves % 2
-        if set(arrays) != set(group[str(slot)]):
-            raise KeyError("the state's names differ from those of the first call")
+        slot, known = self._saves % 2, group["arrays"].asstr()[()]
+        if arrays_text(arrays) != known:
+            raise KeyError("the state's arrays differ from those of the first call")
         group["saves"][slot] = 0  # not valid while it is being written
         self._flush()
-        for name, value in arrays.items():
-            group[str(slot)][name][...] = value
+        group[str(slot)][...] = state_bytes(arrays)
         group["rows"][slot] = self._rows
         self._flush()
         self._saves += 1

@@ -110,8 +110,17 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
         slot = int(np.argmax(saves))
         if saves[slot] == 0:
             return None
-        values = {name: np.asarray(data[()]) for name, data in group[str(slot)].items()}
-        return int(group["rows"][slot]), values
+        return int(group["rows"][slot]), _arrays(group, str(slot))
+
+
+def _arrays(group: h5py.Group, slot: str) -> dict[str, NDArray[Any]]:
+    """The arrays of a state, from its bytes."""
+    data, at, arrays = group[slot][:].tobytes(), 0, dict[str, NDArray[Any]]()
+    for name, kind, shape in json.loads(group["arrays"].asstr()[()]):
+        dtype, n = np.dtype(kind), math.prod(shape)
+        arrays[name] = np.frombuffer(data, dtype, n, at).reshape(shape).copy()
+        at += n * dtype.itemsize
+    return arrays
 
 
 def _open(path: Path) -> h5py.File:

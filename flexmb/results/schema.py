@@ -28,7 +28,9 @@ dataset        shape               meaning
 /scene         text                the scene as JSON
 /texts/*       text                further texts, such as the scene file's own
 /flexbodies/*  text                per body the path of its file, relative to this file
-/state/*                           two slots of the integrator's complete state
+/state/0, 1    (bytes,)            two slots of the integrator's complete state
+/state/arrays  text                its arrays, JSON: names, types, shapes
+/state/saves   (2,)                number of the save in each slot, 0: none; /state/rows: rows then
 =============  ==================  ==========================================================
 """
 
