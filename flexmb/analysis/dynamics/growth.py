@@ -75,6 +75,7 @@ class Growth:
             row += self._every - (self._rows + row) % self._every
         self._rows += len(rows.t)
         self._largest = so_far[-1]
+        self._look()
 
     def _values(self, rows: OutputBlock) -> np.ndarray:
         """(k, quantities) sizes, over what they count for."""
@@ -89,26 +90,27 @@ class Growth:
         return np.stack(sizes, axis=1) if sizes else np.zeros((len(rows.t), 0))
 
     def _sample(self, t: float, largest: np.ndarray) -> None:
-        """Keep every row, then every second one, ..., and look at what there is."""
+        """Keep every row, then every second one, ..."""
         if self._count == _SAMPLES:
             self._history[: _SAMPLES // 2] = self._history[::2].copy()
             self._count, self._every = _SAMPLES // 2, 2 * self._every
         self._history[self._count] = t, *largest
         self._count += 1
-        self._look()
 
     def _look(self) -> None:
         """Compare the largest values at the ends of the parts."""
         known = self._history[: self._count]
+        known = known[np.isfinite(known).all(axis=1)]
+        if not len(known):
+            return
         begin, now = known[0, 0], known[-1, 0]
         part = (now - begin) / (2 * _PARTS)
         at = np.searchsorted(known[:, 0], now - part * np.arange(_PARTS, -1, -1))
-        at = np.minimum(at, self._count - 1)
-        if len(np.unique(at)) <= _PARTS or self.sentence:
+        at = np.minimum(at, len(known) - 1)
+        if len(np.unique(at)) <= _PARTS:
             return
         values = known[at, 1:]
-        grows = (values[1:] >= _FACTOR * values[:-1]).all(axis=0)
-        grows &= (values[0] > 0.0) & np.isfinite(values[-1])
+        grows = (values[1:] >= _FACTOR * values[:-1]).all(axis=0) & (values[0] > 0.0)
         for k in np.flatnonzero(grows):
             q = self._quantities[k]
             if values[-1, k] * (part if q.rate else 1.0) > q.bound:
