@@ -3,8 +3,7 @@
 A chunk starts by forgetting the factor and ends with the complete state in `State`, so that a run
 resumed at a chunk's border repeats the uninterrupted one bit for bit. Between chunks Python shows
 progress, writes to the file and honours an interruption. Outputs inside an accepted step are
-interpolated and put back on the constraints. They have a factor of their own (`work.output_run`),
-so that the motion does not depend on how many there are.
+interpolated and put back on the constraints, with a factor of their own (`work.output_run`).
 """
 
 from __future__ import annotations
@@ -171,6 +170,8 @@ def write_output(run: Run) -> int:
     on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
     project = VELOCITIES if on_step else POSITIONS
     st.count[FACTORISATIONS] += 1
+    if run.settings.step > 0.0:  # what Newton's method leaves by an old factor is a bias there
+        st.memory[AGE] = -1.0
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status

@@ -67,6 +67,12 @@ class OutputBlock:
         """The rows from start to stop."""
         return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
 
+    def rows(self, chosen: NDArray[np.bool_]) -> OutputBlock:
+        """The chosen rows; `chosen` (k,)."""
+        if chosen.all():
+            return self
+        return OutputBlock(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
 
 class ResultWriter:
     """Writes one result file; use it in a ``with`` statement or call :meth:`close`.

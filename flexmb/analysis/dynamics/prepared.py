@@ -10,6 +10,7 @@ import numpy as np
 from flexmb.analysis.dynamics.run import Clock, Run
 from flexmb.analysis.dynamics.settings import (
     Steps,
+    compared_times,
     local_tolerance,
     output_times,
     time_grid,
@@ -102,7 +103,9 @@ def prepared_run(
     assert spec is not None
     chosen, times, verified = chosen_method(spec, name), output_times(spec), None
     if spec.verify and settings.step == 0.0:
-        verified = VerifiedRun.of(compiled, model, chosen, settings, state, times)
+        compared = compared_times(spec)
+        recorded = np.isin(compared, times)
+        verified = VerifiedRun.of(compiled, model, chosen, settings, state, compared, recorded)
         run = verified.kept
     else:
         run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)), times)

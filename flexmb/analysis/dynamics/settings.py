@@ -13,8 +13,8 @@ from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
-    "Steps", "kept_settings", "local_tolerance", "loop_settings", "output_times", "refinement",
-    "scout_settings", "time_grid", "with_tolerance",
+    "Steps", "compared_times", "kept_settings", "local_tolerance", "loop_settings", "output_times",
+    "refinement", "scout_settings", "time_grid", "with_tolerance",
 ]  # fmt: skip
 
 _MAX_ITERATIONS = 15
@@ -22,6 +22,7 @@ _NEWTON = 1e-8  # relative, with fixed steps
 _LOCAL = 0.2  # local error over what is asked for in the end
 _HIGH_ORDER = 5
 _SLACK = 4.0
+_COMPARED = 51  # times beside listed outputs
 _AT_REST = 1e-6  # motion over the size of the model
 
 
@@ -52,6 +53,15 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
     if isinstance(spec.outputs, tuple):
         return np.array(spec.outputs)
     return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
+
+
+def compared_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times at which a run and its scout are compared: of outputs, and where these are listed of
+    so many others that the peak-to-peak is known."""
+    times = output_times(spec)
+    if isinstance(spec.outputs, int):
+        return times
+    return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
 
 
 def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:

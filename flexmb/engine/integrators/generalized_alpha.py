@@ -47,11 +47,9 @@ if TYPE_CHECKING:
 # Before a step, an expected contraction above this costs more iterations than a new factor
 # (flexible slider-crank: 27 µs per step at 0.03, 30 at 0.1, 35 at 0.3; a single rigid body pays
 # for factors, not for iterations).
-_RENEW_ABOVE = 0.05
+_RENEW_ABOVE = 0.1
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
-# What Newton's method leaves has one sign from step to step: so much of round-off may remain.
-_REST = 0.1
 # With error control Newton's method stops at these shares of the local tolerance of positions and
 # of velocities.
 _SHARE, _SPEED_SHARE = 0.05, 0.3
@@ -108,7 +106,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
         tolerance = settings.tolerance * allowed
     floor = last_places(run)
-    tolerance = max(tolerance, _REST * floor)
+    tolerance = max(tolerance, floor)
     if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
         memory[AGE] = -1.0
     last = 0.0
@@ -138,7 +136,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             return NO_CONVERGENCE
         last = size
         theta = min(memory[CONTRACTION], 0.99)
-        if noise or theta / (1.0 - theta) * size <= tolerance:
+        if noise or size <= floor or theta / (1.0 - theta) * size <= tolerance:
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:

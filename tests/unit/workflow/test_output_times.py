@@ -54,11 +54,24 @@ def test_rows_are_those_of_the_list_and_true(method: str) -> None:
     np.testing.assert_allclose(force[listed], other[listed], atol=2e-3 * np.abs(other).max())
 
 
-def test_what_is_recorded_does_not_change_fixed_steps() -> None:
-    runs = [flexmb.simulate(scene(n, step="turn/800")) for n in (1, 800, [0.007, "turn"])]
-    for run in runs[1:]:
-        assert run.q[-1].tobytes() == runs[0].q[-1].tobytes()
-        assert run.statistics["steps"] == 800
+def test_what_is_recorded_does_not_change_the_steps() -> None:
+    """With fixed steps of a method without Newton's iterations to the last bit."""
+    for method in ("explicit-rk", "generalized-alpha"):
+        numbers = (1, 800, [0.007, "turn"])
+        runs = [flexmb.simulate(scene(n, method, step="turn/800")) for n in numbers]
+        for run in runs[1:]:
+            assert run.statistics["steps"] == 800
+            np.testing.assert_allclose(run.q[-1], runs[0].q[-1], rtol=0, atol=1e-12)
+            if method == "explicit-rk":
+                assert run.q[-1].tobytes() == runs[0].q[-1].tobytes()
+
+
+def test_one_output_has_a_measured_error_and_full_statistics() -> None:
+    run = flexmb.simulate(scene(["12 ms"], accuracy=1e-4))  # the time of the scene's picture
+    dense = flexmb.simulate(scene(100, accuracy=1e-4))
+    assert len(run.time) == 1
+    name = "measured_error_of_positions"
+    assert run.statistics[name] == pytest.approx(dense.statistics[name], rel=0.5)
 
 
 def test_many_times_within_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
