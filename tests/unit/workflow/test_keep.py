@@ -103,6 +103,10 @@ def test_pictures_stress_reactions_and_another_run_say_what_they_need(tmp_path: 
         _ = part.balance
     with pytest.raises(ResultFileError, match=r'keep = \["poses"\]'):
         flexmb.simulate(scene(), start_from=part)
+    with pytest.raises(ResultFileError, match=r'kept no channels .* keep = \["reactions"\]'):
+        part.to_csv(tmp_path / "rows.csv", what="reactions")
+    with pytest.raises(ResultFileError, match=r'keep = \["rod.r.x"\]'):
+        part.to_csv(tmp_path / "rows.csv", ["slider.x", "rod.r.x"])
     both = flexmb.simulate(scene("coordinates"), output=tmp_path / "both")
     flexmb.simulate(scene(), start_from=both)
 
