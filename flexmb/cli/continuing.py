@@ -84,8 +84,8 @@ def export(
     what: Annotated[
         str | None,
         typer.Option(
-            help="All channels of a kind: sensors, reactions, energy, drift, coordinates or "
-            "stress; sensors by default.",
+            help="All channels of a kind: sensors, reactions, energy, drift, coordinates, "
+            "accelerations or stress; sensors by default.",
             show_default=False,
         ),
     ] = None,

@@ -56,8 +56,10 @@ def _show_h5(path: Path) -> None:
         for body in run.layout.bodies
     ]
     show.table(("body", "modes", "file"), bodies, right=(1,))
-    units = [(channel, run.unit(channel)) for channel in run.layout.channels]
+    units = [(channel, run.unit(channel)) for channel in run.channels()]
     show.table(("channel", "unit"), units)
+    stored, whole = run.row_bytes
+    show.line(f"{stored} bytes a row" + (f", {whole} with everything" if stored < whole else ""))
     show.line(f"started {run.created}")
 
 

@@ -106,21 +106,33 @@ def at_end(settings, plan, st):
     """Whether the run has reached its end, or that of the plan that it follows."""
     if settings.refinement > 0.0:
         return plan.used[0] == 0 or st.t[0] >= plan.knots[plan.used[0] - 1]
-    return st.t[0] >= settings.end - 1e-9 * _least_interval(settings)
+    return st.t[0] >= settings.end - round_off(settings)
 
 
 @kernel
-def _least_interval(settings):
-    return settings.step if settings.step > 0.0 else settings.interval
+def round_off(settings):
+    """Times that differ by less are the same [s]."""
+    if settings.step > 0.0:
+        return _ROUND_OFF * settings.step
+    return 1e-12 * (settings.end - settings.start)
 
 
 @kernel
-def proposed(method, settings, plan, time_events, st, room):
-    """The step to try; `room` is how many more outputs there is space for."""
+def due(settings, times, st, t, n):
+    """Whether the next output but n is due at time t."""
+    k = st.count[OUTPUTS] + n
+    return k < times.shape[0] and times[k] <= t + round_off(settings)
+
+
+@kernel
+def proposed(method, settings, plan, time_events, st, times, room):
+    """The step to try; `room` is how many more of the outputs at `times` there is space for."""
     h = st.memory[STEP]
     if settings.step > 0.0:
         return h
-    h = min(h, max(room - 2, 1) * settings.interval)
+    first = st.count[OUTPUTS] + max(room - 2, 1)
+    if first < times.shape[0]:
+        h = min(h, times[first] - st.t[0])
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[TURNING] > 0.0:
         h = min(h, settings.turn / st.memory[TURNING])
@@ -330,9 +342,3 @@ def _raise(st, iv, n, motion, speed):
     """Let the scales of n coordinates be these at least."""
     for i in range(iv, iv + n):
         st.motion[i], st.speed[i] = max(st.motion[i], motion), max(st.speed[i], speed)
-
-
-@kernel
-def next_output(settings, st):
-    """Time of the next output."""
-    return settings.start + st.count[OUTPUTS] * settings.interval

@@ -21,7 +21,7 @@ from flexmb.engine.records import Packed, units_in
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.units import call, call_ready, prepare_units
-from flexmb.engine.work import new_run, units_of
+from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
 __all__ = [
@@ -98,9 +98,21 @@ def integration_units(system: System, method: Method) -> list[Unit]:
     return [*units, *units_of(system), *units_in(method)]
 
 
-def integrate(run: Run | Packed, n_steps: int) -> int:
-    """Run n_steps, or until the end or until `run.output` is full; returns the status."""
-    return int(call(march.march, run, n_steps))
+def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None) -> int:
+    """Run n_steps, or until the end or until `run.output` is full; returns the status.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    n_steps : int
+        How many steps at most; 0 writes the outputs that are due.
+    aside : Run, optional
+        From `output_run`, to be made once for many calls.
+    """
+    if aside is None:
+        aside = output_run(run.record if isinstance(run, Packed) else run)
+    return int(call(march.march, run, aside, n_steps))
 
 
 def prepare_kinematics(system: System, progress: Progress = silent) -> int:

@@ -1,9 +1,10 @@
 """Events: moments at which a force changes its law, so that a step should end there.
 
 What is watched is told by the kinds (stage `events`): each contact by its depth and the rate of
-this, one with friction by what makes it slide or stick; so is friction in each joint, and each stop
-by its penetration. What may peak above zero and return within a step is found by the tangents at
-both ends of the step. With error control a step in which one of them crosses zero, and not just at
+this, one with friction by what makes it slide or stick; so is friction in each joint, and each
+bound of a stop by its penetration. What may peak above zero and return within a step is found by
+its values and rates at both ends of the step: by their tangents, and by the cubic through them.
+With error control a step in which one of them crosses zero, and not just at
 its end, is repeated shorter, so that it ends a little beyond the crossing (regula falsi; each
 shorter step is closer, and tries are bounded). After it begins one of a small length, as forces may
 grow fast from there. With fixed steps nothing is shortened.
@@ -74,14 +75,29 @@ def _crossing(events, k):
 def _hidden(events, k, h):
     """Share of the step at which k may peak above zero, below it at both ends; 1: never.
 
-    Where the tangents of both ends meet, which a value that rises ever slower does not exceed.
+    Where the tangents of both ends meet, which a value that rises ever slower does not exceed; or,
+    where it also turns in the step, at the peak of the cubic with these values and rates.
     """
     a, b = events.before[k, 0], events.now[k, 0]
     rise, fall = h * events.before[k, 1], h * events.now[k, 1]
-    if math.isnan(rise) or not (a < 0.0 and b < 0.0 and rise > 0.0 and fall < 0.0):
+    if math.isnan(rise + fall) or not (a < 0.0 and b < 0.0):
         return 1.0
-    share = (b - a - fall) / (rise - fall)
-    return share if 0.0 < share < 1.0 and a + rise * share > 0.0 else 1.0
+    if rise > 0.0 and fall < 0.0:
+        share = (b - a - fall) / (rise - fall)
+        if 0.0 < share < 1.0:
+            return share if a + rise * share > 0.0 else 1.0
+    # a + s (rise + s (c2 + s c3)), whose slope falls through zero at its peak
+    c2 = 3.0 * (b - a) - 2.0 * rise - fall
+    c3 = rise + fall - 2.0 * (b - a)
+    root = c2 * c2 - 3.0 * c3 * rise
+    if root <= 0.0:
+        return 1.0
+    if c2 > 0.0:
+        share = (-c2 - math.sqrt(root)) / (3.0 * c3) if c3 != 0.0 else 1.0
+    else:
+        share = rise / (math.sqrt(root) - c2)
+    peak = a + share * (rise + share * (c2 + share * c3))
+    return share if 0.0 < share < 1.0 and peak > 0.0 else 1.0
 
 
 @kernel

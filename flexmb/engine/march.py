@@ -2,8 +2,8 @@
 
 A chunk starts by forgetting the factor and ends with the complete state in `State`, so that a run
 resumed at a chunk's border repeats the uninterrupted one bit for bit. Between chunks Python shows
-progress, writes to the file and honours an interruption. With fixed steps outputs fall on steps;
-with error control they are interpolated inside an accepted step and put back on the constraints.
+progress, writes to the file and honours an interruption. Outputs inside an accepted step are
+interpolated and put back on the constraints, with a factor of their own (`work.output_run`).
 """
 
 from __future__ import annotations
@@ -35,11 +35,9 @@ from flexmb.engine.method import (
     AGE,
     FACTORISATIONS,
     FINE,
-    GRID,
     LAST_STEP,
     NOT_FINITE,
     OUTPUTS,
-    PART,
     STEPS,
     TOO_SMALL,
 )
@@ -53,12 +51,11 @@ def accept_step(run: Run, h: float) -> int:
     st, tr, settings, at = run.state, run.work.trial, run.settings, run.trial_point
     before, controlled = tr.before, settings.step == 0.0
     before.t[0] = st.t[0]
-    if controlled:
-        copy(st.q, before.q)
-        copy(st.v, before.v)
-        copy(st.work_done, before.work_done)
-        copy(st.power, before.power)
-        copy(st.history, before.history)
+    copy(st.q, before.q)
+    copy(st.v, before.v)
+    copy(st.work_done, before.work_done)
+    copy(st.power, before.power)
+    copy(st.history, before.history)
     angles = len(run.stages.angles.units) > 0
     if settings.works == 1 or angles:
         pose_stage(run, at)
@@ -116,7 +113,7 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = control.proposed(run.method, settings, run.plan, time_events, st, room)
+        h = control.proposed(run.method, settings, run.plan, time_events, st, run.times, room)
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
@@ -134,21 +131,18 @@ def advance(run: Run, room: int) -> int:
 
 
 @kernel
-def _due(settings, st):
+def _due(run):
     """Whether an output is due at or before the present time."""
-    if settings.step > 0.0:
-        every = int(settings.interval / settings.step + 0.5)
-        return st.memory[PART] == 0.0 and st.count[GRID] == st.count[OUTPUTS] * every
-    return control.next_output(settings, st) <= st.t[0] + 1e-9 * settings.interval
+    return control.due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
 @kernel
 def _place_output(run):
     """Put the state at the next output time into the trial state; returns the status."""
     st, tr, settings, history = run.state, run.work.trial, run.settings, run.work.now.history
-    before, now = tr.before, control.next_output(settings, st)
+    before, now = tr.before, run.times[st.count[OUTPUTS]]
     copy(st.angles, tr.angles)
-    if settings.step > 0.0 or now >= st.t[0] - 1e-12 * settings.interval:
+    if now >= st.t[0] - control.round_off(settings):
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
@@ -173,9 +167,11 @@ def write_output(run: Run) -> int:
     status = _place_output(run)
     if status != FINE:
         return status
-    project = VELOCITIES if run.settings.step > 0.0 else POSITIONS
+    on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
+    project = VELOCITIES if on_step else POSITIONS
     st.count[FACTORISATIONS] += 1
-    st.memory[AGE] = -1.0
+    if run.settings.step > 0.0:  # what Newton's method leaves by an old factor is a bias there
+        st.memory[AGE] = -1.0
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status
@@ -211,10 +207,11 @@ def _filter(run):
 
 
 @unit
-def march(run: Run, n_steps: int) -> int:
+def march(run: Run, aside: Run, n_steps: int) -> int:
     """Run n_steps, or until the end or until `out` is full; returns the status.
 
-    Outputs that are due are written, also before the first step.
+    Outputs that are due are written, also before the first step, by `aside`: the same run with
+    another factor.
     """
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
@@ -235,11 +232,14 @@ def march(run: Run, n_steps: int) -> int:
         run.plan.used[0] = 0
         control.write_plan(settings, run.plan, st)
     while status == FINE:
-        if _due(settings, st):
-            status = write_output(run)
+        if _due(run):
+            status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]
-        if done == n_steps or control.at_end(settings, run.plan, st) or (done > 0 and room < 3):
+        if done == n_steps or control.at_end(settings, run.plan, st):
+            break
+        full = room < 3 or control.due(settings, run.times, st, st.t[0] + settings.step, room)
+        if full and done > 0:
             break
         status = advance(run, room)
         done += 1

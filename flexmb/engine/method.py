@@ -43,8 +43,8 @@ class Settings(NamedTuple):
 
     start: float  # s
     end: float  # s
-    interval: float  # between outputs, s
-    step: float  # s, a whole share of the interval; 0: steps by error control
+    interval: float  # mean one between outputs, s
+    step: float  # s, a whole share of the run; 0: steps by error control
     tolerance: float  # local error of a step over motion and speed so far, with error control
     accuracy: float  # error over motion in the end, with error control
     slack: float  # times `tolerance`: from which on a step is repeated shorter

@@ -380,4 +380,5 @@ class Run(NamedTuple):
     method: Method
     settings: Settings
     plan: Plan
+    times: Vector  # (outputs,) of all outputs of the run, s
     output: Output

@@ -52,8 +52,8 @@ from flexmb.engine.state import (
 from flexmb.engine.tables import System
 
 __all__ = [
-    "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state", "new_work",
-    "row_units", "sensor_units", "sizes", "stages_of", "units_of",
+    "equal_times", "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state",
+    "new_work", "output_run", "row_units", "sensor_units", "sizes", "stages_of", "units_of",
 ]  # fmt: skip
 
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
@@ -308,8 +308,12 @@ def new_run(
     settings: Settings = _NO_SETTINGS,
     plan: Plan | None = None,
     output: Output | None = None,
+    times: np.ndarray | None = None,
 ) -> Run:
-    """All that units are handed, of one run; arrays are shared, not copied."""
+    """All that units are handed, of one run; arrays are shared, not copied.
+
+    Outputs are `settings.interval` apart where no times are given.
+    """
     trial = work.trial
     return Run(
         system, state, work,
@@ -317,8 +321,20 @@ def new_run(
         Point(trial.t, trial.q, trial.v, trial.vd, trial.lam),
         stages_of(system, work.kinds), row_units(system), sensor_units(system), method, settings,
         new_plan(0) if plan is None else plan,
+        equal_times(settings) if times is None else times,
         new_output(system, 0, len(state.angles)) if output is None else output,
     )  # fmt: skip
+
+
+def equal_times(settings: Settings) -> np.ndarray:
+    """Times of outputs at equal intervals [s]."""
+    n = round((settings.end - settings.start) / settings.interval)
+    return settings.start + np.arange(n + 1) * settings.interval
+
+
+def output_run(run: Run) -> Run:
+    """The same run with a factor of its own, for its outputs."""
+    return run._replace(work=run.work._replace(factor=_new_factor(run.system)))
 
 
 def new_path(system: System) -> Path:

@@ -34,6 +34,7 @@ from flexmb.model.tasks.assembly import AssemblySpec
 from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.model.tasks.kinematics import KinematicsSpec
+from flexmb.model.tasks.results import ResultsSpec
 from flexmb.model.tasks.study import StudySpec
 from flexmb.model.tasks.view import ViewSpec
 from flexmb.model.values.names import GROUND, split_reference
@@ -112,6 +113,7 @@ class Model:
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
@@ -235,6 +237,11 @@ class Model:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
         self.study = self._single("study", StudySpec, fields)
         return self.study
+
+    def set_results(self, **fields: Any) -> ResultsSpec:
+        """Say what of a run is stored: ``keep``."""
+        self.results = self._single("results", ResultsSpec, fields)
+        return self.results
 
     def set_view(self, **fields: Any) -> ViewSpec:
         """Say what to draw: ``time``, ``exaggeration``, ``direction``, ``history``, ``size``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmb.results.extend import extend_file
 from flexmb.results.file import OutputBlock, ResultWriter
+from flexmb.results.keep import kept_columns, row_bytes
 from flexmb.results.layout import BodyColumns, Columns
 from flexmb.results.reactions import NOT_UNIQUE, Reaction
 from flexmb.results.read import file_format
@@ -24,5 +25,7 @@ __all__ = [
     "Stress",
     "extend_file",
     "file_format",
+    "kept_columns",
     "load_result",
+    "row_bytes",
 ]

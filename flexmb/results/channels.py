@@ -18,7 +18,7 @@ from flexmb.results.schema import DRIFT
 
 __all__ = ["BALANCE", "GROUPS", "Channel", "all_channels", "channels"]
 
-GROUPS = ("sensors", "reactions", "energy", "drift", "coordinates")
+GROUPS = ("sensors", "reactions", "energy", "drift", "coordinates", "accelerations")
 BALANCE = "energy.balance"
 
 
@@ -61,6 +61,8 @@ def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Ch
         return tuple(Channel(f"drift.{name}", "drift", i, "") for i, name in enumerate(DRIFT))
     if group == "coordinates":
         return tuple(_coordinates(columns))
+    if group == "accelerations":
+        return tuple(_accelerations(columns))
     what = f'a result has no channels of the kind "{group}"'
     allowed = (*GROUPS, "stress")
     raise ResultFileError.from_problems([Problem("", what, allowed, nearest(group, allowed))])
@@ -101,3 +103,16 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
         units = ("m", "m/s") if name.endswith("position") else ("", "")  # along a curve
         yield Channel(own, "q", columns.nq - n + i, units[0])
         yield Channel(rate, "v", columns.nv - n + i, units[1])
+
+
+def _accelerations(columns: Columns) -> Iterator[Channel]:
+    for body in columns.bodies:
+        names = [(f"r_ddot.{axis}", "m/s^2") for axis in "xyz"]
+        names += [(f"w_dot.{axis}", "rad/s^2") for axis in "xyz"]
+        names += [(f"eta_ddot.{i}", "1/s^2") for i in range(body.m)]
+        for i, (name, unit) in enumerate(names):
+            yield Channel(f"{body.name}.{name}", "vd", body.iv + i, unit)
+    n = len(columns.coordinates)
+    for i, name in enumerate(columns.coordinates):
+        unit = "m/s^2" if name.endswith("position") else ""
+        yield Channel(f"{name}.rate_dot", "vd", columns.nv - n + i, unit)

@@ -16,10 +16,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.results.keep import Kept
 from flexmb.results.layout import Columns
-from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION, widths
+from flexmb.results.schema import FORMAT, REPORT_BYTES, STATUS, VERSION
 
-__all__ = ["create_content", "create_state", "report_text", "reserve"]
+__all__ = [
+    "arrays_text",
+    "create_content",
+    "create_state",
+    "report_text",
+    "reserve",
+    "state_bytes",
+]
 
 _CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes anew at most
 
@@ -28,6 +36,7 @@ def create_content(
     file: h5py.File,
     columns: Columns,
     rows: int,
+    kept: Kept,
     scene: Mapping[str, Any],
     texts: Mapping[str, str],
     flexbodies: Mapping[str, str],
@@ -37,12 +46,14 @@ def create_content(
     file.attrs["version"] = VERSION
     file.attrs["run"] = uuid4().hex  # tells a file that was written anew from the one opened first
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    for name, width in widths(columns).items():
-        reserve(file, name, (rows,) if name == "time" else (rows, width))
+    for name, numbers in kept.items():
+        reserve(file, name, (rows,) if name == "time" else (rows, len(numbers)))
     file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
     file.create_dataset("span", data=_span(scene))
     file.create_dataset("report", data=report_text({}, ""), dtype=f"S{REPORT_BYTES}")
     _write_layout(file.create_group("layout"), columns)
+    for name, numbers in kept.items():
+        file["layout"].create_dataset(f"kept/{name}", data=numbers)
     _write_text(file, "scene", json.dumps(scene))
     for group, content in (("texts", texts), ("flexbodies", flexbodies)):
         file.create_group(group)
@@ -55,10 +66,19 @@ def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Make both slots of the integrator's state, none of them valid yet."""
     group.create_dataset("saves", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("rows", data=np.zeros(2, dtype=np.int64))
+    _write_text(group, "arrays", arrays_text(arrays))
     for slot in ("0", "1"):
-        slot_group = group.create_group(slot)
-        for name, value in arrays.items():
-            slot_group.create_dataset(name, data=value)
+        group.create_dataset(slot, data=state_bytes(arrays))
+
+
+def arrays_text(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Names, types and shapes of the arrays of a state, as JSON in their order."""
+    return json.dumps([[name, value.dtype.str, value.shape] for name, value in arrays.items()])
+
+
+def state_bytes(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """The arrays of a state one behind the other: one write is much cheaper than fifty."""
+    return np.frombuffer(b"".join(value.tobytes() for value in arrays.values()), np.uint8)
 
 
 def report_text(statistics: Mapping[str, float | int | str], message: str) -> np.bytes_:
@@ -73,7 +93,8 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 
 def _span(scene: Mapping[str, Any]) -> NDArray[np.float64]:
     dynamics = scene.get("dynamics", {})
-    return np.array([dynamics.get(key, np.nan) for key in ("duration", "outputs")], dtype=float)
+    told = [dynamics.get(key, np.nan) for key in ("duration", "outputs")]
+    return np.array([np.nan if isinstance(value, list) else value for value in told], dtype=float)
 
 
 def _plain(value: float | int | str) -> float | int | str:

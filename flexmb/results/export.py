@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmb.errors import OutputError, Problem, ResultFileError, nearest
+from flexmb.results.channels import GROUPS, all_channels, channels
 
 if TYPE_CHECKING:
     from flexmb.results.result import Result
@@ -27,7 +28,12 @@ def write_csv(result: Result, path: str | Path, names: Sequence[str], what: str)
     chosen = tuple(names) or result.channels(what)
     _refuse_unknown(result, chosen)
     if not chosen:
-        raise ResultFileError(f"{result.path}: has no channels of the kind {what}")
+        lacks = f"has no channels of the kind {what}"
+        if what in GROUPS and channels(result.layout, result.model, what):
+            lacks = (
+                f'kept no channels of the kind {what}; keep = ["{what}"] in [results] keeps them'
+            )
+        raise ResultFileError(f"{result.path}: {lacks}")
     if not len(result.time):
         raise ResultFileError(f"{result.path}: holds no output rows")
     header = [_titled("time", result.units.label("s"))]
@@ -45,7 +51,11 @@ def write_csv(result: Result, path: str | Path, names: Sequence[str], what: str)
 
 
 def _refuse_unknown(result: Result, names: Sequence[str]) -> None:
-    """All names that are none at once."""
+    """All names that are none at once; the first one that was not kept."""
+    there = all_channels(result.layout, result.model)
+    for name in names:
+        if name in there and name not in result:
+            _ = result[name]  # says what keeps it
     known = [name for kind in ("sensors", "reactions", "energy") for name in result.channels(kind)]
     problems = [
         Problem("", f'the result has no channel "{name}"', tuple(known), nearest(name, known))

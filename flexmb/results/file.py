@@ -21,12 +21,19 @@ from numpy.typing import NDArray
 
 from flexmb.engine.layout import Layout
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.create import create_content, create_state, report_text
+from flexmb.results.create import (
+    arrays_text,
+    create_content,
+    create_state,
+    report_text,
+    state_bytes,
+)
 from flexmb.results.disk import DiskFile
 from flexmb.results.finite import finite_rows, not_finite
+from flexmb.results.keep import kept_columns
 from flexmb.results.layout import Columns
 from flexmb.results.read import read_contents, read_state
-from flexmb.results.schema import STATUS, TABLES
+from flexmb.results.schema import STATUS, TABLES, widths
 from flexmb.results.uninterrupted import uninterrupted
 
 __all__ = ["OutputBlock", "ResultWriter"]
@@ -60,6 +67,12 @@ class OutputBlock:
         """The rows from start to stop."""
         return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
 
+    def rows(self, chosen: NDArray[np.bool_]) -> OutputBlock:
+        """The chosen rows; `chosen` (k,)."""
+        if chosen.all():
+            return self
+        return OutputBlock(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
 
 class ResultWriter:
     """Writes one result file; use it in a ``with`` statement or call :meth:`close`.
@@ -81,6 +94,8 @@ class ResultWriter:
 
     Raises
     ------
+    SceneError
+        The scene keeps what there is not.
     OutputError
         The file or its folder cannot be written, or the disk lacks the space.
     """
@@ -97,16 +112,17 @@ class ResultWriter:
     ) -> None:
         self.path = Path(path)
         self.columns = Columns.of(layout)
+        self.kept = kept_columns(self.columns, scene)
         self._rows = 0
         self._saves = 0
-        self._slots: tuple[dict[str, h5py.Dataset], ...] = ()  # of the state, once it is there
         self._capacity = max(int(n_outputs), 1)
         self._disk = _open_disk(self.path)
         with uninterrupted():
             self._file = h5py.File(self._disk, "w")
             create_content(
-                self._file, self.columns, self._capacity, scene, texts or {}, flexbodies or {}
-            )
+                self._file, self.columns, self._capacity, self.kept, scene, texts or {},
+                flexbodies or {},
+            )  # fmt: skip
             self._flush()
 
     @classmethod
@@ -134,9 +150,9 @@ class ResultWriter:
                 raise ResultFileError(f"{writer.path}: {what}")
             with uninterrupted():
                 writer._file = h5py.File(writer._disk, "r+")
-                writer.columns, writer._rows = contents.columns, newest[0]
+                writer.columns, writer.kept = contents.columns, contents.kept
+                writer._rows = newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
-                writer._slots = ()
                 writer._capacity = len(writer._file["time"])
                 writer._file["progress"][:] = writer._rows, STATUS.index("running")
                 writer._flush()
@@ -247,15 +263,12 @@ class ResultWriter:
         if self._saves == 0:
             create_state(group, arrays)
             self._flush()
-        if not self._slots:
-            self._slots = tuple(dict(group[slot].items()) for slot in ("0", "1"))
-        slot = self._saves % 2
-        if arrays.keys() != self._slots[slot].keys():
-            raise KeyError("the state's names differ from those of the first call")
+        slot, known = self._saves % 2, group["arrays"].asstr()[()]
+        if arrays_text(arrays) != known:
+            raise KeyError("the state's arrays differ from those of the first call")
         group["saves"][slot] = 0  # not valid while it is being written
         self._flush()
-        for name, value in arrays.items():
-            self._slots[slot][name][...] = value
+        group[str(slot)][...] = state_bytes(arrays)
         group["rows"][slot] = self._rows
         self._flush()
         self._saves += 1
@@ -279,8 +292,8 @@ class ResultWriter:
 
     def _check_shapes(self, tables: dict[str, Array]) -> None:
         k = len(tables["time"])
-        for name, values in tables.items():
-            expected = (k, *self._file[name].shape[1:])
+        for name, width in widths(self.columns).items():
+            values, expected = tables[name], (k,) if name == "time" else (k, width)
             if values.shape != expected:
                 raise ValueError(f"block.{name} has shape {values.shape}, not {expected}")
 
@@ -289,8 +302,9 @@ class ResultWriter:
         if stop > self._capacity:
             self._grow(stop)
         for name, values in tables.items():
-            if values[:k].size:
-                self._file[name][start:stop] = values[:k]
+            stored = values[:k] if name == "time" else values[:k, self.kept[name]]
+            if stored.size:
+                self._file[name][start:stop] = stored
         self._flush()
         self._file["progress"][0] = stop
         self._flush()

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
+from flexmb.results.keep import Kept
 from flexmb.results.layout import BodyColumns, Columns
 from flexmb.results.schema import FORMAT, STATUS, TABLES, VERSION, widths
 
@@ -34,7 +35,7 @@ _REQUIRED = (
     "state",
     "layout",
 )
-_LAYOUT = ("bodies", "iq", "iv", "m", "rows", "channels", "energies")
+_LAYOUT = ("bodies", "iq", "iv", "m", "rows", "channels", "energies", "kept")
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Contents:
     message: str
     statistics: dict[str, float | int | str]
     columns: Columns
+    kept: Kept  # numbers of the stored columns by table
     scene: dict[str, Any]
     extended: bool  # whether duration and outputs are no longer those of the scene as begun
     texts: dict[str, str]
@@ -108,8 +110,17 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
         slot = int(np.argmax(saves))
         if saves[slot] == 0:
             return None
-        values = {name: np.asarray(data[()]) for name, data in group[str(slot)].items()}
-        return int(group["rows"][slot]), values
+        return int(group["rows"][slot]), _arrays(group, str(slot))
+
+
+def _arrays(group: h5py.Group, slot: str) -> dict[str, NDArray[Any]]:
+    """The arrays of a state, from its bytes."""
+    data, at, arrays = group[slot][:].tobytes(), 0, dict[str, NDArray[Any]]()
+    for name, kind, shape in json.loads(group["arrays"].asstr()[()]):
+        dtype, n = np.dtype(kind), math.prod(shape)
+        arrays[name] = np.frombuffer(data, dtype, n, at).reshape(shape).copy()
+        at += n * dtype.itemsize
+    return arrays
 
 
 def _open(path: Path) -> h5py.File:
@@ -152,7 +163,8 @@ def _check_run(path: Path, file: h5py.File, run: str) -> None:
 def _contents(path: Path, file: h5py.File) -> Contents:
     columns = _columns(file["layout"])
     rows, code = (int(number) for number in file["progress"][:])
-    _check_tables(file, columns, rows)
+    kept = {name: np.asarray(file["layout/kept"][name][:]) for name in TABLES}
+    _check_tables(file, columns, kept, rows)
     report = json.loads(file["report"][()])
     scene = json.loads(file["scene"].asstr()[()])
     begun_with = scene.get("dynamics", {})
@@ -167,6 +179,7 @@ def _contents(path: Path, file: h5py.File) -> Contents:
         message=report["message"],
         statistics=report["statistics"],
         columns=columns,
+        kept=kept,
         scene=scene,
         extended=scene.get("dynamics", {}) != begun_with,
         texts={name: data.asstr()[()] for name, data in file["texts"].items()},
@@ -194,9 +207,9 @@ def _columns(group: h5py.Group) -> Columns:
     )
 
 
-def _check_tables(file: h5py.File, columns: Columns, rows: int) -> None:
+def _check_tables(file: h5py.File, columns: Columns, kept: Kept, rows: int) -> None:
     for name, width in widths(columns).items():
-        shape = file[name].shape
-        wanted = () if name == "time" else (width,)
-        if shape[1:] != wanted or shape[0] < rows:
-            raise ValueError(f"{name} has shape {shape}, {rows} rows and {width} columns expected")
+        shape, stored = file[name].shape, len(kept[name])
+        wanted = () if name == "time" else (stored,)
+        if stored > width or shape[1:] != wanted or shape[0] < rows:
+            raise ValueError(f"{name} has shape {shape}, {rows} rows and {stored} columns expected")

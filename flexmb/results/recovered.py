@@ -211,7 +211,7 @@ class Recovered(Stored):
         """(n, m) modal coordinates at all output times, or (m,) at one."""
         columns = self.layout.body(body)
         start = columns.iq + 7
-        eta = self.q[:, start : start + columns.m]
+        eta = self.part("q", slice(start, start + columns.m))
         if time is None and len(eta):
             return eta
         i, s = locate(self.time, time or 0.0, self.path, self.units.label("s"))

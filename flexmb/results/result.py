@@ -117,7 +117,7 @@ class Result(Recovered):
         """
         number, side, pair = find_side(sides(self.layout, self.model), name, on)
         at = 12 * number + (0 if side == "J" else 6)
-        table = self.table("reactions")[:, at : at + 6]
+        table = self.part("reactions", slice(at, at + 6))
         there = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
         force, moment = self.told(table[:, :3], "N"), self.told(table[:, 3:], "N m")
         return Reaction(force, moment, *there, pair.name not in self.reactions_not_unique)
@@ -130,9 +130,10 @@ class Result(Recovered):
         what : str
             ``"sensors"`` (such as slider.x), ``"reactions"`` (crank_pin.rod.force.x: what the joint
             does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``,
-            ``"coordinates"`` (rod.r.x, rod.eta.0) or ``"stress"`` (rod.von_mises: the largest of
-            the body; also known: rod.von_mises.17 of mesh node 17, rod.stress.17.top.xx, and
-            rod.section_force.3.1.Mz of beam element 3 at its first end).
+            ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x) or
+            ``"stress"`` (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of
+            mesh node 17, rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at
+            its first end). What the run did not keep is not among them.
 
         Raises
         ------
@@ -141,7 +142,8 @@ class Result(Recovered):
         """
         if what == "stress":
             return largest_stress_names(self)
-        return tuple(channel.name for channel in channels(self.layout, self.model, what))
+        found = channels(self.layout, self.model, what)
+        return tuple(c.name for c in found if self.is_kept(c.table, [c.column]))
 
     def __getitem__(self, channel: str) -> Array:
         """A channel over time (n,) in the scene's units: ``result["slider.x"]``; see `channels`.
@@ -157,11 +159,14 @@ class Result(Recovered):
         found = self._channel(channel)
         if found.table == "balance":
             return self.balance
-        return self.told(self.table(found.table)[:, found.column], found.unit)
+        return self.told(self.part(found.table, [found.column])[:, 0], found.unit)
 
     def __contains__(self, channel: object) -> bool:
         """Whether there is a channel of that name."""
-        return channel in self._known() or asked(self, str(channel)) is not None
+        if channel in self._known():
+            found = self._known()[str(channel)]
+            return self.is_kept(found.table, [found.column])
+        return asked(self, str(channel)) is not None
 
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
@@ -198,7 +203,8 @@ class Result(Recovered):
         """
         columns = self.layout.body(body)
         i, s = locate(self.time, time, self.path, self.units.label("s"))
-        rows = self.q[[i, min(i + 1, len(self.time) - 1)], columns.iq :]
+        wanted = slice(columns.iq, columns.iq + 7 + columns.m)
+        rows = self.part("q", wanted)[[i, min(i + 1, len(self.time) - 1)]]
         mixed = (1.0 - s) * rows[0] + s * rows[1]
         A = rotation_matrix(slerp(rows[0, 3:7], rows[1, 3:7], s))
         return Pose(r=mixed[:3], A=A, eta=mixed[7 : 7 + columns.m])

@@ -3,7 +3,8 @@
 Every dataset has its final shape and its place in the file before the run starts, so that while
 the run goes on no bookkeeping of HDF5 changes: only numbers are written, the row counter last. That
 is why a file is readable after a kill at any moment. `/progress` says how many rows are valid;
-rows beyond it hold nothing.
+rows beyond it hold nothing. Of q, v, vd, lam, reactions, sensors and energy only those columns are
+stored that the scene keeps; their numbers are in /layout/kept.
 
 =============  ==================  ==========================================================
 dataset        shape               meaning
@@ -19,14 +20,17 @@ dataset        shape               meaning
 /energy        (n, energies)       energies and works [J]
 /drift         (n, 2)              largest constraint violation: position, velocity
 /progress      (2,)                valid rows; status code (index into `STATUS`)
-/span          (2,)                duration and number of output intervals, NaN if not told;
+/span          (2,)                duration and number of output intervals, NaN if not told so;
                                    they replace those of the scene when a run is extended
 /report        text of fixed size  JSON: statistics and the message of the end
-/layout/*                          names and offsets of the columns
+/layout/*                          names and offsets of all columns
+/layout/kept/* (k,)                numbers of the stored columns of each table
 /scene         text                the scene as JSON
 /texts/*       text                further texts, such as the scene file's own
 /flexbodies/*  text                per body the path of its file, relative to this file
-/state/*                           two slots of the integrator's complete state
+/state/0, 1    (bytes,)            two slots of the integrator's complete state
+/state/arrays  text                its arrays, JSON: names, types, shapes
+/state/saves   (2,)                number of the save in each slot, 0: none; /state/rows: rows then
 =============  ==================  ==========================================================
 """
 
@@ -37,7 +41,7 @@ from typing import Final
 from flexmb.engine.layout import Layout
 
 FORMAT: Final = "flexmb-result"
-VERSION: Final = 2
+VERSION: Final = 3
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 

@@ -11,16 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.errors import ResultFileError
+from flexmb.results.keep import not_kept, row_bytes
 from flexmb.results.layout import Columns
 from flexmb.results.read import read_contents, read_state, read_table
+from flexmb.results.schema import widths
 from flexmb.results.scratch import scratch_of
 from flexmb.units import UnitSystem, unit_system
 
 __all__ = ["Stored"]
 
 Array = NDArray[np.float64]
+Places = list[int] | NDArray[np.int64] | slice
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_ALL = slice(None)
 _WORK = "_work"  # energies of this ending were done by something, the others are stored
 
 
@@ -127,18 +132,20 @@ class Stored:
 
     @property
     def energy(self) -> dict[str, Array]:
-        """Energies and works by name, each (n,) in the scene's units.
+        """Energies and works by name, each (n,) in the scene's units, as far as they were kept.
 
         Stored: kinetic, strain, gravity, spring. Done since the start: driver_work, damper_work,
         applied_work.
         """
-        table = self.told(self.table("energy"), "J")
-        return {name: table[:, i] for i, name in enumerate(self.layout.energies)}
+        numbers = self._contents.kept["energy"]
+        table = self.told(self.part("energy", numbers), "J")
+        return {self.layout.energies[k]: table[:, i] for i, k in enumerate(numbers)}
 
     @property
     def balance(self) -> Array:
         """Energy stored less work done, less its first value (n,): 0 but for errors."""
         if "balance" not in self._tables:
+            self.table("energy")  # all of them
             total = np.zeros(len(self.time))
             for name, values in self.energy.items():
                 total += -values if name.endswith(_WORK) else values
@@ -150,6 +157,11 @@ class Stored:
     def drift(self) -> Array:
         """Largest violation of the constraints (n, 2): at position level, at velocity level."""
         return self.table("drift")
+
+    @property
+    def row_bytes(self) -> tuple[int, int]:
+        """Bytes that a row takes in the file, and would take if everything were kept."""
+        return row_bytes(self._contents.kept), 8 * sum(widths(self.layout).values())
 
     def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
         """The newest whole state of the integrator, and how many rows were written before it.
@@ -174,7 +186,44 @@ class Stored:
         return told
 
     def table(self, name: str) -> Array:
-        """A table as the file holds it, SI; names as in `schema`."""
+        """A whole table, SI; names as in `schema`.
+
+        Raises
+        ------
+        ResultFileError
+            The run did not keep all of it.
+        """
+        return self._stored(name) if name == "time" else self.part(name)
+
+    def part(self, name: str, columns: Places = _ALL) -> Array:
+        """Columns of a table (n, k) by their numbers in the layout, SI.
+
+        Raises
+        ------
+        ResultFileError
+            The run did not keep them.
+        """
+        kept, width = self._contents.kept[name], widths(self.layout)[name]
+        if len(kept) == width:
+            whole: Array = self._stored(name)[:, columns]
+            return whole
+        wanted = np.arange(width)[columns]
+        missing = np.setdiff1d(wanted, kept)
+        if len(missing):
+            what = not_kept(self.layout, self.model, name, missing.tolist())
+            raise ResultFileError(f"{self.path}: {what}")
+        found: Array = self._stored(name)[:, np.searchsorted(kept, wanted)]
+        return found
+
+    def is_kept(self, name: str, columns: Places = _ALL) -> bool:
+        """Whether the run kept these columns of a table."""
+        if name == "balance":
+            name, columns = "energy", _ALL
+        wanted = np.arange(widths(self.layout)[name])[columns]
+        return bool(np.isin(wanted, self._contents.kept[name]).all())
+
+    def _stored(self, name: str) -> Array:
+        """A table as the file holds it."""
         if name not in self._tables:
             contents = self._contents
             table = read_table(self.path, contents.run, name, contents.rows)

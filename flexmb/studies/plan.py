@@ -116,7 +116,7 @@ def changed_model(base: Base, changes: Mapping[str, Any]) -> tuple[Model, dict[s
     scene, problems = override(base.scene, {**base.changes, **changes})
     if problems:
         raise SceneError.from_problems(problems)
-    for section in ("check", "view", "study"):
+    for section in ("check", "results", "view", "study"):
         scene.pop(section, None)
     scene = with_velocities(scene)
     return Model.from_scene_dict(scene, base.folder), scene

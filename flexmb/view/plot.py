@@ -109,7 +109,7 @@ def _chosen(result: Result) -> tuple[str, ...]:
     asked = tuple(result.model.get("view", {}).get("history", ()))
     if asked:
         return asked
-    names = result.layout.channels
+    names = result.channels()
     largest = {name: float(np.abs(result[name]).max(initial=0.0)) for name in names}
     scale: dict[str, float] = {}
     for name in names:

@@ -108,17 +108,17 @@ def beginning(
         old = theirs[body.name]
         same = body.m > 0 and _same_modes(bodies[body.name], known.get(body.name, {}))
         m = body.m if same else 0
-        q[body.iq : body.iq + 7 + m] = other.q[-1, old.iq : old.iq + 7 + m]
+        q[body.iq : body.iq + 7 + m] = other.part("q", slice(old.iq, old.iq + 7 + m))[-1]
         v[body.iv : body.iv + 6 + body.m] = 0.0
-        v[body.iv : body.iv + 6 + m] = other.v[-1, old.iv : old.iv + 6 + m]
+        v[body.iv : body.iv + 6 + m] = other.part("v", slice(old.iv, old.iv + 6 + m))[-1]
         if body.m > 0 and not same:
             undeformed.append(body.name)
-    last, scalars = other.v[-1], other.layout.coordinates
+    scalars = other.layout.coordinates
     old_at = {name: other.layout.nv - len(scalars) + k for k, name in enumerate(scalars)}
     first = compiled.layout.nv - len(compiled.layout.coordinates)
     for k, name in enumerate(compiled.layout.coordinates):
         if name.startswith("states.") and name in old_at:
-            v[first + k] = last[old_at[name]]
+            v[first + k] = other.part("v", [old_at[name]])[-1, 0]
     notes = [_told(other, matched, compiled)]
     if undeformed:
         notes.append(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.units import SI, UnitSystem
@@ -58,6 +58,7 @@ def check_scene(
     for name, found in surveys.items():
         notes += [f"{name}: {finding.sentence}" for finding in found.findings]
     known, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
+    _check_results(model, known, rigid)
     moves = None
     if counts.rigid_coordinates > LARGEST:
         notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
@@ -72,6 +73,22 @@ def check_scene(
         moves,
         definition_tables(model, known) if tables else (),
     )
+
+
+def _check_results(model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
+    """Refuse names of nothing in what is to be stored."""
+    from flexmb.engine.compile import compile_system
+    from flexmb.results import Columns, kept_columns
+
+    if model.results is not None and model.results.keep:
+        scene = {"results": {"keep": model.results.keep}, **_reacting(model)}
+        kept_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
+
+
+def _reacting(model: Model) -> dict[str, Any]:
+    """The sections of a scene that the names of channels are made of."""
+    scene = model.to_scene_dict(model.folder, dict.fromkeys(model.bodies, ""))
+    return {key: scene[key] for key in scene if key not in ("results", "bodies")}
 
 
 def _counted(counts: Counts) -> dict[str, int]:

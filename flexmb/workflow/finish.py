@@ -40,7 +40,9 @@ def finish(
     """
     folder = run.path.parent
     told = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
-    picture, history = _draw(model, run, folder, progress) if pictures else (None, None)
+    picture, history = _draw(run, folder, progress) if pictures else (None, None)
+    if pictures and len(run.time) and not run.is_kept("q"):
+        told.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
     if outcome.status == "failed":
         kept = f"{run.path} keeps the {len(run.time)} outputs until then"
         raise SolverError(f"{outcome.message}; {kept}")
@@ -63,19 +65,18 @@ def _bodies(model: Model, run: Result) -> dict[str, FlexBody]:
     return {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
 
 
-def _draw(
-    model: Model, run: Result, folder: Path, progress: Progress
-) -> tuple[Path | None, Path | None]:
-    """Picture and history of a run that has at least one output."""
+def _draw(run: Result, folder: Path, progress: Progress) -> tuple[Path | None, Path | None]:
+    """Picture and history of a run that has at least one output, of what it kept."""
     from flexmb.view import plot_history, render
 
     if not len(run.time):
         return None, None
-    progress("picture", 0.0)
-    picture = render(run, output=folder / "picture.png")
-    progress("picture", 1.0)
-    history = None
-    if model.channels():
+    picture = history = None
+    if run.is_kept("q"):
+        progress("picture", 0.0)
+        picture = render(run, output=folder / "picture.png")
+        progress("picture", 1.0)
+    if run.channels():
         progress("history", 0.0)
         history = plot_history(run, output=folder / "history.png")
         progress("history", 1.0)

@@ -96,12 +96,14 @@ def resume_run(
     bodies = _bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
+    if problems := model.problems():  # tables that end before the new duration
+        raise SceneError.from_problems(problems)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
     prepared = prepare_rest(compiled, model, run, progress=progress)
     if duration is not None and model.dynamics is not None:
         spec = model.dynamics
-        extend_file(run.path, model.units.written(spec.duration, "s"), spec.outputs)
+        extend_file(run.path, model.units.written(spec.duration, "s"), spec.n_rows - 1)
     with ResultWriter.reopen(run.path) as writer:
         if writer.rows_written != prepared.rows_before:
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
@@ -145,6 +147,12 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
                 "give a new duration of the whole (--duration)"
             )
         return
+    if isinstance(spec.outputs, tuple):
+        what = (
+            "the output times of this run are listed one by one, and a longer run would record "
+            "nothing more; begin another one where it ended (--from)"
+        )
+        raise SceneError.from_problems([Problem("duration", what)])
     interval, asked = spec.duration / spec.outputs, duration * units.scale("s")
     outputs = round(asked / interval) if math.isfinite(asked) else 0
     what = ""

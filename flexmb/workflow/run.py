@@ -21,6 +21,7 @@ from flexmb.workflow.reports import RunReport
 from flexmb.workflow.task import chosen_analysis, prepared_task
 
 if TYPE_CHECKING:
+    from flexmb.engine.compile import Compiled
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -102,16 +103,18 @@ def run_model(
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
+    names = {name: file.name for name, file in files.items()}
+    scene = model.to_scene_dict(folder, names)
+    notes += _stored_part(compiled, scene)
     other = beginning(model, compiled, bodies, start_from) if start_from is not None else None
     task = prepared_task(chosen, compiled, model, other, progress)
-    names = {name: file.name for name, file in files.items()}
     texts = {"scene": model.source.text} if model.source is not None else {}
     texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
     with ResultWriter(
         folder / "result.h5",
         compiled.layout,
-        task.outputs + 1,
-        scene=task.scene(model.to_scene_dict(folder, names)),
+        task.rows,
+        scene=task.scene(scene),
         flexbodies=names,
         texts=texts,
     ) as writer:
@@ -123,6 +126,17 @@ def run_model(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
     return replace(report, resumable=chosen == "dynamics")
+
+
+def _stored_part(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
+    """A note where a scene keeps part of the results; its mistakes before anything is run."""
+    from flexmb.results import Columns, kept_columns, row_bytes
+
+    if not scene.get("results", {}).get("keep"):
+        return []
+    columns = Columns.of(compiled.layout)
+    stored, whole = (row_bytes(kept_columns(columns, s)) for s in (scene, {}))
+    return [f"[results] keeps {stored} of {whole} bytes of each row"]
 
 
 def simulate(

@@ -27,10 +27,10 @@ ANALYSES = ("dynamics", "kinematics")
 
 @dataclass(frozen=True)
 class Task:
-    """An analysis that is ready: its number of output intervals, what it does, notes."""
+    """An analysis that is ready: its number of rows, what it does, notes."""
 
     analysis: str
-    outputs: int
+    rows: int
     run: Callable[[Sink], Outcome]
     notes: tuple[str, ...] = ()
 
@@ -91,7 +91,7 @@ def prepared_task(
     if analysis == "kinematics":
         ready = prepare_sweep(compiled, model, progress=progress)
         return Task(
-            analysis, ready.spec.outputs, lambda sink: run_sweep(ready, sink, progress=progress)
+            analysis, ready.spec.outputs + 1, lambda sink: run_sweep(ready, sink, progress=progress)
         )
     begin = other.begin if other is not None else None
     prepared = prepare(compiled, model, begin=begin, progress=progress)
@@ -102,7 +102,7 @@ def prepared_task(
     assert model.dynamics is not None  # it is prepared
     return Task(
         analysis,
-        model.dynamics.outputs,
+        model.dynamics.n_rows,
         lambda sink: integrate(prepared, sink, progress=progress),
         notes,
     )

@@ -1,7 +1,7 @@
 """Motion in time: chunks of compiled steps, their rows to the writer, progress to the caller.
 
 Chunks are counted in steps, never in seconds, so a run repeats itself to the last bit. The step is
-shortened so that the outputs fall on steps.
+shortened so that outputs at equal intervals fall on steps.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from flexmb.analysis.assembly.analysis import Assembled, Begin, assemble
 from flexmb.analysis.assembly.precheck import precheck
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.dynamics.growth import Growth
 from flexmb.analysis.dynamics.passes import (
     error_statistics,
     limited_by_stability,
@@ -57,13 +58,15 @@ class Sink(Protocol):
 
 @dataclass(frozen=True)
 class _Watched:
-    """A sink that shows its rows to those who look for singular poses."""
+    """A sink that shows its rows to those who look for singular poses and for growth."""
 
     sink: Sink
     poses: SingularPoses
+    growth: Growth
 
     def append(self, block: OutputBlock) -> None:
         self.poses.add(block)
+        self.growth.add(block)
         self.sink.append(block)
 
     def save_state(self, state: dict[str, np.ndarray]) -> None:
@@ -134,7 +137,8 @@ def prepare(
     notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
-        notes.append(f"step shortened {shortened} to meet the outputs")
+        met = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
+        notes.append(f"step shortened {shortened} to meet {met}")
     return prepared_run(
         compiled, model, name, first.assembled.state, settings, clock, notes=tuple(notes),
         doubtful=first.doubtful,
@@ -205,13 +209,14 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         run = prepared.run
         lifts = Lifts(run.compiled)
         poses = SingularPoses(run.compiled.layout, prepared.model)
-        status, message = _integrate(prepared, _Watched(sink, poses), progress, lifts)
+        growth = Growth(run.compiled, prepared.model)
+        status, message = _integrate(prepared, _Watched(sink, poses, growth), progress, lifts)
         if status == _STIFF:
             # what the explicit method can't do is said by the other one
             units = integration_units(run.compiled.system, chosen_method(spec, STIFF_METHOD))
             prepare_units(units, progress)
             again = prepared.by(STIFF_METHOD)
-        elif status == "failed" and finished is not None:
+        elif status == "failed" and finished is not None and not growth.sentence:
             notes.append(f"steps for more accuracy failed ({message}); those before are kept")
             again, finished = finished.last(), None
         else:
@@ -222,6 +227,8 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         sink.restart()
         prepared = again
     notes += [*lifts.notes(), *poses.notes]
+    if growth.sentence and growth.sentence != message:
+        notes.append(growth.sentence)
     clock.lap("integrate")
     replaced = int(run.state.count[method.FIXED_PIVOTS])
     if replaced:
@@ -246,7 +253,9 @@ def dynamics(
     return integrate(prepare(compiled, model, progress=progress), sink, progress=progress)
 
 
-def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts) -> tuple[str, str]:
+def _integrate(
+    prepared: Prepared, sink: _Watched, progress: Progress, lifts: Lifts
+) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     run, verified = prepared.run, prepared.verified
     state = run.state
@@ -263,8 +272,8 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
         while status == method.FINE and not run.finished:
             status, rows = run.advance() if verified is None else verified.march()
             apart = _store(prepared, rows, sink, lifts)
-            if apart:
-                return "failed", apart
+            if apart or (sink.growth.ends_run and sink.growth.sentence):
+                return "failed", sink.growth.sentence or apart
             progress("integrate", run.share_done, f"t = {state.t[0]:.4g} s")
             if status == method.FINE and not run.finished and limited_by_stability(prepared):
                 return _STIFF, ""
@@ -273,7 +282,9 @@ def _integrate(prepared: Prepared, sink: Sink, progress: Progress, lifts: Lifts)
             _store(prepared, [run.block()], sink, lifts)
         return "stopped", f"stopped by the user at t = {state.t[0]:.6g} s"
     except FlexmbError as error:
-        return "failed", str(error)
+        return "failed", sink.growth.sentence or str(error)
+    if status != method.FINE and sink.growth.sentence:
+        return "failed", sink.growth.sentence
     if status in _UNABLE and may_change_method(prepared):
         return _STIFF, ""
     if status != method.FINE:

@@ -119,8 +119,14 @@ class MeasuredError:
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
-        for row in range(n):
-            self._sample(fine.t[row], so_far[row, self._places])
+        row, count = 0, self._count
+        while row < n:
+            skipped = min(int(-count[0] % count[2]), n - row)
+            count[0] += skipped
+            row += skipped
+            if row < n:
+                self._sample(fine.t[row], so_far[row, self._places])
+                row += 1
 
     def _sample(self, t: float, differences: Array) -> None:
         """Keep the differences so far at every row, then at every second, ..."""

@@ -20,8 +20,8 @@ __all__ = [
 # Measured error, known to a factor of about three, over what was asked for: that is good enough;
 # that the next pass aims at; from which on a sentence tells it.
 _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
-# Times as many steps at most from pass to pass; what is left of the difference of the two runs after
-# a pass that was in vain: they part, whatever the steps.
+# Times as many steps at most from pass to pass; what is left of the difference of the two runs
+# after a pass that was in vain: they part, whatever the steps.
 _MOST_STEPS, _IN_VAIN = 5.0, 0.5
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
 _MANY, _OFTEN = 200, 0.15

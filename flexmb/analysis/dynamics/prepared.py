@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.dynamics.run import Clock, Run
-from flexmb.analysis.dynamics.settings import Steps, local_tolerance, time_grid, with_tolerance
+from flexmb.analysis.dynamics.settings import (
+    Steps,
+    compared_times,
+    local_tolerance,
+    output_times,
+    time_grid,
+    with_tolerance,
+)
 from flexmb.analysis.dynamics.verified import PACE, VerifiedRun
 from flexmb.engine.compile import Compiled
 from flexmb.engine.integrators import chosen_method
@@ -52,6 +59,7 @@ class Prepared:
             **self.run.state._asdict(),
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
             PACE: self.pace,
+            **self.run.tallies(),
         }
         return own if self.verified is None else {**own, **self.verified.saved()}
 
@@ -101,13 +109,17 @@ def prepared_run(
     """A run from a state by an integrator, with a scout where it controls its error."""
     spec = model.dynamics
     assert spec is not None
-    chosen, verified = chosen_method(spec, name), None
+    chosen, times, verified = chosen_method(spec, name), output_times(spec), None
     pace = new_pace(settings, name)
     if spec.verify is not False and settings.step == 0.0:
-        verified = VerifiedRun.of(compiled, model, chosen, settings, state, pace)
+        compared = compared_times(spec)
+        recorded = np.isin(compared, times)
+        verified = VerifiedRun.of(
+            compiled, model, chosen, settings, state, compared, recorded, pace
+        )
         run = verified.kept
     else:
-        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)))
+        run = Run(compiled, chosen, settings, State(*(array.copy() for array in state)), times)
     return Prepared(
         run, time_grid(spec), model, clock, first=state, settings=settings, verified=verified,
         pace=pace, **known,

@@ -73,7 +73,6 @@ def prepare_rest(
         doubtful=doubtful,
     )  # fmt: skip
     _restore(prepared, arrays, result)
-    prepared.run.recall(result.drift[:rows], result.table("energy")[:rows])
     clock.lap("assemble")
     return prepared
 

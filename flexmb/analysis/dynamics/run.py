@@ -9,9 +9,11 @@ import numpy as np
 
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
+from flexmb.engine.control import round_off
+from flexmb.engine.layout import ENERGIES
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
-from flexmb.engine.work import new_output, new_plan, new_run, new_work
+from flexmb.engine.work import equal_times, new_output, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
 from flexmb.results import OutputBlock
 
@@ -45,7 +47,17 @@ class Clock:
 
 
 class Run:
-    """One integration: tables, state, scratch and room for the rows of one chunk."""
+    """One integration: tables, state, scratch and room for the rows of one chunk.
+
+    Parameters
+    ----------
+    compiled, chosen, settings, state : Compiled, Method, Settings, State
+        What is integrated, how, and where it begins.
+    times : (n,) array, optional
+        Times of all outputs [s]; `settings.interval` apart by default.
+    plan : Plan, optional
+        Of the run to be followed; else this one writes its own.
+    """
 
     def __init__(
         self,
@@ -53,30 +65,43 @@ class Run:
         chosen: method.Method,
         settings: method.Settings,
         state: State,
+        times: np.ndarray | None = None,
         plan: Plan | None = None,
     ) -> None:
         self.compiled, self.method, self.settings, self.state = compiled, chosen, settings, state
+        self.times = equal_times(settings) if times is None else times
         channels = len(compiled.layout.channels)
         self.work: Work = new_work(compiled.system, channels, chosen)
         stages = max(chosen.stages, 1)
         self.chunk = max(_LEAST_CHUNK, _CHUNK_WORK // (compiled.layout.nv * stages))  # steps
         self.plan = new_plan(self.chunk) if plan is None else plan
         self.output = new_output(compiled.system, self._rows(), channels)
-        self._handed = hand_over(
-            new_run(compiled.system, state, self.work, chosen, settings, self.plan, self.output)
+        run = new_run(
+            compiled.system, state, self.work, chosen, settings, self.plan, self.output, self.times
         )
+        self._handed, self._aside = hand_over(run), hand_over(output_run(run))
         self.unread = False
         self._seen: tuple[int, float, float] | None = None  # steps, time, steps at the limit
         self.largest_drift = np.zeros(2)
         self.balance = Balance()
 
+    def tallies(self) -> dict[str, np.ndarray]:
+        """What is known of all rows so far, to be kept and filled in again."""
+        return {"largest_drift": self.largest_drift, "balance": self.balance.tally}
+
     def _rows(self) -> int:
         """Room for the outputs of one chunk; of a few of them at least."""
-        settings = self.settings
+        settings, most = self.settings, max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
         every = settings.interval / settings.step if settings.step else 1.0
-        left = math.ceil((settings.end - settings.start) / settings.interval) + 1
-        most = max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
-        return min(int(self.chunk / every) + 1, left, most) + 4
+        rows = min(math.ceil(self.chunk / every) + 1, len(self.times), most)
+        return max(rows, self._most_in_a_step()) + 4
+
+    def _most_in_a_step(self) -> int:
+        """The largest number of outputs within a fixed step."""
+        if not self.settings.step:
+            return 0
+        ends = self.times + self.settings.step * (1.0 + 1e-5)
+        return int((np.searchsorted(self.times, ends) - np.arange(len(self.times))).max(initial=0))
 
     @property
     def share_done(self) -> float:
@@ -90,8 +115,7 @@ class Run:
     def finished(self) -> bool:
         """Whether the run has reached its end."""
         settings = self.settings
-        shortest = settings.step or settings.interval
-        return bool(self.state.t[0] >= settings.end - 1e-9 * shortest)
+        return bool(self.state.t[0] >= settings.end - round_off(settings))
 
     def march(self, steps: int) -> int:
         """Run some steps, or with 0 report the present state; returns the status.
@@ -105,7 +129,7 @@ class Run:
             self._refuse_endless()
         self.output.rows[0] = 0  # an interruption before the first step leaves no old rows behind
         self.unread = True
-        return entries.integrate(self._handed, steps)
+        return entries.integrate(self._handed, steps, self._aside)
 
     def _refuse_endless(self) -> None:
         """Stop a run whose rest would take far too many steps."""
@@ -132,14 +156,10 @@ class Run:
         self.unread = False
         n = int(self.output.rows[0])
         rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
-        self.recall(rows.drift, rows.energy)
+        if n:
+            np.maximum(self.largest_drift, rows.drift.max(axis=0), out=self.largest_drift)
+            self.balance.add(rows.energy)
         return rows
-
-    def recall(self, drift: np.ndarray, energy: np.ndarray) -> None:
-        """Take drift (n, 2) and energy (n, energies) of rows into the statistics."""
-        if len(energy):
-            self.largest_drift = np.maximum(self.largest_drift, drift.max(axis=0))
-            self.balance.add(energy)
 
 
 def _endless(t: float, step: float, left: float, limited: bool) -> str:
@@ -158,30 +178,43 @@ def _endless(t: float, step: float, left: float, limited: bool) -> str:
 
 
 class Balance:
-    """Largest mismatch of energy and work, and what to compare it with."""
+    """Largest mismatch of energy and work, and what to compare it with.
+
+    Attributes
+    ----------
+    tally : (17,) array
+        Least and greatest of every energy so far (7, 7), and behind them the first mismatch, the
+        largest departure from it, and what an exchange at rest may be; NaN: no row yet.
+    """
 
     def __init__(self) -> None:
-        self.first: float | None = None
-        self.error = 0.0
-        self.least = np.array(np.inf)  # of every energy so far
-        self.most = np.array(-np.inf)
-        self.at_rest = 0.0
+        n = len(ENERGIES)
+        self.tally = np.full(2 * n + 3, np.nan)
+        self._least, self._most = self.tally[:n], self.tally[n : 2 * n]
+        self._rest = self.tally[2 * n :]
+
+    @property
+    def error(self) -> float:
+        """Largest departure of stored energy less works from its first value [J]."""
+        return float(np.nan_to_num(self._rest[1]))
 
     def add(self, energy: np.ndarray) -> None:
+        """Take in energies (n, 7) of further rows."""
         stored = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
-        if self.first is None:
-            self.first = float(stored[0])
-        self.error = max(self.error, float(np.abs(stored - self.first).max()))
-        self.least = np.minimum(self.least, energy.min(axis=0))
-        self.most = np.maximum(self.most, energy.max(axis=0))
+        if np.isnan(self._rest[0]):
+            self._rest[0] = stored[0]
+        off = float(np.abs(stored - self._rest[0]).max())
         # in a scene at rest nothing but round-off of the stored energy moves
-        self.at_rest = max(self.at_rest, _AT_REST * float(np.abs(energy).max()))
+        at_rest = _AT_REST * float(np.abs(energy).max())
+        self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
+        np.fmin(self._least, energy.min(axis=0), out=self._least)
+        np.fmax(self._most, energy.max(axis=0), out=self._most)
 
     @property
     def relative(self) -> float:
         """Mismatch over the largest energy that moved."""
-        if self.first is None:
+        if np.isnan(self._rest[0]):
             return 0.0
-        moved = max(float(np.max(self.most - self.least)), float(self.most[0]))
-        scale = max(moved, self.at_rest)
+        moved = max(float((self._most - self._least).max()), float(self._most[0]))
+        scale = max(moved, float(self._rest[2]))
         return self.error / scale if scale > 0.0 else 0.0

@@ -13,8 +13,8 @@ from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
-    "Steps", "kept_settings", "local_tolerance", "loop_settings", "refinement", "scout_settings",
-    "time_grid", "with_tolerance",
+    "Steps", "compared_times", "kept_settings", "local_tolerance", "loop_settings", "output_times",
+    "refinement", "scout_settings", "time_grid", "with_tolerance",
 ]  # fmt: skip
 
 _MAX_ITERATIONS = 15
@@ -22,24 +22,46 @@ _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
 _LOCAL = 0.2  # local error over what is asked for in the end
 _HIGH_ORDER = 5
 _SLACK = 4.0
+_COMPARED = 51  # times beside listed outputs
 _AT_REST = 1e-6  # motion over the size of the model
 
 
 @dataclass(frozen=True)
 class Steps:
-    """The grid of a run: output interval and fixed step [s], 0 for steps by error control."""
+    """The grid of a run: mean interval of outputs, and fixed step, 0 for error control [s]."""
 
     interval: float
     step: float
 
 
 def time_grid(spec: DynamicsSpec) -> Steps:
-    """The largest step not above the one asked for with which all outputs fall on steps."""
-    interval = spec.duration / spec.outputs
+    """The largest step not above the one asked for that divides the interval of equal outputs.
+
+    Where output times are listed, it divides the run.
+    """
+    listed = isinstance(spec.outputs, tuple)
+    interval = spec.duration / (spec.n_rows if listed else spec.n_rows - 1)
     if spec.step is None:
         return Steps(interval, 0.0)
-    every = max(1, math.ceil(interval / spec.step * (1.0 - 1e-12)))
-    return Steps(interval, interval / every)
+    whole = spec.duration if listed else interval
+    every = max(1, math.ceil(whole / spec.step * (1.0 - 1e-12)))
+    return Steps(interval, whole / every)
+
+
+def output_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times of all outputs (n,) [s]."""
+    if isinstance(spec.outputs, tuple):
+        return np.array(spec.outputs)
+    return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
+
+
+def compared_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times at which a run and its scout are compared: of outputs, and where these are listed of
+    so many others that the peak-to-peak is known."""
+    times = output_times(spec)
+    if isinstance(spec.outputs, int):
+        return times
+    return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
 
 
 def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:

@@ -41,12 +41,17 @@ class VerifiedRun:
         The runs; the kept one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
+    recorded : (n,) array of bool
+        Which of the times at which they are compared are outputs.
     pace : array
         That of the run, as `Prepared` has it.
     """
 
-    def __init__(self, scout: Run, kept: Run, error: MeasuredError, pace: np.ndarray) -> None:
-        self.scout, self.kept, self.error, self.pace = scout, kept, error, pace
+    def __init__(
+        self, scout: Run, kept: Run, error: MeasuredError, recorded: np.ndarray, pace: np.ndarray
+    ) -> None:
+        self.scout, self.kept, self.error = scout, kept, error
+        self.recorded, self.pace = recorded, pace
 
     @property
     def difference(self) -> float:
@@ -67,7 +72,7 @@ class VerifiedRun:
 
     @property
     def ratio(self) -> float:
-        """Error of the scout over that of the kept run, which may take steps where it needs more."""
+        """Error of the scout over that of the kept run, which may add steps where it needs them."""
         kept, scout = (run.state.count[method.STEPS] for run in (self.kept, self.scout))
         finer = min(max(kept / max(scout, 1), 1.0), self.kept.settings.refinement)
         return float(finer**self.order)
@@ -75,16 +80,20 @@ class VerifiedRun:
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, chosen: method.Method, settings: method.Settings,
-        first: State, pace: np.ndarray,
+        first: State, times: np.ndarray, recorded: np.ndarray, pace: np.ndarray,
     ) -> VerifiedRun:  # fmt: skip
-        """A run from a copy of a state, and its scout, at the local tolerance of the settings."""
+        """A run from a copy of a state, and its scout, at the local tolerance of the settings.
+
+        They are compared at `times` (n,); `recorded` says which of these are outputs.
+        """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0])
-        kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], scout.plan)
+        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0], times)
+        kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], times, scout.plan)
         length, span = compiled.length, settings.end - settings.start
         least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
         at_rest = {unit: _AT_REST * size for unit, size in least.items()}
-        return cls(scout, kept, MeasuredError(compiled.layout, model, at_rest), pace)
+        error = MeasuredError(compiled.layout, model, at_rest)
+        return cls(scout, kept, error, recorded, pace)
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
@@ -92,17 +101,23 @@ class VerifiedRun:
         status = scout.march(0 if first else scout.chunk)
         coarse = scout.block()
         rows: list[OutputBlock] = []
+        done = 0
         end = scout.plan.knots[scout.plan.used[0] - 1]
         while first or kept.state.t[0] < end:
             told = kept.march(0 if first else kept.chunk)
             block = kept.block()
-            done = sum(len(before.t) for before in rows)
             self.error.add(coarse.part(done, done + len(block.t)), block)
-            rows.append(block)
+            done += len(block.t)
+            rows.append(self._outputs(block))
             if first or told != method.FINE:
                 status = max(status, told)
                 break
         return status, rows
+
+    def _outputs(self, block: OutputBlock) -> OutputBlock:
+        """The rows of the newest block of the kept run that are outputs."""
+        behind = int(self.kept.state.count[method.OUTPUTS])
+        return block.rows(self.recorded[behind - len(block.t) : behind])
 
     def saved(self) -> dict[str, np.ndarray]:
         """All that a resumed run needs beside the state of the kept run."""

@@ -21,6 +21,7 @@ from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.model.tasks.kinematics import KinematicsSpec
 from flexmb.model.tasks.knobs import resolve_knob
+from flexmb.model.tasks.results import ResultsSpec
 from flexmb.model.tasks.study import StudySpec
 from flexmb.model.tasks.view import ViewSpec
 from flexmb.model.values.names import bad_name
@@ -35,7 +36,7 @@ __all__ = ["TOP_KEYS", "build"]
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "assembly", "check",
-    "dynamics", "kinematics", "study", "view",
+    "dynamics", "kinematics", "results", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -123,6 +124,8 @@ class _Builder:
             self.model.kinematics = self.single("kinematics", KinematicsSpec)
         if "assembly" in self.scene:
             self.model.assembly = self.single("assembly", AssemblySpec)
+        if "results" in self.scene:
+            self.model.results = self.single("results", ResultsSpec)
         if "study" in self.scene:
             self.model.study = self.single("study", StudySpec)
             self.knobs(self.model.study.vary if self.model.study else ())

@@ -36,6 +36,7 @@ from flexmb.model.joints.couplers import AngleTerm, LinearCouplerSpec, StrokeTer
 from flexmb.model.joints.curves import CurveSpec
 from flexmb.model.joints.drivers import DriverSpec
 from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.model.tasks.study import StudySpec
 from flexmb.model.values.matrices import BY_DIRECTION, SIX_BY_SIX
 from flexmb.model.values.orientation import Orientation
@@ -185,6 +186,10 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
         _field_reader(StudySpec, "vary"): lambda: {"type": "object"},
         _field_reader(Tabulated, "file"): lambda: {"type": "string"},
         _field_reader(Tabulated, "columns"): lambda: _list((GroupName, GroupName)),
+        _field_reader(DynamicsSpec, "outputs"): lambda: {
+            "anyOf": [_COUNT, {"type": "array", "items": NUMBER, "minItems": 1}],
+            "description": "or times [s]",
+        },
         _field_reader(DriverSpec, "start"): lambda: {
             "anyOf": [NUMBER, {"type": "array", "items": NUMBER}]
         },

@@ -20,6 +20,7 @@ from flexmb.model.joints.coupling import coupler_problems
 from flexmb.model.joints.driver_problems import driver_problems
 from flexmb.model.plane import planar_problems
 from flexmb.model.scenes.scope import Broken, Scope
+from flexmb.model.scenes.times import time_problems
 from flexmb.model.sensors.signal_checks import sensor_problems, signal_problems
 from flexmb.model.tasks.assembly import assembly_problems
 
@@ -36,7 +37,7 @@ def problems(
     scope = Scope(model, flexbodies, broken or {})
     named = (body_problems, _joints, coupler_problems, driver_problems, force_problems)
     further = (sensor_problems, signal_problems, assembly_problems, curve_uses.shapes)
-    parts = (*named, *further, _channels, _judged, _frequencies, _times)
+    parts = (*named, *further, _channels, _judged, _frequencies, time_problems)
     found = [problem for part in parts for problem in part(scope)]
     if not found:  # what is in the plane is known of entries that hold together
         found += planar_problems(model, flexbodies)
@@ -94,17 +95,3 @@ def _judged(scope: Scope) -> Iterator[Problem]:
         if name not in names and name.partition(".")[0] not in broken:
             what = f'unknown sensor or channel "{name}"'
             yield Problem(f"study.sensors[{i}]", what, names, nearest(name, names))
-
-
-def _times(scope: Scope) -> Iterator[Problem]:
-    model = scope.model
-    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
-    if not spans:
-        return
-    duration, units = max(spans), model.units
-    times = [] if model.view.time is None else [("view.time", model.view.time)]
-    times += [(f"check[{i}].time", c.time) for i, c in enumerate(model.checks)]
-    for where, time in times:
-        if time > duration * (1 + 1e-12):
-            after, end = units.say(time, "s"), units.say(duration, "s")
-            yield Problem(where, f"{after} lies after the end of the run, {end}")

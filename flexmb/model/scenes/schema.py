@@ -28,6 +28,7 @@ from flexmb.model.tasks.assembly import AssemblySpec
 from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.model.tasks.kinematics import KinematicsSpec
+from flexmb.model.tasks.results import ResultsSpec
 from flexmb.model.tasks.study import StudySpec
 from flexmb.model.tasks.view import ViewSpec
 from flexmb.model.values.reading import Spec
@@ -80,6 +81,7 @@ def _top() -> dict[str, Form]:
         "assembly": reference(AssemblySpec),
         "dynamics": reference(DynamicsSpec),
         "kinematics": reference(KinematicsSpec),
+        "results": reference(ResultsSpec),
         "study": reference(StudySpec),
         "view": reference(ViewSpec),
     }

@@ -47,7 +47,7 @@ def scene_dict(model: Model, folder: str | Path | None, flexbodies: Files) -> di
         }
     scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
     scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
-    for section in ("assembly", "dynamics", "kinematics", "study"):
+    for section in ("assembly", "dynamics", "kinematics", "results", "study"):
         spec = getattr(model, section)
         if spec is not None:
             scene[section] = _plain(spec, model.terms)

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import SerializationInfo, ValidationInfo, model_validator
 
-from flexmb.errors import Problem
+from flexmb.errors import Problem, SceneError
 from flexmb.model.tasks.methods import METHODS, OPTIONS, MethodName
-from flexmb.model.values.quantities import Integer, Quantity, Time
-from flexmb.model.values.reading import Reader, Spec, fail
+from flexmb.model.values.quantities import Integer, Quantity, Time, plain, read_number
+from flexmb.model.values.reading import Reader, Spec, fail, names_of, under, units_of
 
-__all__ = ["ACCURACY", "INSTEAD", "ROUND_OFF", "DynamicsSpec", "drop_idle_options"]
+__all__ = [
+    "ACCURACY", "INSTEAD", "MOST_OUTPUTS", "ROUND_OFF", "DynamicsSpec", "drop_idle_options",
+]  # fmt: skip
 
 INSTEAD = {"accuracy": "step", "step": "accuracy"}
 """The choice that another one replaces where both are given, one after the other."""
@@ -25,6 +27,8 @@ ROUND_OFF = 1e-12
 
 _AUTO_BY_STEP = "generalized-alpha"
 """What `method = "auto"` is with fixed steps."""
+
+_SAME = 1e-12  # share of the run by which times that are the same may differ
 
 
 def _idle_options(table: Mapping[str, Any]) -> Iterator[str]:
@@ -85,11 +89,57 @@ def _accuracy(value: Any, info: ValidationInfo) -> float:
 
 _Rate = Annotated[float, Quantity("1/s", "not negative")]
 
+MOST_OUTPUTS = 10_000_000
+"""Rows that a run records at most."""
+
+
+def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
+    """The number of intervals, or times in SI that increase."""
+    value = plain(value)
+    if not isinstance(value, list | tuple):
+        number = Integer(1).read(value, info)
+        if number > MOST_OUTPUTS:
+            raise fail(Problem("", f"at most {MOST_OUTPUTS} are recorded, is {number}"))
+        return number
+    if not value:
+        raise fail(Problem("", "the list of output times is empty"))
+    if len(value) > MOST_OUTPUTS:
+        raise fail(Problem("", f"at most {MOST_OUTPUTS} are recorded, given {len(value)}"))
+    names = names_of(info)
+    units = units_of(names)
+    times: list[float] = []
+    problems: list[Problem] = []
+    for i, item in enumerate(value):
+        try:
+            times.append(read_number(item, names, "s") * units.scale("s"))
+        except SceneError as error:
+            problems += under(f"[{i}]", error.problems)
+            continue
+        if i == len(times) - 1 and i and times[i] <= times[i - 1]:
+            before, now = (units.say(times[j], "s") for j in (i - 1, i))
+            what = f"times must increase: {now} does not lie after {before}"
+            problems.append(Problem(f"[{i}]", what))
+    if problems:
+        raise fail(*problems[:_MOST_PROBLEMS])
+    return tuple(times)
+
+
+_MOST_PROBLEMS = 5  # of one list that are told
+
+
+def _write_outputs(value: int | tuple[float, ...], info: SerializationInfo) -> Any:
+    if isinstance(value, int):
+        return value
+    units = units_of(names_of(info))
+    return [units.written(time, "s") for time in value]
+
 
 class DynamicsSpec(Spec):
     """Run in time.
 
-    ``duration`` [s]; ``outputs`` intervals of equal length are recorded. Either ``accuracy`` (1e-4
+    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, both ends included, or the
+    times of a list [s], those and no other: increasing, from 0 to the duration, to which the run
+    goes in any case. Either ``accuracy`` (1e-4
     by default): the largest error over the outputs of each position sensor, over its peak-to-peak;
     or ``step`` [s]: steps of fixed length. The error is measured by a second run with longer steps,
     a scout, unless ``verify`` is false. ``start = "quasi-static"`` puts the flexible bodies into
@@ -110,7 +160,7 @@ class DynamicsSpec(Spec):
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
     verify: bool | None = None
     step: Time | None = None
-    outputs: Annotated[int, Integer(1)] = 200
+    outputs: Annotated[int | tuple[float, ...], Reader(_outputs, _write_outputs)] = 200
     method: MethodName = "auto"
     order: Literal[5, 8] | None = None
     spectral_radius: Annotated[float, _between(0.0, 1.0)] | None = None
@@ -166,3 +216,22 @@ class DynamicsSpec(Spec):
             what = "other than 1/2 makes newmark a method of first order, without error control"
             raise fail(Problem("gamma", f"{what}: give a fixed step, or gamma = 0.5"))
         return self
+
+    @model_validator(mode="after")
+    def _outputs_lie_inside(self, info: ValidationInfo) -> Self:
+        if isinstance(self.outputs, tuple):
+            units = units_of(names_of(info))
+            end = units.say(self.duration, "s")
+            for i in (0, len(self.outputs) - 1):
+                time = self.outputs[i]
+                if not -_SAME * self.duration <= time <= self.duration * (1.0 + _SAME):
+                    what = (
+                        f"{units.say(time, 's')} lies outside the run, which goes from 0 to {end}"
+                    )
+                    raise fail(Problem(f"outputs[{i}]", what))
+        return self
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows that are recorded."""
+        return len(self.outputs) if isinstance(self.outputs, tuple) else self.outputs + 1

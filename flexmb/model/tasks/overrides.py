@@ -22,6 +22,7 @@ _MAKEABLE = (
     "assembly",
     "dynamics",
     "kinematics",
+    "results",
     "view",
 )  # tables whose fields all have defaults or will be missed
 

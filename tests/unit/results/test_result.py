@@ -125,7 +125,7 @@ def _folder(path: Path) -> None:
         (_no_hdf5, "not an HDF5 file"),
         (_other_hdf5, "an HDF5 file of another program"),
         (_flexbody, 'a "flexmb-flexbody" file'),
-        (_next_version, "format version 99; this flexmb reads version 2"),
+        (_next_version, "format version 99; this flexmb reads version 3"),
         (_no_q, "damaged result file .q is missing"),
         (_wrong_q, "damaged result file .q has shape"),
         (_half, "a damaged HDF5 file"),

@@ -49,7 +49,7 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
     rows, programs = made.table(), lower(made.programs)
     stops = np.flatnonzero(rows["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
-    return ForceCharacteristics(rows, programs, stops, lowering.watch(len(stops)))
+    return ForceCharacteristics(rows, programs, stops, lowering.watch(2 * len(stops)))
 
 
 @dataclass

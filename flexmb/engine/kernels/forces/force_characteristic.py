@@ -21,7 +21,6 @@ from flexmb.engine.kernels.forces.characteristic import (
     DISTANCE_OF,
     FORCE_CHARACTERISTIC,
     dissipation,
-    penetration,
     resistance,
     stored_energy,
 )
@@ -58,7 +57,7 @@ class ForceCharacteristics(NamedTuple):
     rows: array_of(FORCE_CHARACTERISTIC)
     programs: FunctionTable  # of springs and dampers, their variable in place of time
     stops: Integers  # rows that are stops
-    first_event: int  # place of the first stop among the events
+    first_event: int  # place of the first stop among the events, two for each
     scratch: Scratch = None  # of one run
 
 
@@ -168,12 +167,13 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Penetration of all stops."""
-    stops, out, first = forces.stops, run.work.events.now, forces.first_event
+    """Penetration of both bounds of all stops, with its rate."""
+    stops, out, s = forces.stops, run.work.events.now, forces.scratch.s
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
-        out[first + k, 0], _ = penetration(forces.rows[stops[k]], forces.scratch.s[0])
-        out[first + k, 1] = math.nan
+        row, o = forces.rows[stops[k]], forces.first_event + 2 * k
+        out[o, 0], out[o, 1] = s[0] - row["upper"], s[1]
+        out[o + 1, 0], out[o + 1, 1] = row["lower"] - s[0], -s[1]
     return FINE
 
 

@@ -64,6 +64,8 @@ def _scratch(frictions: JointFrictions) -> Scratch:
     return Scratch(np.full((len(frictions.rows), 2), np.nan), np.zeros(7))
 
 
+# Speed over that of creeping by which smooth friction stays clear of its event.
+_LEAST = 1e-3
 # Places in `surface`.
 _FORCE, _ANCHOR, _MODE, _EXCESS, _STIFFNESS, _DAMPING, _PLACE = range(7)
 
@@ -235,19 +237,30 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @unit
 def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """What crosses zero from below where it begins to slide, or to stick, as of contacts."""
+    """What crosses zero from below where it begins to slide, or to stick, as of contacts.
+
+    With its rate, but for that of the bearing load. Smooth friction has no such moment; that its
+    speed falls below that of creeping and rises again within a step is watched all the same.
+    """
     rows, surface, history = frictions.rows, frictions.scratch.surface, run.work.now.history
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
         f, o = rows[k], frictions.first_event + k
-        out[o, 0], out[o, 1] = 0.0, math.nan
-        if f["model"] == BRISTLE:
-            evaluate_surface(run, frictions, at, k)
-            stretch = surface[_PLACE] - history[f["history"]]
+        iv = coordinates[f["coordinate"]]["iv"]
+        speed, change = f["radius"] * at.v[iv], f["radius"] * at.vd[iv]
+        if f["model"] != BRISTLE:
+            out[o, 0] = min(f["creep"] - abs(speed), -_LEAST * f["creep"])
+            out[o, 1] = -change if speed > 0.0 else change
+            continue
+        evaluate_surface(run, frictions, at, k)
+        stretch = surface[_PLACE] - history[f["history"]]
+        if history[f["history"] + 1] == SLIDES and stretch != 0.0:
+            sign = -1.0 if stretch > 0.0 else 1.0
+            out[o, 0], out[o, 1] = sign * speed, sign * change
+        else:
+            rate = f["k"] * speed + f["c"] * change
             out[o, 0] = surface[_EXCESS]
-            if history[f["history"] + 1] == SLIDES and stretch != 0.0:
-                rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
-                out[o, 0] = -rate if stretch > 0.0 else rate
+            out[o, 1] = rate if f["k"] * stretch + f["c"] * speed > 0.0 else -rate
     return FINE
 
 

@@ -1,0 +1,84 @@
+"""What touches for a fraction of a step is felt: stops at both bounds, joint friction at a turn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from truthkit import Memory
+
+from flexmb.analysis.dynamics.analysis import dynamics, prepare
+from flexmb.engine.compile import compile_system
+from flexmb.engine.method import EVENTS, FINE
+from flexmb.model import Model
+
+METHODS = ("explicit-rk", "radau", "generalized-alpha")
+
+
+def thrown(bound, **stop):
+    """A body thrown up at 1 m/s under 1 m/s²: it peaks at 0.5 m at t = 1 s."""
+    model = Model("throw", gravity=[-1, 0, 0])
+    model.add_body("b", mass=1, inertia=[1, 1, 1], velocity=[1, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+    model.add_sensor("height", "position", of="b")
+    model.add_force("limit", "translational-stop", joint="rail", **{bound: 0.5 - 1e-5}, **stop)
+    return model
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_stop_is_felt_that_is_touched_for_a_hundredth_of_the_time_between_steps(method):
+    """Polynomials of degree 2 are exact by every method: without an event no step would be short.
+
+    It would be beyond the bound for 9 ms. The stop, of ω = 1000/s, sends it back with the speed u
+    that it came with after (π − 2 atan(1/(ω u)))/ω = 2.7 ms, so that it falls earlier.
+    """
+    model = thrown("upper", stiffness=1e6)
+    model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=20, method=method)
+    made, memory = compile_system(model), Memory()
+    outcome = dynamics(made, model, memory)
+    assert outcome.status == "finished", outcome.message
+    assert outcome.statistics["events"] == 2
+    u = np.sqrt(2e-5)
+    early = 2 * u - (np.pi - 2 * np.arctan(1e-3 / u)) / 1e3
+    assert memory.tables()[1][-1, 0] == pytest.approx(-early - early**2 / 2, abs=5e-5)
+    assert outcome.statistics["steps"] < 700
+
+
+@pytest.mark.parametrize("bound", ["upper", "lower"])
+def test_both_bounds_are_watched(bound):
+    """A swing from one bound to the other and back within a step, whichever is touched."""
+    sign = 1.0 if bound == "upper" else -1.0
+    model = Model("throw", gravity=[-sign, 0, 0])
+    model.add_body("b", mass=1, inertia=[1, 1, 1], velocity=[sign, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+    bounds = {"upper": 0.6, "lower": -0.6, bound: sign * (0.5 - 1e-4)}
+    model.add_force("limit", "translational-stop", joint="rail", stiffness=1e4, **bounds)
+    model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=20, verify=False)
+    run = prepare(compile_system(model), model).run
+    assert run.march(10**6) == FINE
+    assert run.state.count[EVENTS] == 2
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("model_of_friction", ["bristle", "smooth"])
+def test_friction_is_felt_that_turns_within_a_step(method, model_of_friction):
+    """A slider slows down, goes back for a moment and on again: its friction turns with it.
+
+    The driver makes the speed (t − 1)² − 1e-4 m/s, below zero for 20 ms. The friction of 1 N does
+    the work of −1 N over the way there and back.
+    """
+    smooth = {"model": "smooth", "creep_speed": 1e-5}
+    fields = smooth if model_of_friction == "smooth" else {"stiffness": 1e7}
+    model = Model("reversal")
+    model.add_body("b", mass=1, inertia=[1, 1, 1])
+    model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+    model.add_force("rub", "joint-friction", joint="rail", dynamic=1.0, preload=1.0, **fields)
+    model.add_driver("pull", joint="rail", stroke="((t-1)**3 + 1)/3 - 1e-4*t")
+    model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=4, method=method, verify=False)
+    run = prepare(compile_system(model), model).run
+    times = []
+    while not run.finished:
+        assert run.march(1) == FINE
+        times.append(run.state.t[0])
+    assert np.abs(np.array(times) - 1.0).min() < 0.02
+    way = 2 / 3 - 2e-4 + 4 * (4 / 3 * 1e-6)
+    assert -run.state.work_done[1] == pytest.approx(way, rel=2e-3)
