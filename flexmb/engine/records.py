@@ -10,7 +10,6 @@ handed the address alone, so its types are the same for all scenes.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -151,14 +150,11 @@ def _add_words(
             words.append(value.ctypes.data)  # faster than __array_interface__ where it has fields
             words += value.shape
         elif kind is float:
-            words.append(_WORD_OF_FLOAT(_FLOAT(value))[0])
+            words.append(int(np.float64(value).view(np.int64)))
         elif kind is int:
             words.append(int(value))
         else:
             _add_words(value, words, owned, address_of)
-
-
-_FLOAT, _WORD_OF_FLOAT = struct.Struct("d").pack, struct.Struct("q").unpack
 
 
 def _addresses(

@@ -23,7 +23,7 @@ from flexmb.engine.kernels.bodies import motion
 from flexmb.engine.kernels.functions import time_function
 from flexmb.engine.units import call, missing_units, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
-from flexmb.errors import FlexmbWarning
+from flexmb.errors import CompilationError, FlexmbWarning
 
 SOLVE, MOVE = ldl.solve.name, motion.move.name
 SMALL = (SOLVE, MOVE, ldl.multiply.name)
@@ -159,6 +159,47 @@ def test_other_processors_and_versions_have_folders_of_their_own(cache, monkeypa
     unit_cache._machine.cache_clear()
     assert here != there and here.parent == there.parent
     assert unit_cache.version("numba") in here.name and unit_cache.version("llvmlite") in here.name
+
+
+def test_the_cache_of_another_version_is_not_read(cache, solve_file, monkeypatch):
+    """It stays as it is, beside the one of this version."""
+    name, whole = solve_file
+    folder = unit_cache.cache_folders()[0]
+    (folder / name).write_bytes(whole)
+    assert unit_cache.read_stored(SOLVE) is not None
+    monkeypatch.setattr(unit_cache, "version", lambda package: "99.0")
+    for known in (unit_cache._machine, unit_cache._shared_folders):
+        known.cache_clear()
+    other = unit_cache.cache_folders()[0]
+    assert other != folder and "numba99.0" in other.name
+    assert unit_cache.read_stored(SOLVE) is None
+    monkeypatch.undo()
+    unit_cache._machine.cache_clear()
+    assert (folder / name).read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    ("package", "present", "told"),
+    [
+        ("numba", "0.60.0", 'numba 0.60.0 is too old: flexmb compiles with 0.61 or newer; '
+         'python -m pip install "numba>=0.61"'),
+        ("llvmlite", "0.43.0rc1", 'llvmlite 0.43.0rc1 is too old: flexmb compiles with 0.44 or '
+         'newer; python -m pip install "llvmlite>=0.44"'),
+        ("numba", None, "numba none is too old"),
+    ],
+)  # fmt: skip
+def test_a_compiler_that_is_too_old_is_one_sentence(cache, monkeypatch, package, present, told):
+    def version(name):
+        if name != package:
+            return "1.0.0"
+        if present is None:
+            raise compilation.PackageNotFoundError(name)
+        return present
+
+    monkeypatch.setattr(compilation, "version", version)
+    with pytest.raises(CompilationError) as error:
+        compilation.compile_units([SOLVE])
+    assert str(error.value).startswith(told) and "\n" not in str(error.value)
 
 
 def test_hash_of_the_engine_knows_names_and_contents(tmp_path, monkeypatch):
