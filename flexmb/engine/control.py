@@ -60,6 +60,7 @@ _KINK_SHARE, _JUMP_SHARE = 1e-9, 1e-11
 # miss it, so that it must be this share of the accuracy asked for.
 _SURPRISE, _SMALL, _ORDER_LOST, _KINKED, _JUMPED, _NOISE = 30.0, 1e-3, 0.5, 2.6, 1.4, 0.3
 _AT_KINK = 0.004
+_HIGH_ORDER = 5  # of a method that has more to lose at a kink than its order
 _SHORTER = 1.5  # times, at least, for errors to be compared
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
@@ -217,6 +218,8 @@ def _may_be_kink(method, memory, ratio, t, h):
     rejected falls slower than the method's order says; what does not fall at all is noise.
     """
     before = memory[REJECTED_STEP]
+    if method.order < _HIGH_ORDER:
+        return False
     if before == 0.0:
         last = memory[LAST_STEP]
         if method.keeps_step == 1 or not last > 0.0:

@@ -235,18 +235,18 @@ def _correct(run, b, cv):
     """Newton correction of the trial state; returns what was still wrong, and the size of δq.
 
     Forces out of balance count by what they would move their own coordinate: with an old factor
-    they move positions in the next iteration. The multipliers are solved for from zero (−ε b λ on
-    the left), so that redundant rows share the least; the bias of C is 1e-9 of h² v̇.
+    they move positions in the next iteration. The multipliers are regularised towards those of the
+    last step: towards zero each step would yield to its reactions.
     """
     tr, fac, kkt, weights = run.work.trial, run.work.factor, run.system.kkt, run.system.weights
     sol, C, place, eps, diagonal = fac.sol, run.work.con.C, kkt.place, fac.eps, fac.diagonal
     res, lam, dq, v, vd = tr.res, tr.lam, tr.dq, tr.v, tr.vd
-    nv = res.shape[0]
+    nv, last = res.shape[0], run.state.lam
     for i in range(nv):
         sol[place[i]] = -b * res[i]
     for i in range(C.shape[0]):
         k = place[nv + i]
-        sol[k] = eps[k] * b * lam[i] - C[i]
+        sol[k] = eps[k] * b * (lam[i] - last[i]) - C[i]
     if fac.replaced[0] == 0:
         solve(kkt, fac, sol)
     else:

@@ -3,44 +3,43 @@
 The constraints hold at the stages; the velocities of the new point are put on theirs in the metric
 of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
 motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
-ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. With the eigenvalues γ (real) and μ (one of a complex pair) of
-A⁻¹, simplified Newton solves one real and one complex system of the structure of
-
-    S(c) = [[M + c ∂F/∂v + c² ∂F/∂q, Cqᵀ], [Cq, 0]],   c = h/γ and c = h/μ.
-
-The error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹. Stiff modes are
-damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
-constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
-Runge–Kutta Methods, 1989, §6.
+ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton solves one real and one complex system
+(`kernels.collocation`). The error is estimated by an embedded formula of order 3, filtered by
+S(h/γ)⁻¹ M. Stiff modes are damped, not resolved. Hairer & Wanner, Solving Ordinary Differential
+Equations II, 1996, §IV.8; for constraints Hairer, Lubich & Roche, The Numerical Solution of
+Differential-Algebraic Systems by Runge–Kutta Methods, 1989, §6.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexmb.engine import method
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.algebra.interpolation import interpolate_step
 from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
 from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
 from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
 from flexmb.engine.kernels.bodies.motion import last_places, move
-from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
+from flexmb.engine.kernels.collocation import (
+    STAGES,
+    Radau,
+    correct_stages,
+    factorise_stages,
+    filter_motion,
+)
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import POSITIONS, accelerations
-from flexmb.engine.kernels.stages import residual, walk
+from flexmb.engine.kernels.stages import residual
 from flexmb.engine.method import Method
-from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.tasks.dynamics import DynamicsSpec
 
-_STAGES = 3
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.005
 # An old factor is renewed before a step that expects a contraction above this.
@@ -51,21 +50,6 @@ _SAME_STEP = 0.1
 _NOISE = 50.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
-
-
-class Radau(NamedTuple):
-    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, and those of the error estimate."""
-
-    A: Matrix  # (3, 3)
-    inverse: Matrix  # (3, 3)
-    c: Vector  # (3,)
-    gamma: float
-    filter: float  # 1/γ²
-    mu_real: float
-    mu_imag: float
-    to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
-    back: Matrix  # (3, 3) columns of V: of γ; of μ twice the real, less twice the imaginary part
-    error: Vector  # (3,) weights of the increments of the stages
 
 
 def make_method(spec: DynamicsSpec) -> Method:
@@ -100,7 +84,7 @@ def radau_5() -> Method:
     )  # fmt: skip
     return Method(
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
-        filter=1.0 / gamma**2, keeps_step=1, loosest=1e-3, collocation=_STAGES,
+        filter=1.0 / gamma**2, keeps_step=1, loosest=3e-4, collocation=STAGES,
     )  # fmt: skip
 
 
@@ -124,9 +108,9 @@ def step(run: Run, radau: Radau, h: float) -> int:
             if status != method.FINE:
                 return status
         if memory[method.AGE] < 0.0:  # at the stage in the middle, the last one evaluated
-            _factorise(run, radau, h)
+            factorise_stages(run, radau, h)
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = _correct(run, radau, h)
+        size, moved = correct_stages(run, radau, h)
         if not math.isfinite(size):
             return method.NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
@@ -158,26 +142,26 @@ def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
     known, before = span[1] > 0.0, st.memory[method.LAST_STEP]
-    for i in range(_STAGES):
+    for i in range(STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if known else 0.0
-        for j in range(_STAGES):
+        for j in range(STAGES):
             w = 1.0
-            for k in range(_STAGES):
+            for k in range(STAGES):
                 if k != j:
                     w *= (x - radau.c[k]) / (radau.c[j] - radau.c[k])
             col.share[i, j] = w
     for k in range(st.v.shape[0]):
-        for i in range(_STAGES):
+        for i in range(STAGES):
             col.next_a[i, k] = _sum(col.share[i], col.a, k) if known else st.vd[k]
-        for i in range(_STAGES):
+        for i in range(STAGES):
             col.v[i, k] = st.v[k] + h * _sum(radau.A[i], col.next_a, k)
-        for i in range(_STAGES):
+        for i in range(STAGES):
             col.u[i, k] = h * _sum(radau.A[i], col.v, k)
     for k in range(st.lam.shape[0]):
-        for i in range(_STAGES):
+        for i in range(STAGES):
             col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if known else st.lam[k]
         rise = (st.lam[k] - st.lam_before[k]) / before if before > 0.0 else 0.0
-        for i in range(_STAGES):
+        for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]
             col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to
     span[1] = 0.0
@@ -194,13 +178,13 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
     """Velocities and accelerations of all stages from their motions."""
     st, col, bodies = run.state, run.work.collocation, run.system.parts.bodies
     nv = st.v.shape[0]
-    for n in range(_STAGES):
+    for n in range(STAGES):
         for k in range(nv):
             col.v[n, k] = _sum(radau.inverse[n], col.u, k) / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
             put_part(v, o, _angular_velocity(part(u, o), part(v, o)))
-    for n in range(_STAGES):
+    for n in range(STAGES):
         rate = radau.inverse[n]
         for k in range(nv):
             col.a[n, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
@@ -231,118 +215,11 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     return status
 
 
-@unit
-def _factorise(run: Run, radau: Radau, h: float) -> int:
-    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
-    fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
-    pair, memory = col.pair, run.state.memory
-    n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
-    x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
-    fac.symmetric[0] = int(memory[method.SYMMETRIC])
-    for i in range(pair.low.shape[0]):
-        pair.low[i] = pair.up[i] = 0.0
-    put_matrix(run, at, 0.0, 0.0)
-    _add_matrix(pair, fac, -1j)
-    put_matrix(run, at, y, 2.0 * x * y)
-    _add_matrix(pair, fac, 1j)
-    put_matrix(run, at, x, x * x - y * y)
-    _add_matrix(pair, fac, 1.0 + 0j)
-    c = h / radau.gamma
-    put_matrix(run, at, c, c * c)
-    _add_matrix(pair, fac, -1.0 + 0j)
-    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
-    put_rows(run, at, c, c * c)
-    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[method.FIXED_PIVOTS] += ldl.factor(kkt, fac)
-    real = col.real
-    copy(fac.low, real.low)
-    copy(fac.up, real.up)
-    copy(fac.d, real.d)
-    copy(fac.eps, real.eps)
-    real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
-    ldl.factor_complex(kkt, pair)
-    run.state.count[method.FACTORISATIONS] += 2
-    memory[method.AGE], memory[method.CONTRACTION], memory[method.FACTOR_STEP] = 0.0, 1.0, h
-    return method.FINE
-
-
-@kernel
-def _add_matrix(pair, fac, f):
-    """pair += f times the assembled matrix."""
-    for i in range(pair.low.shape[0]):
-        pair.low[i] += f * fac.low[i]
-        pair.up[i] += f * fac.up[i]
-
-
-@kernel
-def _correct(run, radau, h):
-    """Newton correction of all stages, into their motions and multipliers; its two sizes."""
-    st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
-    place, nv = kkt.place, st.v.shape[0]
-    real, pair, to, back = col.real, col.pair, radau.to, radau.back
-    x, z, eps = real.sol, pair.sol, real.eps
-    c = h / radau.gamma
-    m = h / complex(radau.mu_real, radau.mu_imag)
-    for k in range(nv):
-        r, p, q = _transformed(to, col.res, k)
-        x[place[k]] = -c * c * r
-        z[place[k]] = -m * m * complex(p, q)
-    for k in range(st.lam.shape[0]):
-        # Regularised towards those that the points before share the least among redundant rows;
-        # towards zero each step would yield to its reactions.
-        i = place[nv + k]
-        r, p, q = _transformed(to, col.gap, k)
-        lr, lp, lq = _transformed(to, col.lam, k)
-        nr, np_, nq = _transformed(to, col.next_lam, k)
-        x[i] = eps[i] * c * c * (lr - nr) - r
-        z[i] = eps[i] * m * m * complex(lp - np_, lq - nq) - complex(p, q)
-    _solve_stages(run, radau)
-    for k in range(st.lam.shape[0]):
-        i = place[nv + k]
-        r, y = x[i] / (c * c), z[i] / (m * m)
-        for n in range(_STAGES):
-            col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
-    size, moved = 0.0, 0.0
-    for i in range(_STAGES):
-        moved = max(moved, weighted_size(col.change[i], weights))
-        if run.settings.step == 0.0:
-            size = max(size, scaled_size(col.change[i], weights, st.motion, 0.0))
-            size = max(size, scaled_size(col.change[i], weights, st.speed, 0.0) / h)
-    if run.settings.step > 0.0:
-        size = moved
-    return size, moved
-
-
-@kernel
-def _solve_stages(run, radau):
-    """Solve both systems, and move the stages by what they say."""
-    col, kkt, back = run.work.collocation, run.system.kkt, radau.back
-    ldl.solve(kkt, col.real, col.real.sol)
-    ldl.solve_complex(kkt, col.pair)
-    for k in range(run.state.v.shape[0]):
-        r, y = col.real.sol[kkt.place[k]], col.pair.sol[kkt.place[k]]
-        for i in range(_STAGES):
-            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
-            col.u[i, k] += d
-            col.change[i, k] = d
-
-
-@kernel
-def _transformed(to, rows, k):
-    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
-    a, b, c = rows[0, k], rows[1, k], rows[2, k]
-    return (
-        to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
-        to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
-        to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
-    )
-
-
 @kernel
 def _finish(run, radau, h):
     """The end of the step: its last stage, velocities on the constraints; returns the status."""
     st, tr, col, memory, last = (
-        run.state, run.work.trial, run.work.collocation, run.state.memory, _STAGES - 1
+        run.state, run.work.trial, run.work.collocation, run.state.memory, STAGES - 1
     )  # fmt: skip
     if run.settings.step == 0.0:
         _estimate_error(run, radau, h)
@@ -379,33 +256,15 @@ def _estimate_error(run, radau, h):
     e, c = radau.error, h / radau.gamma
     for k in range(st.v.shape[0]):
         motion, change = c * st.v[k], c * st.vd[k]
-        for i in range(_STAGES):
+        for i in range(STAGES):
             motion += e[i] * col.u[i, k]
             change += e[i] * (col.v[i, k] - st.v[k])
         tr.dq[k], tr.jerk[k] = motion + c * change, change
-    _filter(run, tr.dq)
-    _filter(run, tr.jerk)
+    filter_motion(run, tr.dq)
+    filter_motion(run, tr.jerk)
     noise = _UNTOLD * last_places(run)
     tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
     tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
-
-
-@unit
-def _filter(run: Run, x: Vector) -> int:
-    """x becomes S(h/γ)⁻¹ M x."""
-    tr, real, sol, place = run.work.trial, run.work.collocation.real, run.work.factor.sol, (
-        run.system.kkt.place
-    )  # fmt: skip
-    nv = x.shape[0]
-    copy(x, tr.res)
-    walk(run.stages.mass, run, run.trial_point)
-    copy(sol, real.sol)
-    for k in range(run.work.con.C.shape[0]):
-        real.sol[place[nv + k]] = 0.0
-    ldl.solve(run.system.kkt, real, real.sol)
-    for k in range(nv):
-        x[k] = real.sol[place[k]]
-    return method.FINE
 
 
 @unit
