@@ -14,6 +14,7 @@ from truthkit import order, run
 
 import flexmb
 from flexmb.analysis.dynamics import run as module
+from flexmb.engine.units import interpretation
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 from flexmb.model.tasks.methods import METHODS
@@ -179,6 +180,17 @@ def test_small_fixed_steps_are_not_worse(case):
         one = run(model, duration=duration, step=step, outputs=4, **options)
         errors.append(max(relative(one, judge, name) for name in REPORTED))
     assert errors[1] < max(2.0 * errors[0] * 0.02 ** min(p, 2), 1e-9), errors
+
+
+@pytest.mark.parametrize("case", ["trapezoidal", "baumgarte", "coordinate-partitioning"])
+def test_plain_python_takes_the_same_steps(case):
+    options, _ = CASES[case]
+    knobs = {"duration": 0.02, "step": 5e-3, "outputs": 2, **options}
+    compiled = run(loop(), **knobs)
+    with interpretation():
+        plain = run(loop(), **knobs)
+    for name in REPORTED:
+        assert relative(plain, compiled, name) < 1e-11, name
 
 
 def hitting():

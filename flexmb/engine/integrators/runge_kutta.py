@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.engine.jit import Unit, kernel
-from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
+from flexmb.engine.kernels.algebra.vector import copy, largest, scaled_size, weighted_size
 from flexmb.engine.kernels.bodies.motion import motion_of_rate
 from flexmb.engine.kernels.stages import constraint_stage, powers
 from flexmb.engine.method import (
@@ -166,10 +166,11 @@ def end_step(run, tableau, h, status, of_parameters):
     tr.extended[0] = 0
     if run.settings.works == 1:
         combine(st.work_done, tr.stages, nq + nv, tableau.A[stages], stages, h, tr.work)
-    _estimate_error(run, tableau.errors, h, of_parameters)
-    if status == FINE and not math.isfinite(tr.error[0] + tr.error[1]):
-        return NOT_FINITE
-    return status
+    size = largest(tr.q) + largest(tr.vd)
+    if run.settings.step == 0.0:
+        _estimate_error(run, tableau.errors, h, of_parameters)
+        size += tr.error[0] + tr.error[1]
+    return NOT_FINITE if status == FINE and not math.isfinite(size) else status
 
 
 @kernel
