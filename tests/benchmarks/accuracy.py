@@ -70,11 +70,9 @@ def main():
 
 
 def _asked(given, scene, method):
-    if given:
-        return given
     if method in ("explicit-rk", "order 5") and scene.stiff:
         return ()
-    return _ORDER_TWO if method == "generalized-alpha" else _ASKED
+    return given or (_ORDER_TWO if method == "generalized-alpha" else _ASKED)
 
 
 def _applies(name, scene, variant):
