@@ -20,6 +20,7 @@ from flexmb.engine.method import (
     AGE,
     CALM,
     CONTRACTION,
+    EARLIER_STEP,
     ERROR_SUM,
     FAILED,
     FINE,
@@ -269,7 +270,7 @@ def accepted(method, settings, st, error, h):
     memory[SINCE] = memory[SINCE] + 1.0 if h == memory[LAST_STEP] else 0.0
     memory[LEAST_STEP] = min(memory[LEAST_STEP], h)
     memory[GREATEST_STEP] = max(memory[GREATEST_STEP], h)
-    memory[LAST_STEP] = h
+    memory[EARLIER_STEP], memory[LAST_STEP] = memory[LAST_STEP], h
     if st.t[0] >= memory[REJECTED_END]:
         memory[REJECTED_STEP], memory[KINK] = 0.0, 0.0
     if settings.step > 0.0:

@@ -33,6 +33,7 @@ from flexmb.engine.kernels.stages import (
 )
 from flexmb.engine.method import (
     AGE,
+    EARLIER_STEP,
     FACTORISATIONS,
     FINE,
     LAST_STEP,
@@ -47,6 +48,9 @@ from flexmb.engine.time_events import cross_time_event
 # With fixed steps what Newton's method leaves by an old factor is a bias: an output renews one that
 # has served so many steps.
 _RENEW_AFTER = 5.0
+
+# Two steps before over this one, for the cubic of the powers.
+_LONG_ENOUGH = 0.3
 
 
 @unit
@@ -73,7 +77,8 @@ def accept_step(run: Run, h: float) -> int:
                 st.work_done[k] = tr.work[k]
             else:
                 st.work_done[k] += _work(st, k, run.work.powers[k], h)
-            st.power_before[k] = st.power[k]
+            st.power_before[1, k] = st.power_before[0, k]
+            st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]
     remember(run, at, st.history)
     if angles:
@@ -98,13 +103,22 @@ def accept_step(run: Run, h: float) -> int:
 
 @kernel
 def _work(st, k, power, h):
-    """Work of the step by the parabola of the power over this step and the last one, of order 3."""
-    before, now, last = st.power_before[k], st.power[k], st.memory[LAST_STEP]
+    """Work of the step by the cubic of the power over this step and two before, of order 4.
+
+    By the parabola over one, or the straight line, where those before are too short or unknown.
+    """
+    now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
+    a, b = st.memory[LAST_STEP], st.memory[EARLIER_STEP]
     rise = (power - now) / h
-    if math.isnan(before) or not last > 0.0:
+    if math.isnan(before) or not a > 0.0:
         return 0.5 * h * (now + power)
-    bend = (rise - (now - before) / last) / (h + last)
-    return h * now + h * h * (0.5 * rise - bend * h / 6.0)
+    slope = (power - before) / (a + h)
+    bend = (slope - rise) / -a
+    work = h * now + h * h * (0.5 * rise - bend * h / 6.0)
+    if math.isnan(earlier) or not a + b > _LONG_ENOUGH * h:
+        return work
+    bend_before = ((before - earlier) / b - slope) / -(a + b + h)
+    return work + (bend_before - bend) / (a + b) * h**3 * (h / 12.0 + a / 6.0)
 
 
 @unit

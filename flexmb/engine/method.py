@@ -77,15 +77,16 @@ SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 # velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
 # stability, and the largest rate of the motion at the first one; the last step rejected, its error
 # over what is allowed, the times at which it began and would have ended, and 1 if a force jumps or
-# has a kink within it (0 after that time); that error of the last step accepted.
+# has a kink within it (0 after that time); that error of the last step accepted;
+# the length of the step before the last one.
 CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
 PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
 SINCE, JERK_ERROR, CALM = 11, 12, 13
 EVENT_STEP, EVENT_TRIES, EVENT_REST = 14, 15, 16
 TURNING, ERROR_SUM, STIFF_STEPS, STIFF_RATE = 17, 18, 19, 20
 REJECTED_STEP, REJECTED_RATIO, REJECTED_START, REJECTED_END = 21, 22, 23, 24
-KINK, LAST_RATIO = 25, 26
-MEMORY = 27
+KINK, LAST_RATIO, EARLIER_STEP = 25, 26, 27
+MEMORY = 28
 # Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written, PARTITIONS how
 # often independent coordinates were chosen because those before were poor.
 STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)

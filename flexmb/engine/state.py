@@ -68,7 +68,7 @@ class State(NamedTuple):
     lam_before: Vector  # (nc,) multipliers one step earlier, for the predictor
     work_done: Vector  # (3,) work of drivers, dampers and applied forces so far, J
     power: Vector  # (3,) their power at t, W
-    power_before: Vector  # (3,) one step earlier; NaN after a start
+    power_before: Matrix  # (2, 3) one step earlier, and two; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for the motion so far
     motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted

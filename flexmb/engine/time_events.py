@@ -132,7 +132,7 @@ def _restart(run):
     powers(run, at)
     copy(run.work.powers, st.power)
     for k in range(3):
-        st.power_before[k] = math.nan
+        st.power_before[0, k] = st.power_before[1, k] = math.nan
     st.memory[SINCE] = 0.0
     st.memory[JERK_ERROR] = 0.0
     st.memory[CALM] = 0.0

@@ -166,7 +166,7 @@ def new_state(system: System, channels: int = 0) -> State:
     memory[SYMMETRIC] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
-        np.zeros(3), np.zeros(3), _nan(3), np.zeros(channels), q.copy(), np.zeros(nv),
+        np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(), np.zeros(nv),
         np.zeros(nv), memory, np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
     )  # fmt: skip
 

@@ -96,7 +96,7 @@ def _restore(prepared: Prepared, arrays: dict[str, np.ndarray], result: Result) 
     for name, array in own.items():
         array[...] = arrays[name]
     if result.status == "finished":  # it is to go on for longer
-        prepared.pace[1] = 1.0
+        prepared.pace[1], prepared.pace[3:] = 1.0, 0.0
 
 
 def _first_pose(

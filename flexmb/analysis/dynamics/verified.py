@@ -142,4 +142,4 @@ class VerifiedRun:
     def _vibrates(self) -> bool:
         """Whether there are flexible bodies, and a method that damps what it does not resolve."""
         modes = self.kept.compiled.system.parts.bodies["m"]
-        return self.kept.method.collocation > 0 and bool(modes.any())
+        return self.kept.method.stages == 0 and bool(modes.any())
