@@ -138,9 +138,9 @@ def proposed(method, settings, plan, time_events, st, times, room):
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[TURNING] > 0.0:
         h = min(h, settings.turn / st.memory[TURNING])
-    if settings.determined == 1 and method.order == 2 and st.memory[SPEED] > 0.0:
-        # Nothing is integrated but the work of the drivers, by the trapezoidal rule.
-        h = min(h, math.sqrt(12.0 * settings.accuracy) / st.memory[SPEED])
+    if settings.determined == 1 and method.stages == 0 and st.memory[SPEED] > 0.0:
+        # Nothing is integrated but the work of the drivers, by a cubic of their power.
+        h = min(h, (2.0 * settings.accuracy) ** 0.25 / st.memory[SPEED])
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     if settings.refinement > 0.0:
         return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])
