@@ -1,4 +1,4 @@
-"""An empty cache of compiled units, with which a test tells what comes before compiling."""
+"""Empty caches of compiled units, of one test alone."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ import functools
 import pytest
 
 from flexmb.engine import unit_cache, units
+from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.kernels.bodies import motion
+from flexmb.engine.units import prepare_units
+
+SOLVE, MOVE = ldl.solve.name, motion.move.name
 
 
 class WouldCompile(Exception):
@@ -28,3 +33,22 @@ def cold_cache(monkeypatch, tmp_path):
     monkeypatch.setattr(units, "_loader", functools.cache(units._Loader))
     monkeypatch.setattr(units, "_incomplete", set())
     monkeypatch.setattr(units, "compile_units", refuse)
+
+
+@pytest.fixture(scope="session", name="solve_file")
+def stored_unit():
+    """Name and bytes of one stored unit, SOLVE, which calls no other, from the cache of all."""
+    prepare_units([ldl.solve])
+    name = unit_cache.unit_file(SOLVE)
+    folder = next(f for f in unit_cache.cache_folders() if (f / name).is_file())
+    return name, (folder / name).read_bytes()
+
+
+@pytest.fixture(name="cache")
+def empty_cache(tmp_path, monkeypatch):
+    """An empty cache of this test alone."""
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(unit_cache, "_full", [])
+    unit_cache._shared_folders.cache_clear()
+    yield tmp_path / "cache"
+    unit_cache._shared_folders.cache_clear()
