@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 
 # Gap of a joint over the size of the model after its corrections: the step is too long for them.
 _OPEN = 1e-9
+# Limit of stability by what positions differ by, over that by velocities: of a damper 0.4, of a
+# vibration 0.6.
+_BY_POSITIONS = 0.3
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD = 0.1
 
@@ -157,7 +160,7 @@ def end_step(run, tableau, h, status, of_parameters):
     """
     st, tr, stages = run.state, run.work.trial, tableau.stages
     nq, nv = st.q.shape[0], st.v.shape[0]
-    _watch_stability(run, tableau, h)
+    _watch_stability(run, tableau, h, of_parameters)
     constraint_stage(run, run.trial_point)
     gap = weighted_size(run.work.con.C, run.system.row_weights)
     if status == FINE and run.method.stabilised == 0 and not gap < _OPEN:
@@ -184,7 +187,7 @@ def put_shares(tableau, share, weights):
 
 
 @kernel
-def _watch_stability(run, tableau, h):
+def _watch_stability(run, tableau, h, of_parameters):
     """Count a step at the limit of stability.
 
     The largest rate of the motion is that between the two last stages, which stand at the same
@@ -198,6 +201,15 @@ def _watch_stability(run, tableau, h):
             change = difference
         apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
     rate = change / apart if apart > 0.0 else 0.0
+    if h * rate > tableau.stable and math.isfinite(rate):
+        # where velocities happen to agree, what positions differ by decides
+        for k in range(last):
+            tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
+        _put_change(run, tr.shares, last, of_parameters)
+        moved = weighted_size(tr.dq, weights)
+        slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
+        if h * slow < _BY_POSITIONS * tableau.stable:
+            return
     if not h * rate <= tableau.stable:  # what is not finite was not stable either
         memory = run.state.memory
         if memory[STIFF_RATE] == 0.0 and math.isfinite(rate):
@@ -216,12 +228,12 @@ def _estimate_error(run, errors, h, of_parameters):
         size, low = 0.0, 0.0
         for k in range(errors.shape[0]):
             scale = st.motion if level == 0 else st.speed
-            if level == 0 and of_parameters:
-                _put_motion(run, errors[k], n, tr.dq)
+            if level == 0:
+                _put_change(run, errors[k], n, of_parameters)
             else:
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
-                add_slopes(tr.stages, level * st.q.shape[0], errors[k], n, tr.dq)
+                add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
             part = scaled_size(tr.dq, run.system.weights, scale, 0.0)
             if k == 0:
                 size = h * part
@@ -233,11 +245,12 @@ def _estimate_error(run, errors, h, of_parameters):
 
 
 @kernel
-def _put_motion(run, weights, n, out):
-    """out (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
+def _put_change(run, weights, n, of_parameters):
+    """dq (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
     tr = run.work.trial
-    rate = tr.rate
-    for i in range(rate.shape[0]):
-        rate[i] = 0.0
-    add_slopes(tr.stages, 0, weights, n, rate)
-    motion_of_rate(run.system.parts, run.state.q, rate, out)
+    out = tr.rate if of_parameters else tr.dq
+    for i in range(out.shape[0]):
+        out[i] = 0.0
+    add_slopes(tr.stages, 0, weights, n, out)
+    if of_parameters:
+        motion_of_rate(run.system.parts, run.state.q, out, tr.dq)
