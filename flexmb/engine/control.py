@@ -139,8 +139,8 @@ def proposed(method, settings, plan, time_events, st, times, room):
     if st.memory[TURNING] > 0.0:
         h = min(h, settings.turn / st.memory[TURNING])
     if settings.determined == 1 and method.stages == 0 and st.memory[SPEED] > 0.0:
-        # Nothing is integrated but the work of the drivers, by a cubic of their power.
-        h = min(h, (2.0 * settings.accuracy) ** 0.25 / st.memory[SPEED])
+        # Nothing is integrated but the work of the drivers, from powers of the method's order.
+        h = min(h, (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4)) / st.memory[SPEED])
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     if settings.refinement > 0.0:
         return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])

@@ -21,10 +21,11 @@ __all__ = [
 # that the next pass aims at; from which on a sentence tells it.
 _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
-# after a pass that was in vain: they part, whatever the steps.
-_MOST_STEPS, _IN_VAIN = 5.0, 0.5
+# after a pass that was in vain, which after this many means that they part whatever the steps.
+_MOST_STEPS, _IN_VAIN, _PATIENT = 5.0, 0.5, 2
+_FINEST = 1e-13  # local tolerance, above round-off
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
-_MANY, _OFTEN = 200, 0.15
+_MANY, _OFTEN = 200, 0.35
 # Their share in a run of fixed steps that fails by that.
 _SELDOM = 0.01
 
@@ -43,12 +44,13 @@ def stricter_tolerance(prepared: Prepared) -> float | None:
     worst = verified.errors().get("positions")
     if worst is None or worst.error <= _ENOUGH * settings.accuracy:
         return None
-    before = prepared.pace[4]
-    if before > 0.0 and verified.difference > _IN_VAIN * before:
+    before, passes = prepared.pace[4], prepared.pace[1]
+    if passes > _PATIENT and verified.difference > _IN_VAIN * before:
         return None
     chosen, share = verified.kept.method, _AIM * settings.accuracy / worst.error
     factor = share ** (chosen.error_order / verified.order)
-    return float(settings.tolerance * max(factor, _MOST_STEPS**-chosen.error_order))
+    stricter = settings.tolerance * max(factor, _MOST_STEPS**-chosen.error_order)
+    return max(float(stricter), _FINEST) if settings.tolerance > 2.0 * _FINEST else None
 
 
 def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:

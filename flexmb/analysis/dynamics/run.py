@@ -28,7 +28,7 @@ _LEAST_CHUNK = 4
 _LOOK_EVERY = 5_000
 _MOST_STEPS, _MOST_STABLE_STEPS = 1e9, 1e7
 # Share of steps at the limit of stability that makes a run one that stability limits.
-_OFTEN = 0.15
+_OFTEN = 0.35
 # Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _AT_REST = 1e-6
 

@@ -27,7 +27,9 @@ _AT_REST = 1e-10  # of the size of the model, or of a radian, within the run
 # Energy lost over the error from which on vibrations are damped; the ratio of errors there: what
 # is damped moves a sensor as the square of its period.
 _DAMPED, _DAMPED_RATIO = 3.0, 2.6
-_LEAST_ORDER = 1.0
+# Difference of a pass below which that of the next one is compared with it; least share of the
+# order that two passes may show.
+_ALIKE, _LEAST_ORDER = 0.05, 0.5
 PACE = "pace"
 """Its name among what is saved."""
 
@@ -61,14 +63,17 @@ class VerifiedRun:
 
     @property
     def order(self) -> float:
-        """That of the method, or less, where the difference fell less since the pass before."""
+        """That of the method, or less, where the difference fell less since the pass before.
+
+        Not where the runs were different motions then, whose difference says nothing.
+        """
         chosen = self.kept.method
         tolerance, before, difference = self.pace[0], self.pace[3], self.pace[4]
         now = self.difference
-        if difference == 0.0 or now == 0.0:
+        if not 0.0 < difference < _ALIKE or now == 0.0:
             return chosen.order
         seen = chosen.error_order * math.log(difference / now) / math.log(before / tolerance)
-        return min(max(seen, _LEAST_ORDER), chosen.order)
+        return min(max(seen, _LEAST_ORDER * chosen.order), chosen.order)
 
     @property
     def ratio(self) -> float:

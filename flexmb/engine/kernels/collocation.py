@@ -11,12 +11,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine import method
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.kernels.stages import walk
+from flexmb.engine.method import (
+    AGE,
+    CONTRACTION,
+    FACTOR_STEP,
+    FACTORISATIONS,
+    FINE,
+    FIXED_PIVOTS,
+    SYMMETRIC,
+)
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
@@ -47,7 +55,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     pair, memory = col.pair, run.state.memory
     n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
     x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
-    fac.symmetric[0] = int(memory[method.SYMMETRIC])
+    fac.symmetric[0] = int(memory[SYMMETRIC])
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
     put_matrix(run, at, 0.0, 0.0)
@@ -62,7 +70,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     keep_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
     _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[method.FIXED_PIVOTS] += ldl.factor(kkt, fac)
+    run.state.count[FIXED_PIVOTS] += ldl.factor(kkt, fac)
     real = col.real
     copy(fac.low, real.low)
     copy(fac.up, real.up)
@@ -70,9 +78,9 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     copy(fac.eps, real.eps)
     real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
     ldl.factor_complex(kkt, pair)
-    run.state.count[method.FACTORISATIONS] += 2
-    memory[method.AGE], memory[method.CONTRACTION], memory[method.FACTOR_STEP] = 0.0, 1.0, h
-    return method.FINE
+    run.state.count[FACTORISATIONS] += 2
+    memory[AGE], memory[CONTRACTION], memory[FACTOR_STEP] = 0.0, 1.0, h
+    return FINE
 
 
 @kernel
@@ -153,4 +161,4 @@ def filter_motion(run: Run, x: Vector) -> int:
     ldl.solve(kkt, real, real.sol)
     for k in range(nv):
         x[k] = real.sol[place[k]]
-    return method.FINE
+    return FINE

@@ -76,7 +76,7 @@ def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, 
     accuracy = 1e-6
     outcome, t, sensors, _ = simulated(high(), accuracy=accuracy, **knobs, **LONG)
     assert outcome.status == "finished"
-    assert outcome.statistics["passes"] == 2  # the second in vain
+    assert outcome.statistics["passes"] == 3  # the last in vain
     (note,) = [note for note in outcome.notes if note.startswith("accuracy 1e-06 was asked for")]
     assert "sensor end" in note and "multiplies errors" in note
     told = float(re.search(r"agree to it until t = ([\d.]+) s", note)[1])
