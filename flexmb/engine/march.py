@@ -59,11 +59,12 @@ def accept_step(run: Run, h: float) -> int:
     st, tr, settings, at = run.state, run.work.trial, run.settings, run.trial_point
     before, controlled = tr.before, settings.step == 0.0
     before.t[0] = st.t[0]
-    copy(st.q, before.q)
-    copy(st.v, before.v)
-    copy(st.work_done, before.work_done)
-    copy(st.power, before.power)
-    copy(st.history, before.history)
+    if controlled or _is_output_within(run):
+        copy(st.q, before.q)
+        copy(st.v, before.v)
+        copy(st.work_done, before.work_done)
+        copy(st.power, before.power)
+        copy(st.history, before.history)
     angles = len(run.stages.angles.units) > 0
     if settings.works == 1 or angles:
         pose_stage(run, at)
@@ -99,6 +100,14 @@ def accept_step(run: Run, h: float) -> int:
         control.follow_motion(run)
         control.write_plan(settings, run.plan, st)
     return FINE
+
+
+@kernel
+def _is_output_within(run):
+    """Whether an output is due before the end of the step."""
+    k = run.state.count[OUTPUTS]
+    end = run.work.trial.t[0] - control.round_off(run.settings)
+    return k < run.times.shape[0] and run.times[k] < end
 
 
 @kernel
