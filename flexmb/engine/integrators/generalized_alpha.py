@@ -303,8 +303,8 @@ def _put_algorithmic(alpha, st, tr):
         tr.aa[i] = (new - alpha.alpha_m * tr.aa_start[i]) / (1.0 - alpha.alpha_m)
 
 
-@kernel
-def _project(run, alpha, b):
+@unit
+def _project(run: Run, alpha: Alpha, b: float) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
     cp = b if run.settings.determined == 0 else 0.0
     run.state.count[FACTORISATIONS] += 1
