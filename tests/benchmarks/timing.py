@@ -18,6 +18,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
+from flexmb.engine.units import hand_over
 from flexmb.engine.work import new_output, new_run, new_work, output_run
 from flexmb.results import ResultWriter
 from tests.benchmarks.models import chain_model
@@ -56,7 +57,7 @@ def per_step(model, compiled, h, count):
         work = new_work(compiled.system, channels, chosen)
         out = new_output(compiled.system, 4, channels)
         run = new_run(compiled.system, state, work, chosen, settings, output=out)
-        aside = output_run(run)
+        run, aside = hand_over(run), hand_over(output_run(run))
         begin = time.process_time()
         status = integrate(run, 1 if k == 0 else count, aside)
         if k:  # the first loads or compiles the loop
