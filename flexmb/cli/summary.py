@@ -28,7 +28,7 @@ _ERRORS = {
     "largest_velocity_drift": ("velocity drift", f"m/s or rad/s, {_PROJECTED}"),
 }
 _TOLD = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s", "largest_step_s")
-_SCOUTED = ("method", "passes", "scout_steps", "accuracy_asked")
+_SCOUTED = ("method", "reason_of_method", "passes", "scout_steps", "accuracy_asked")
 _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
@@ -137,7 +137,8 @@ def _about_steps(known: Mapping[str, Number], units: UnitSystem) -> Iterator[str
         least = units.outward(float(known["smallest_step_s"]), "s")
         yield f"of {least:.3g} to {units.say(float(known['largest_step_s']), 's', 3)}"
     if "method" in known:
-        yield f"by {known['method']}"
+        reason = f" ({known['reason_of_method']})" if "reason_of_method" in known else ""
+        yield f"by {known['method']}{reason}"
     if "scout_steps" in known:
         passes = int(known.get("passes", 1))
         again = f" in the last of {passes} passes" if passes > 1 else ""

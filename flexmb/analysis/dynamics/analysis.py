@@ -36,7 +36,12 @@ from flexmb.analysis.mobility.report import redundant_reactions
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units, prepare_integration
-from flexmb.engine.integrators import STIFF_METHOD, chosen_method, method_name
+from flexmb.engine.integrators import (
+    STIFF_METHOD,
+    chosen_method,
+    method_name,
+    reason_of_method,
+)
 from flexmb.engine.units import prepare_units
 from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.model.forces.friction import BaseFriction
@@ -237,6 +242,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             "inertia in some direction that it can move in, or the pose is singular"
         )
     statistics = {"method": prepared.method, **_statistics(run, clock)}
+    reason = reason_of_method(spec, prepared.method, _is_flexible(run.compiled))
+    if reason:
+        statistics["reason_of_method"] = reason
     statistics |= error_statistics(prepared)
     if status == "finished":
         notes += missed_accuracy(prepared)

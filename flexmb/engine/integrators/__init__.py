@@ -14,7 +14,14 @@ from flexmb.engine.method import Method
 if TYPE_CHECKING:  # compilers of units import this package, and need no scenes
     from flexmb.model.tasks.dynamics import DynamicsSpec
 
-__all__ = ["AUTO", "STIFF_METHOD", "chosen_method", "import_methods", "method_name"]
+__all__ = [
+    "AUTO",
+    "STIFF_METHOD",
+    "chosen_method",
+    "import_methods",
+    "method_name",
+    "reason_of_method",
+]
 
 AUTO = "auto"
 STIFF_METHOD = "radau"
@@ -47,6 +54,17 @@ def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
     if spec.step is not None:
         return "generalized-alpha"
     return STIFF_METHOD if flexible else "explicit-rk"
+
+
+def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:
+    """Why `method = "auto"` has chosen it; nothing where the scene names its method."""
+    if spec.method != AUTO:
+        return ""
+    if spec.step is not None:
+        return "fixed steps"
+    if name != STIFF_METHOD:
+        return "nothing stiff"
+    return "flexible bodies" if flexible else "stability limits the steps of explicit-rk"
 
 
 def chosen_method(spec: DynamicsSpec, name: str | None = None) -> Method:
