@@ -29,7 +29,7 @@ from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock, Run
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
-from flexmb.analysis.dynamics.survey import survey
+from flexmb.analysis.dynamics.survey import needs_survey, survey
 from flexmb.analysis.mobility.conflicts import driver_problems
 from flexmb.analysis.mobility.rank import constraint_rank, n_free
 from flexmb.analysis.mobility.report import redundant_reactions
@@ -270,7 +270,8 @@ def _integrate(
     status = method.FINE
     try:
         if prepared.rows_before == 0:
-            if prepared.pace[1] == 1.0:
+            if needs_survey(prepared):
+                sink.save_state(prepared.saved())  # so that a kill meanwhile loses nothing
                 survey(prepared, progress)
             sink.save_state(prepared.saved())
             status, rows = run.advance(first=True) if verified is None else verified.march(True)

@@ -15,22 +15,27 @@ from flexmb.engine.integrators import STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.progress import Progress
 
-__all__ = ["survey"]
+__all__ = ["needs_survey", "survey"]
 
 _ROUGH = 1e-3  # local error over the motion
 _LEAST_MOTION = 1e-3  # that counts, over the size of the model
 
 
+def needs_survey(prepared: Prepared) -> bool:
+    """Whether a run is to know beforehand what it will move: by the method for stiff motions."""
+    controlled, first = prepared.settings.step == 0.0, prepared.pace[1] == 1.0
+    return prepared.method == STIFF_METHOD and controlled and bool(first)
+
+
 def survey(prepared: Prepared, progress: Progress) -> None:
-    """Let a run by the method for stiff motions know what it will move, from a rough run."""
+    """Let a run know what it will move, from a rough run."""
     own, settings = prepared.run, prepared.settings
-    if prepared.method != STIFF_METHOD or settings.step > 0.0:
-        return
     rough = settings._replace(
         interval=settings.end - settings.start, tolerance=_ROUGH, accuracy=_ROUGH,
         least_motion=_LEAST_MOTION,
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
+    state.motion[:] = state.speed[:] = 0.0
     run, status = Run(own.compiled, own.method, rough, state), method.FINE
     while status == method.FINE and not run.finished:
         status, _ = run.advance()
