@@ -83,7 +83,7 @@ def test_the_bytes_are_the_same_after_two_kills(tmp_path: Path) -> None:
     "knobs",
     [
         (20, "dynamics.step=turn/100000"),
-        (5, "dynamics.accuracy=1e-4", "dynamics.duration=200*turn", "dynamics.outputs=4000"),
+        (5, "dynamics.accuracy=1e-4", "dynamics.duration=600*turn", "dynamics.outputs=12000"),
     ],
     ids=["fixed steps", "error control"],
 )
