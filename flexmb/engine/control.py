@@ -7,7 +7,8 @@ change costs a factorisation and lets the estimate ring, steps grow by a quarter
 right after a rejection. Steps under error control end at known kinks of functions of time, and
 never turn a body by more than a radian, so that turns can be counted. A run that follows the plan
 of another one takes as many times more steps as it is told, spread alike, and shorter ones where
-its own estimate asks for that.
+its own estimate asks for that. Where a force jumps or has a kink, which shows in errors that fall
+slower than the order says, a step must leave a small share of the accuracy.
 """
 
 from __future__ import annotations
@@ -80,8 +81,6 @@ _REST = 10.0
 _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest motion in the model.
 _LEAST_SHARE = 1e-3
-# That of its modes as this share at least of its own: a sensor sees both.
-_FLEXIBLE_SHARE = 1.0
 
 
 @kernel
@@ -316,7 +315,7 @@ def follow_motion(run: Run) -> int:
         memory[TURNING] = max(memory[TURNING], rate)
         _follow(st, w, iq + 7, iv + 6, m)
         moved, fast = max(st.motion[iv], st.motion[iv + 3]), max(st.speed[iv], st.speed[iv + 3])
-        _raise(st, iv + 6, m, _FLEXIBLE_SHARE * moved, _FLEXIBLE_SHARE * fast)
+        _raise(st, iv + 6, m, moved, fast)  # a sensor sees both
     for k in range(coordinates.shape[0]):
         _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0

@@ -13,7 +13,12 @@ import numpy as np
 import pytest
 from accuracyscenes import AWAY, CYCLES, SCENES, beside_a_large_motion, moved, truth_of
 from accuracyscenes.judging import METHODS, judged, largest_error
-from flexiblescenes import flexible_crank, flexible_pendulum
+from flexiblescenes import (
+    flexible_crank,
+    flexible_pendulum,
+    four_bar_with_a_beam,
+    suddenly_loaded_beam,
+)
 from truthkit import reference, run
 
 from flexmb.model import Model
@@ -184,6 +189,31 @@ def test_flexible_bodies_reach_the_accuracy_asked_for(name, method, accuracy):
     assert error < 2 * accuracy
     if max(error, told) > 0.2 * accuracy:
         assert 1 / 3 < told / error < 5
+
+
+def test_bending_beside_a_large_motion_is_as_accurate():
+    """What a small sensor sees of a body's vibrations may be all damped, in run and scout alike."""
+    made = flexible_pendulum()
+    made.add_sensor("bend", "position", of="rod.tip", relative_to="rod.root", axes="rod.root")
+    knobs = {"duration": 0.3, "outputs": 60}
+    truth = run(made, accuracy=1e-7, method="radau", verify=False, **knobs).vector("bend")
+    found = run(made, accuracy=1e-3, **knobs)
+    error = np.abs(found.vector("bend") - truth).max() / np.ptp(truth, axis=0).max()
+    assert error < 2e-3
+    assert error < 3 * found.statistics["measured_error_of_positions"]
+
+
+@pytest.mark.parametrize(
+    ("make", "duration", "accuracy", "most"),
+    [(four_bar_with_a_beam, 1.2, 1e-4, 3000), (suddenly_loaded_beam, 0.6, 1e-3, 5000)],
+)
+def test_what_only_trembles_is_not_resolved(make, duration, accuracy, most):
+    """From rest, and suddenly loaded: with few steps as accurate as asked for."""
+    knobs = {"duration": duration, "outputs": 50}
+    truth = run(make(), accuracy=accuracy / 30, method="radau", verify=False, **knobs).sensors
+    found = run(make(), accuracy=accuracy, **knobs)
+    assert found.statistics["steps"] < most
+    assert np.abs(found.sensors - truth).max() < 2 * accuracy * np.ptp(truth, axis=0).max()
 
 
 @pytest.mark.parametrize("method", ["generalized-alpha", "order 5", "explicit-rk", "radau"])

@@ -13,6 +13,7 @@ from flexmb.analysis.dynamics.run import Run
 from flexmb.engine import method
 from flexmb.engine.integrators import STIFF_METHOD
 from flexmb.engine.state import State
+from flexmb.errors import FlexmbError
 from flexmb.progress import Progress
 
 __all__ = ["needs_survey", "survey"]
@@ -37,9 +38,12 @@ def survey(prepared: Prepared, progress: Progress) -> None:
     state = State(*(array.copy() for array in prepared.first))
     state.motion[:] = state.speed[:] = 0.0
     run, status = Run(own.compiled, own.method, rough, state), method.FINE
-    while status == method.FINE and not run.finished:
-        status, _ = run.advance()
-        progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
+    try:
+        while status == method.FINE and not run.finished:
+            status, _ = run.advance()
+            progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
+    except FlexmbError:  # too many steps: the run itself says so, if it does as well
+        return
     if status != method.FINE:
         return
     states = [prepared.first, own.state]

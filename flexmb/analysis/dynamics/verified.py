@@ -24,9 +24,8 @@ __all__ = ["PACE", "VerifiedRun"]
 
 _SCOUT = "scout_"
 _AT_REST = 1e-10  # of the size of the model, or of a radian, within the run
-# Energy lost over the error from which on vibrations are damped; the ratio of errors there: what
-# is damped moves a sensor as the square of its period.
-_DAMPED, _DAMPED_RATIO = 3.0, 2.6
+# Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
+_DAMPED_RATIO = 2.6
 # Difference of a pass below which that of the next one is compared with it; least share of the
 # order that two passes may show.
 _ALIKE, _LEAST_ORDER = 0.05, 0.5
@@ -135,13 +134,9 @@ class VerifiedRun:
         """The measured error of each quantity.
 
         Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
-        between: the energy balance tells.
+        between, which may be all that a small sensor sees: no balance of energies tells.
         """
-        found = self.error.largest(self.ratio)
-        told = found["positions"].error if "positions" in found else np.inf
-        if self._vibrates and self.kept.balance.relative > _DAMPED * told:
-            return self.error.largest(min(self.ratio, _DAMPED_RATIO))
-        return found
+        return self.error.largest(min(self.ratio, _DAMPED_RATIO) if self._vibrates else self.ratio)
 
     @property
     def _vibrates(self) -> bool:
