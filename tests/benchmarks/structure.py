@@ -66,16 +66,13 @@ def repeated_base_names():
 
 
 def imports():
-    """Modules of the package that each of its modules imports, within functions too.
-
-    Imports for type checking alone are left out.
-    """
+    """Modules of the package that each imports: when loaded, within functions, for types."""
     names = {module_of(file): file for file in files()}
     edges = {}
     for module, file in names.items():
         package = module if file.name == "__init__.py" else module.rpartition(".")[0]
         edges[module] = set()
-        for node in _statements(ast.parse(file.read_text())):
+        for node in ast.walk(ast.parse(file.read_text())):
             for name in _targets(node, package):
                 target = name
                 while target and target not in names:
@@ -173,13 +170,6 @@ def seconds_of(*words, times=3):
                        stdout=subprocess.DEVNULL)  # fmt: skip
         least = min(least, time.perf_counter() - begin)
     return least
-
-
-def _statements(tree):
-    for node in ast.iter_child_nodes(tree):
-        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
-            yield node
-            yield from _statements(node)
 
 
 def _targets(node, package):
