@@ -1,25 +1,26 @@
-"""What a result file holds, as it holds it: facts of the run, and tables over time.
+"""Reading a result: facts of the run, and its tables over time.
 
-In: the path of a file. Out: properties, read when asked for; arrays that cannot be changed.
+In: the path of a file. Out: properties, read when they are used; read-only arrays. A result in a
+temporary folder (`TemporaryFolder`) removes it when it is no longer used.
 """
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
-from flexmb.results.keep import not_kept, row_bytes
-from flexmb.results.layout import Columns
-from flexmb.results.read import read_contents, read_state, read_table
-from flexmb.results.schema import widths
-from flexmb.results.scratch import scratch_of
+from flexmb.results.columns import Columns, widths
+from flexmb.results.output_request import describe_missing, row_bytes
+from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
-
-__all__ = ["Stored"]
 
 Array = NDArray[np.float64]
 Places = list[int] | NDArray[np.int64] | slice
@@ -27,9 +28,38 @@ Places = list[int] | NDArray[np.int64] | slice
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
 _WORK = "_work"  # energies of this ending were done by something, the others are stored
+_ERRORS = {  # statistic -> its name, and what it is relative to
+    "measured_error_of_positions": (
+        "measured error", " of the peak-to-peak of the worst sensor",
+    ),
+    "estimated_error": ("estimated error", " of the motion"),
+    "energy_balance_error": ("energy balance error", " of the energy moved"),
+    "largest_position_drift": ("largest position drift", " m or rad"),
+}  # fmt: skip
 
 
-class Stored:
+class TemporaryFolder:
+    """A new folder for results without a place of their own; removed with the last of them.
+
+    It exists while this object or a `ResultReader` of a file in it does, at the latest until Python
+    ends. `Result.save` copies what is worth keeping.
+    """
+
+    living: ClassVar[weakref.WeakValueDictionary[Path, TemporaryFolder]]
+    living = weakref.WeakValueDictionary()
+    permanent: ClassVar[list[TemporaryFolder]] = []
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="flexmb-")).resolve()
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+        self.living[self.path] = self
+
+    def preserve(self) -> None:
+        """Keep the folder until Python ends, for a user to whom its path was reported."""
+        self.permanent.append(self)
+
+
+class ResultReader:
     """Facts and tables of one run; see `Result`."""
 
     def __init__(self, path: str | Path) -> None:
@@ -38,7 +68,7 @@ class Stored:
         self.path = inside if inside.is_file() else path
         self._contents = read_contents(self.path)
         self._tables: dict[str, Array] = {}
-        self._scratch = scratch_of(self.path.parent)  # a temporary folder lives as long as this
+        self._folder = TemporaryFolder.living.get(self.path.parent.resolve())
 
     @property
     def status(self) -> str:
@@ -71,7 +101,7 @@ class Stored:
 
     @property
     def extended(self) -> bool:
-        """Whether the run was given another duration than its scene began with."""
+        """Whether the duration is no longer the one that the scene began with."""
         return self._contents.extended
 
     @property
@@ -91,7 +121,7 @@ class Stored:
 
     @property
     def texts(self) -> dict[str, str]:
-        """Further texts kept with the result, such as the scene file's own."""
+        """Further texts stored with the result, such as the scene file's own."""
         return self._contents.texts
 
     @property
@@ -108,7 +138,7 @@ class Stored:
     @property
     def time(self) -> Array:
         """Output times (n,) in the scene's units."""
-        return self.told(self.table("time"), "s")
+        return self.in_scene_units(self.table("time"), "s")
 
     @property
     def q(self) -> Array:
@@ -132,13 +162,13 @@ class Stored:
 
     @property
     def energy(self) -> dict[str, Array]:
-        """Energies and works by name, each (n,) in the scene's units, as far as they were kept.
+        """Energies and works by name, each (n,) in the scene's units, as far as they are stored.
 
         Stored: kinetic, strain, gravity, spring. Done since the start: driver_work, damper_work,
         applied_work.
         """
-        numbers = self._contents.kept["energy"]
-        table = self.told(self.part("energy", numbers), "J")
+        numbers = self._contents.stored["energy"]
+        table = self.in_scene_units(self.part("energy", numbers), "J")
         return {self.layout.energies[k]: table[:, i] for i, k in enumerate(numbers)}
 
     @property
@@ -160,38 +190,38 @@ class Stored:
 
     @property
     def row_bytes(self) -> tuple[int, int]:
-        """Bytes that a row takes in the file, and would take if everything were kept."""
-        return row_bytes(self._contents.kept), 8 * sum(widths(self.layout).values())
+        """Bytes that a row takes in the file, and would take if everything were stored."""
+        return row_bytes(self._contents.stored), 8 * sum(widths(self.layout).values())
 
     def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
         """The newest whole state of the integrator, and how many rows were written before it.
 
-        None where the run was cut off before the first state was kept.
+        None where the run was cut off before the first state was stored.
         """
         return read_state(self.path, self._contents.run)
 
     def refresh(self) -> None:
-        """Look at the file again, for a run that has gone on since."""
+        """Read the file again, for a run that has continued since."""
         self._contents = read_contents(self.path)
         self.close()
 
     def close(self) -> None:
-        """Let go of the arrays read so far; the file itself is never held open."""
+        """Release the arrays read so far; the file itself does not stay open."""
         self._tables.clear()
 
-    def told(self, values: Array, unit: str) -> Array:
-        """SI values in the scene's units, read-only like the table they are from."""
-        told: Array = self.units.outward(values, unit) if unit else values
-        told.flags.writeable = False
-        return told
+    def in_scene_units(self, values: Array, unit: str) -> Array:
+        """SI values in the scene's units, read-only like their table."""
+        scaled: Array = self.units.outward(values, unit) if unit else values
+        scaled.flags.writeable = False
+        return scaled
 
     def table(self, name: str) -> Array:
-        """A whole table, SI; names as in `schema`.
+        """A whole table, SI; names as in `columns`.
 
         Raises
         ------
         ResultFileError
-            The run did not keep all of it.
+            The run did not store all of it.
         """
         return self._stored(name) if name == "time" else self.part(name)
 
@@ -201,32 +231,58 @@ class Stored:
         Raises
         ------
         ResultFileError
-            The run did not keep them.
+            The run did not store them.
         """
-        kept, width = self._contents.kept[name], widths(self.layout)[name]
-        if len(kept) == width:
-            whole: Array = self._stored(name)[:, columns]
-            return whole
+        stored, width = self._contents.stored[name], widths(self.layout)[name]
+        if len(stored) == width:
+            return np.asarray(self._stored(name)[:, columns])
         wanted = np.arange(width)[columns]
-        missing = np.setdiff1d(wanted, kept)
+        missing = np.setdiff1d(wanted, stored)
         if len(missing):
-            what = not_kept(self.layout, self.model, name, missing.tolist())
+            what = describe_missing(self.layout, self.model, name, missing.tolist())
             raise ResultFileError(f"{self.path}: {what}")
-        found: Array = self._stored(name)[:, np.searchsorted(kept, wanted)]
-        return found
+        return np.asarray(self._stored(name)[:, np.searchsorted(stored, wanted)])
 
-    def is_kept(self, name: str, columns: Places = _ALL) -> bool:
-        """Whether the run kept these columns of a table."""
+    def has_columns(self, name: str, columns: Places = _ALL) -> bool:
+        """Whether the run stored these columns of a table."""
         if name == "balance":
             name, columns = "energy", _ALL
         wanted = np.arange(widths(self.layout)[name])[columns]
-        return bool(np.isin(wanted, self._contents.kept[name]).all())
+        return bool(np.isin(wanted, self._contents.stored[name]).all())
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        """How the run ended, its time, steps and errors, in words; nothing for what is missing."""
+        statistics, t = self.statistics, self.time
+        yield "status", self.status + (f": {self.message}" if self.message else "")
+        if len(t):
+            yield "time", f"{t[0]:g} to {t[-1]:g} {self.units.label('s')}, {len(t)} rows"
+        if "steps" in statistics:
+            whole = "integrate" in self.seconds and "resumed_at_s" not in statistics
+            spent = f" in {self.seconds['integrate']:.3g} s" if whole else ""
+            yield "steps", f"{statistics['steps']}{spent}"
+        for key, (name, unit) in _ERRORS.items():
+            if key in statistics:
+                yield name, f"{statistics[key]:.2g}{unit}"
+
+    def _row_at(self, time: float) -> tuple[int, float]:
+        """Row before a time in the scene's units, and the fraction of the way to the next one."""
+        t, unit = self.time, self.units.label("s")
+        if not len(t):
+            raise ResultFileError(f"{self.path}: holds no output rows")
+        slack = 1e-9 * max(abs(t[0]), abs(t[-1]))  # a time the user typed in decimals
+        if not t[0] - slack <= time <= t[-1] + slack:
+            span = f"{t[0]:g} to {t[-1]:g} {unit}"
+            raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
+        i = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
+        if i == len(t) - 1:
+            return i, 0.0
+        return i, float(np.clip((time - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0))
 
     def _stored(self, name: str) -> Array:
         """A table as the file holds it."""
         if name not in self._tables:
             contents = self._contents
             table = read_table(self.path, contents.run, name, contents.rows)
-            table.flags.writeable = False  # shared by all who ask
+            table.flags.writeable = False  # all callers share it
             self._tables[name] = table
         return self._tables[name]

@@ -12,7 +12,7 @@ from resultfiles import SCENE, block, writer
 from flexmb.errors import ResultFileError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import rigid_body, save, von_mises
-from flexmb.results import Result, recovered
+from flexmb.results import Result, recovery
 
 SWING = np.array([[0.0, 0.0], [1.0, -2.0], [-3.0, 0.5], [0.5, 0.5]]) * 1e-6
 
@@ -77,7 +77,7 @@ def test_peaks_are_the_largest_of_all_rows_however_they_are_cut(
     result: Result, monkeypatch
 ) -> None:
     whole = result.von_mises("rod").values
-    monkeypatch.setattr(recovered, "_CHUNK", 1.0)  # one row at a time
+    monkeypatch.setattr(recovery, "_BATCH_BYTES", 1.0)  # one row at a time
     peak = result.peak_von_mises("rod")
     np.testing.assert_allclose(peak.values, whole.max(axis=0), rtol=1e-12)
     moved = peak.values > 0
@@ -128,7 +128,7 @@ def test_numbers_are_told_in_the_units_of_the_scene(tmp_path: Path, body) -> Non
     [
         (lambda r: r.stress("rot"), 'no flexible body "rot"; nearest: rod'),
         (lambda r: r.stress("crank"), 'no flexible body "crank"'),
-        (lambda r: r.stress("rod", node=77), "no stress at node 77; it tells it at 5 nodes"),
+        (lambda r: r.stress("rod", node=77), "no stress at node 77; it has stress at 5 nodes"),
         (lambda r: r.stress("rod", layer="+y+s"), 'layer "\\+y\\+s"; nearest: \\+y'),
         (lambda r: r.stress("rod", 1.0), "outside the run"),
         (lambda r: r["rod.stress.3.xx"], "has 8 stresses at node 3 .*name a layer"),
@@ -157,7 +157,7 @@ def test_a_body_without_stress_and_one_that_is_too_large(tmp_path, body, monkeyp
     with pytest.raises(ResultFileError, match="holds no section forces"):
         bare.section_forces("rod")
     assert bare.channels("stress") == ()
-    monkeypatch.setattr(recovered, "_MOST", 100.0)
+    monkeypatch.setattr(recovery, "_MAX_BYTES", 100.0)
     save(body, tmp_path / "rod.flexbody.h5")
     with pytest.raises(ResultFileError, match="GB: give a time, a node or a layer"):
         Result(tmp_path).stress("rod")

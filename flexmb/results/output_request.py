@@ -1,9 +1,8 @@
-"""What of a run is stored: the columns of each table that a scene's ``[results] keep`` names.
+"""Which columns of a run are stored: those that a scene requests by ``[results] keep``.
 
-In: the columns of a system and its scene. Out: numbers of the stored columns by table. A name is a
-group of `GROUPS`, a body, joint, driver, sensor or energy, or a channel, each perhaps with the
-wildcards ``*``, ``?`` and ``[...]``. Times and constraint drift are always stored, and so are the
-channels that the scene plots or knows answers of.
+A name is a group of `GROUPS`, a body, joint, driver, sensor or energy, or a channel, each perhaps
+with the wildcards ``*``, ``?`` and ``[...]``. Times and constraint drift are always stored, and so
+are the channels that the scene plots or checks.
 """
 
 from __future__ import annotations
@@ -17,13 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.results.channels import channels
-from flexmb.results.layout import Columns
-from flexmb.results.schema import widths
+from flexmb.results.channels import list_channels
+from flexmb.results.columns import Columns, widths
 
-__all__ = ["GROUPS", "Kept", "kept_columns", "not_kept", "row_bytes"]
-
-Kept = dict[str, NDArray[np.int64]]
+StoredColumns = dict[str, NDArray[np.int64]]
 
 GROUPS = {
     "sensors": "channels of sensors, states and controllers",
@@ -53,7 +49,7 @@ _MODAL = re.compile(r"\.eta\.\d+$")
 
 
 class _Column(NamedTuple):
-    """One column, and all it is known by."""
+    """One column with its groups and names."""
 
     table: str
     number: int
@@ -61,9 +57,9 @@ class _Column(NamedTuple):
     names: tuple[str, ...]
 
 
-def kept_columns(
+def stored_columns(
     columns: Columns, scene: Mapping[str, Any], unreduced: Collection[str] = ()
-) -> Kept:
+) -> StoredColumns:
     """Numbers of the stored columns by table.
 
     Parameters
@@ -73,44 +69,48 @@ def kept_columns(
     scene : mapping
         The scene; without ``[results] keep`` everything is stored.
     unreduced : collection of str
-        Bodies whose modal coordinates are not known yet.
+        Bodies that are not reduced yet: names of their modal coordinates are accepted.
 
     Raises
     ------
     SceneError
         Names of nothing.
     """
-    asked = tuple(scene.get("results", {}).get("keep", ()))
+    requested = tuple(scene.get("results", {}).get("keep", ()))
     everything = {name: np.arange(width) for name, width in widths(columns).items()}
-    if not asked:
+    if not requested:
         return everything
-    there, stored, problems = list(_columns(columns, scene)), set[tuple[str, int]](), []
-    for i, item in enumerate(asked):
-        found = _matching(there, item)
-        if not found and not _of_unreduced(item, unreduced):
-            problems.append(_unknown(f"results.keep[{i}]", item, there))
-        stored |= found
+    available, stored, problems = list(_columns(columns, scene)), set[tuple[str, int]](), []
+    for i, item in enumerate(requested):
+        matches = _matching(available, item)
+        body, _, rest = item.removeprefix("bodies.").partition(".")
+        if not matches and not (rest.startswith("eta") and body in unreduced):
+            problems.append(_unknown(f"results.keep[{i}]", item, available))
+        stored |= matches
     if problems:
         raise SceneError.from_problems(problems)
-    for name in _needed(scene):
-        stored |= {(c.table, c.number) for c in there if c.table == "sensors" and name in c.names}
+    needed = {str(check["sensor"]) for check in scene.get("check", ()) if "sensor" in check}
+    needed |= set(scene.get("view", {}).get("history", ()))
+    stored |= {
+        (c.table, c.number) for c in available if c.table == "sensors" and needed & {*c.names}
+    }
     return {
-        name: numbers if name in _ALWAYS else np.array(_of_table(stored, name), np.int64)
-        for name, numbers in everything.items()
+        table: numbers
+        if table in _ALWAYS
+        else np.array(sorted(k for name, k in stored if name == table), np.int64)
+        for table, numbers in everything.items()
     }
 
 
-def _of_table(stored: Iterable[tuple[str, int]], table: str) -> list[int]:
-    return sorted(number for name, number in stored if name == table)
-
-
-def row_bytes(kept: Kept) -> int:
+def row_bytes(stored: StoredColumns) -> int:
     """Bytes that one row takes in the file."""
-    return 8 * sum(len(numbers) for numbers in kept.values())
+    return 8 * sum(len(numbers) for numbers in stored.values())
 
 
-def not_kept(columns: Columns, scene: Mapping[str, Any], table: str, missing: Iterable[int]) -> str:
-    """The sentence for columns that were left out, with what would keep them."""
+def describe_missing(
+    columns: Columns, scene: Mapping[str, Any], table: str, missing: Iterable[int]
+) -> str:
+    """The sentence for columns that were not stored, with the request that stores them."""
     wanted = set(missing)
     lacking = [c for c in _columns(columns, scene) if c.table == table and c.number in wanted]
     groups = set.intersection(*({*c.groups} for c in lacking)) if lacking else set()
@@ -121,10 +121,10 @@ def not_kept(columns: Columns, scene: Mapping[str, Any], table: str, missing: It
 
 
 def _columns(columns: Columns, scene: Mapping[str, Any]) -> Iterator[_Column]:
-    """Every column that may be left out."""
+    """Every column that need not be stored."""
     names: dict[tuple[str, int], list[str]] = {}
     for group in ("sensors", "reactions", "energy", "coordinates", "accelerations"):
-        for channel in channels(columns, scene, group):
+        for channel in list_channels(columns, scene, group):
             if channel.table in _GROUPS_OF:
                 names.setdefault((channel.table, channel.column), []).append(channel.name)
     for k, row in enumerate(columns.rows):
@@ -132,16 +132,16 @@ def _columns(columns: Columns, scene: Mapping[str, Any]) -> Iterator[_Column]:
     bodies = {body.name for body in columns.bodies}
     for table, width in widths(columns).items():
         for k in range(width) if table in _GROUPS_OF else ():
-            known = names.get((table, k), [])
-            modal = table == "q" and any(_MODAL.search(name) for name in known)
+            own = names.get((table, k), [])
+            modal = table == "q" and any(_MODAL.search(name) for name in own)
             groups = _GROUPS_OF[table] + (("modal-coordinates",) if modal else ())
-            more = [
-                f"{section}.{name}" for name in known for section in _sections(table, name, bodies)
+            paths = [
+                f"{section}.{name}" for name in own for section in _sections(table, name, bodies)
             ]
             if table == "reactions":
                 path = columns.reactions[k // 12]
-                more.append(f"{path}.{known[0].partition('.')[2]}" if known else path)
-            yield _Column(table, k, groups, (*known, *more))
+                paths.append(f"{path}.{own[0].partition('.')[2]}" if own else path)
+            yield _Column(table, k, groups, (*own, *paths))
 
 
 def _sections(table: str, name: str, bodies: Collection[str]) -> tuple[str, ...]:
@@ -151,30 +151,21 @@ def _sections(table: str, name: str, bodies: Collection[str]) -> tuple[str, ...]
     return _SECTIONS_OF.get(table, ())
 
 
-def _matching(there: Iterable[_Column], item: str) -> set[tuple[str, int]]:
+def _matching(available: Iterable[_Column], item: str) -> set[tuple[str, int]]:
     """Columns that an item names: those of a group, of an owner, or of channels."""
     if item in GROUPS:
-        return {(c.table, c.number) for c in there if item in c.groups}
+        return {(c.table, c.number) for c in available if item in c.groups}
     whole = re.compile(translate(item)).match
     owner = re.compile(translate(item + ".*")).match
     return {
-        (c.table, c.number) for c in there if any(whole(name) or owner(name) for name in c.names)
+        (c.table, c.number)
+        for c in available
+        if any(whole(name) or owner(name) for name in c.names)
     }
 
 
-def _of_unreduced(item: str, unreduced: Collection[str]) -> bool:
-    body, _, rest = item.removeprefix("bodies.").partition(".")
-    return rest.startswith("eta") and body in unreduced
-
-
-def _needed(scene: Mapping[str, Any]) -> set[str]:
-    """Channels that the scene plots or knows answers of."""
-    checks = {str(check["sensor"]) for check in scene.get("check", ()) if "sensor" in check}
-    return checks | set(scene.get("view", {}).get("history", ()))
-
-
-def _unknown(where: str, item: str, there: Iterable[_Column]) -> Problem:
-    full = dict.fromkeys(name for column in there for name in column.names[:1])
+def _unknown(where: str, item: str, available: Iterable[_Column]) -> Problem:
+    full = dict.fromkeys(name for column in available for name in column.names[:1])
     owners = dict.fromkeys(name.partition(".")[0] for name in full if ":" not in name)
     allowed = (*GROUPS, *(name for name in owners if name not in GROUPS))
     what = f'there is nothing of the name "{item}" to keep'

@@ -1,10 +1,10 @@
-"""Writing a result file while the run goes on.
+"""Writing a result file during a run.
 
 In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
-state. Out: one HDF5 file as `schema` describes it, readable at any moment, also after a kill. All
-space is reserved before the run; a block is written, flushed, and only then counted, so that the
-row counter never runs ahead of the rows; the integrator's state alternates between two slots, of
-which one is always whole. Rows that are not finite are refused; what came before them is kept.
+state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
+All space is reserved before the run; a block is written, flushed, and only then counted, so that
+the row counter never exceeds the rows; the integrator's state alternates between two slots, of
+which one is always whole. Rows that are not finite are refused; the rows before them are stored.
 """
 
 from __future__ import annotations
@@ -21,22 +21,19 @@ from numpy.typing import NDArray
 
 from flexmb.engine.layout import Layout
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.create import (
+from flexmb.results.columns import TABLES, Columns, count_finite_rows, describe_bad_row, widths
+from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.results.output_request import stored_columns
+from flexmb.results.result_file import (
+    STATUS,
     arrays_text,
     create_content,
     create_state,
+    read_contents,
+    read_state,
     report_text,
     state_bytes,
 )
-from flexmb.results.disk import DiskFile
-from flexmb.results.finite import finite_rows, not_finite
-from flexmb.results.keep import kept_columns
-from flexmb.results.layout import Columns
-from flexmb.results.read import read_contents, read_state
-from flexmb.results.schema import STATUS, TABLES, widths
-from flexmb.results.uninterrupted import uninterrupted
-
-__all__ = ["OutputBlock", "ResultWriter"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +42,7 @@ _GROWTH = 2  # room taken for a table that grows, over its size: chunks are whol
 
 @dataclass(frozen=True)
 class OutputBlock:
-    """k output rows: times and everything known at them (SI; columns as the layout says)."""
+    """k output rows: times and all quantities at them (SI; columns as the layout says)."""
 
     t: Array  # (k,)
     q: Array  # (k, nq)
@@ -67,11 +64,11 @@ class OutputBlock:
         """The rows from start to stop."""
         return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
 
-    def rows(self, chosen: NDArray[np.bool_]) -> OutputBlock:
-        """The chosen rows; `chosen` (k,)."""
-        if chosen.all():
+    def rows(self, mask: NDArray[np.bool_]) -> OutputBlock:
+        """The rows where `mask` (k,) is true."""
+        if mask.all():
             return self
-        return OutputBlock(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return OutputBlock(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
 class ResultWriter:
@@ -90,12 +87,12 @@ class ResultWriter:
     flexbodies : mapping of str to str
         For each flexible body its file, relative to the folder of `path`.
     texts : mapping of str to str
-        Further texts to keep, such as the scene file's own.
+        Further texts to store, such as the scene file's own.
 
     Raises
     ------
     SceneError
-        The scene keeps what there is not.
+        The scene requests output that does not exist.
     OutputError
         The file or its folder cannot be written, or the disk lacks the space.
     """
@@ -112,7 +109,7 @@ class ResultWriter:
     ) -> None:
         self.path = Path(path)
         self.columns = Columns.of(layout)
-        self.kept = kept_columns(self.columns, scene)
+        self.stored = stored_columns(self.columns, scene)
         self._rows = 0
         self._saves = 0
         self._capacity = max(int(n_outputs), 1)
@@ -120,37 +117,37 @@ class ResultWriter:
         with uninterrupted():
             self._file = h5py.File(self._disk, "w")
             create_content(
-                self._file, self.columns, self._capacity, self.kept, scene, texts or {},
+                self._file, self.columns, self._capacity, self.stored, scene, texts or {},
                 flexbodies or {},
             )  # fmt: skip
             self._flush()
 
     @classmethod
     def reopen(cls, path: str | Path) -> Self:
-        """The writer of a run that was stopped or killed, to go on after its newest whole state.
+        """The writer of a run that was stopped or killed, to continue from its newest whole state.
 
-        Rows after that state are dropped: the run makes them again.
+        Rows after that state are dropped: the run computes them again.
 
         Raises
         ------
         ResultFileError
-            No result of this flexmb, or one that was cut off before its first state was kept.
+            No result of this flexmb, or one that was cut off before its first state was stored.
         OutputError
             Another run is writing the file, or it cannot be written.
         """
         writer = cls.__new__(cls)
         writer.path = Path(path)
-        read_contents(writer.path)  # raises if it is none of ours
-        writer._disk = _open_disk(writer.path, anew=False)
+        read_contents(writer.path)  # raises if it is not a result
+        writer._disk = _open_disk(writer.path, new=False)
         try:
-            contents = read_contents(writer.path)  # as it is now that no other run writes it
+            contents = read_contents(writer.path)  # again: no other run writes it now
             newest = read_state(writer.path, contents.run)
             if newest is None:
                 what = "was cut off before its first state was kept; run the scene again"
                 raise ResultFileError(f"{writer.path}: {what}")
             with uninterrupted():
                 writer._file = h5py.File(writer._disk, "r+")
-                writer.columns, writer.kept = contents.columns, contents.kept
+                writer.columns, writer.stored = contents.columns, contents.stored
                 writer._rows = newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
                 writer._capacity = len(writer._file["time"])
@@ -183,22 +180,22 @@ class ResultWriter:
         Raises
         ------
         OutputError
-            The disk failed, or a row is not finite: the rows before it are kept.
+            The disk failed, or a row is not finite: the rows before it are stored.
         """
         tables = block.tables()
         self._check_shapes(tables)
         if not len(tables["time"]):
             return
-        good = finite_rows(tables)
+        good = count_finite_rows(tables)
         if good > 0:
             with uninterrupted():
                 self._write_rows(tables, good)
         if good < len(tables["time"]):
-            kept = f"the {self._rows} rows until then are kept in {self.path}"
-            raise OutputError(f"{not_finite(self.columns, tables, good)}; {kept}")
+            what = describe_bad_row(self.columns, tables, good)
+            raise OutputError(f"{what}; the {self._rows} rows until then are kept in {self.path}")
 
     def save_state(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Keep the integrator's complete state; the one before it stays until this one is whole.
+        """Store the integrator's complete state; the previous one stays until this one is whole.
 
         The names and shapes of the first call are those of all later calls. Make the first call
         before the first rows are appended, so that the space is reserved before the run.
@@ -209,10 +206,24 @@ class ResultWriter:
             The disk failed.
         """
         with uninterrupted():
-            self._save_state({name: np.asarray(value) for name, value in state.items()})
+            arrays, group = {k: np.asarray(v) for k, v in state.items()}, self._file["state"]
+            if self._saves == 0:
+                create_state(group, arrays)
+                self._flush()
+            if arrays_text(arrays) != group["arrays"].asstr()[()]:
+                raise KeyError("the state's arrays differ from those of the first call")
+            slot = self._saves % 2
+            group["saves"][slot] = 0  # not valid while it is being written
+            self._flush()
+            group[str(slot)][...] = state_bytes(arrays)
+            group["rows"][slot] = self._rows
+            self._flush()
+            self._saves += 1
+            group["saves"][slot] = self._saves
+            self._flush()
 
     def restart(self) -> None:
-        """Drop all rows: the run makes them again, more accurately.
+        """Drop all rows: the run computes them again, more accurately.
 
         Raises
         ------
@@ -244,7 +255,7 @@ class ResultWriter:
             The disk failed.
         """
         code = STATUS.index(status)
-        if not self._file:  # the disk has failed, which was said then
+        if not self._file:  # the disk has failed, which was reported then
             return
         with uninterrupted():
             self._file["report"][()] = report_text(statistics, message)
@@ -257,23 +268,6 @@ class ResultWriter:
         if self._file:
             self._file.close()
         self._disk.close()
-
-    def _save_state(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        group = self._file["state"]
-        if self._saves == 0:
-            create_state(group, arrays)
-            self._flush()
-        slot, known = self._saves % 2, group["arrays"].asstr()[()]
-        if arrays_text(arrays) != known:
-            raise KeyError("the state's arrays differ from those of the first call")
-        group["saves"][slot] = 0  # not valid while it is being written
-        self._flush()
-        group[str(slot)][...] = state_bytes(arrays)
-        group["rows"][slot] = self._rows
-        self._flush()
-        self._saves += 1
-        group["saves"][slot] = self._saves
-        self._flush()
 
     def _flush(self) -> None:
         self._file.flush()
@@ -302,7 +296,7 @@ class ResultWriter:
         if stop > self._capacity:
             self._grow(stop)
         for name, values in tables.items():
-            stored = values[:k] if name == "time" else values[:k, self.kept[name]]
+            stored = values[:k] if name == "time" else values[:k, self.stored[name]]
             if stored.size:
                 self._file[name][start:stop] = stored
         self._flush()
@@ -320,12 +314,12 @@ class ResultWriter:
         self._flush()
 
 
-def _open_disk(path: Path, *, anew: bool = True) -> DiskFile:
+def _open_disk(path: Path, *, new: bool = True) -> DiskFile:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file in it")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return DiskFile(path, anew=anew)
+        return DiskFile(path, new=new)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{path}: cannot be written ({reason}); choose another folder") from error
