@@ -2,7 +2,7 @@
 
 These rows are linear in the places of their markers, whatever the joint. A joint of nothing else
 holds two points of rigid places together: its reaction is a force (Σ λ e) without a moment, so it
-goes straight to the coordinates of the two bodies (`kernels.bodies.point_marker`).
+goes straight to the coordinates of the two bodies (`bodies.marker`).
 """
 
 from __future__ import annotations
