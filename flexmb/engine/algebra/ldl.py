@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import dot
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import dot
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import ComplexFactor, Factor
@@ -20,6 +20,8 @@ from flexmb.engine.tables import Kkt
 
 # A pivot this small against its own diagonal entry carries no digits.
 _TINY = 1e-13
+
+
 # What replaces it, against the same entry: the square root of round-off, lost as much by the
 # growth of the factor as by the error of the matrix.
 _SMALL = 1e-8

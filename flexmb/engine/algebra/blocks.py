@@ -67,7 +67,7 @@ def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> i
 
 
 @kernel
-def put_row(link, r, body, column, jac, start, values):
+def put_jacobian_row(link, r, body, column, jac, start, values):
     """Place Jacobian row r of a group, in v order at jac[start:], by its link."""
     at, stride, o = link["at"], link["stride"], body["iv"]
     for c in range(6 + body["m"]):
@@ -90,3 +90,19 @@ def row_compliance(body, panels, column, jac, start, low):
             if d > 0.0:
                 s += jac[start + c] * jac[start + c] / d
     return s
+
+
+@kernel
+def add_column(B, i, j, f, a):
+    """Add f a to column j of B from row i."""
+    B[i, j] += f * a[0]
+    B[i + 1, j] += f * a[1]
+    B[i + 2, j] += f * a[2]
+
+
+@kernel
+def add_skew(B, i, j, f, a):
+    """Add f ã to the 3 × 3 block of B at (i, j)."""
+    add_column(B, i, j, f, (0.0, a[2], -a[1]))
+    add_column(B, i, j + 1, f, (-a[2], 0.0, a[0]))
+    add_column(B, i, j + 2, f, (a[1], -a[0], 0.0))

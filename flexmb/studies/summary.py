@@ -1,45 +1,48 @@
-"""What a study says in sentences: its truth, its costs, the cheapest setting that will do."""
+"""The sentences of a study: references, the cheapest settings that meet the target, costs."""
 
 from __future__ import annotations
 
 import math
 import shlex
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.studies.plan import is_numerical
-from flexmb.studies.words import label, percent, seconds_text
+from flexmb.studies.rows import Row, StudyRows
+from flexmb.studies.settings import is_numerical, label
 
-if TYPE_CHECKING:
-    from flexmb.studies.report import Row, Study
-
-__all__ = ["cost_of_a_digit", "group_label", "sentences", "series", "swept_knob"]
-
-_BETTER = 1.5  # times less error: what a dearer setting must give to count as better
-_SPAN = 10.0  # times less error that a series must cover before its trend is told
-_HELD = 1.25  # wall time over processor time: above it others disturbed a run
+_MIN_GAIN = 1.5  # times less error: what a slower setting must give to count as better
+_MIN_SPAN = 10.0  # times less error that a series must cover before its trend is reported
+_MAX_WAIT = 1.25  # wall time over processor time: above it other programs disturbed a run
 _OVERHEAD = 0.05  # s: what opening and writing files may take
 
 
-def sentences(study: Study) -> list[str]:
-    """All that is worth saying below the table."""
-    found = []
+def seconds_text(value: float) -> str:
+    """Seconds with three digits."""
+    return f"{value:.3g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
+def summarise(study: StudyRows) -> list[str]:
+    """All sentences below the table of a study."""
+    lines = []
     for group, sentence in study.references.items():
-        name = group_label(study, group)
-        found.append(f"{name}: {sentence}" if name else sentence)
+        name = _group_label(study, group)
+        lines.append(f"{name}: {sentence}" if name else sentence)
     for group in study.groups():
-        found += _cheapest(study, group)
-    found += [
+        lines += _cheapest(study, group)
+    lines += [
         f"ten times less error in {name} costs {factor:.2g} times the time"
         for name in study.compared
         if (factor := cost_of_a_digit(study, name)) is not None
     ]
-    return [*found, *_costs(study), *_failures(study)]
+    return [*lines, *_costs(study), *_failures(study)]
 
 
-def group_label(study: Study, group: str) -> str:
+def _group_label(study: StudyRows, group: str) -> str:
     """The values that tell one machine from the others of the study."""
     groups = study.groups()
     values = groups[group][0].values if group in groups else {}
@@ -53,10 +56,10 @@ def group_label(study: Study, group: str) -> str:
     return label(telling) if len(groups) > 1 else ""
 
 
-def _cheapest(study: Study, group: str) -> Iterator[str]:
+def _cheapest(study: StudyRows, group: str) -> Iterator[str]:
     """One sentence for each different answer."""
-    target = percent(study.target)
-    name = group_label(study, group)
+    target = _percent(study.target)
+    name = _group_label(study, group)
     at = f" at {name}" if name else ""
     answers: dict[int, tuple[Row, list[str]]] = {}
     missed = []
@@ -67,7 +70,7 @@ def _cheapest(study: Study, group: str) -> Iterator[str]:
         else:
             answers.setdefault(id(row), (row, []))[1].append(quantity)
     for row, quantities in answers.values():
-        errors = ", ".join(f"{q} to {percent(row.errors[q].bound)}" for q in quantities)
+        errors = ", ".join(f"{q} to {_percent(row.errors[q].bound)}" for q in quantities)
         yield (
             f"cheapest setting that meets {target}{at} in {_listed(quantities)}: "
             f"{label(row.values)}, {seconds_text(row.time)} s ({errors}){_command(study, row)}"
@@ -81,7 +84,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _command(study: Study, row: Row) -> str:
+def _command(study: StudyRows, row: Row) -> str:
     if not study.source:
         return ""
     changes = " ".join(
@@ -90,7 +93,7 @@ def _command(study: Study, row: Row) -> str:
     return f": flexmb run {shlex.quote(study.source)} {changes}"
 
 
-def swept_knob(study: Study) -> str:
+def series_knob(study: StudyRows) -> str:
     """The knob along which lines are drawn: the number of the integration with most values."""
 
     def weight(knob: str) -> tuple[bool, int]:
@@ -101,28 +104,28 @@ def swept_knob(study: Study) -> str:
     return max(study.knobs, key=weight)
 
 
-def series(study: Study) -> dict[str, list[Row]]:
-    """The settings that differ by the swept knob only, by the values of the others."""
-    swept = swept_knob(study)
-    found: dict[str, list[Row]] = {}
+def series(study: StudyRows) -> dict[str, list[Row]]:
+    """The settings that differ by the knob of the series only, by the values of the others."""
+    along = series_knob(study)
+    members: dict[str, list[Row]] = {}
     for row in study.rows:
-        others = {knob: value for knob, value in row.values.items() if knob != swept}
-        found.setdefault(label(others), []).append(row)
-    return found
+        others = {knob: value for knob, value in row.values.items() if knob != along}
+        members.setdefault(label(others), []).append(row)
+    return members
 
 
-def cost_of_a_digit(study: Study, quantity: str) -> float | None:
+def cost_of_a_digit(study: StudyRows, quantity: str) -> float | None:
     """By which factor time grows for ten times less error: the median over the series.
 
     Only the finest model counts, since a coarse one stops improving at the error of what it leaves
-    out, and of its settings those that are dearer than another one and better by half.
+    out, and of its settings those that take longer than another one and are better by half.
     """
     if quantity not in study.quantities:
         return None
     factors = []
     for rows in series(study).values():
         points = _improving([row for row in rows if row.finest], quantity)
-        if len(points) < 3 or points[0][1] < _SPAN * points[-1][1]:
+        if len(points) < 3 or points[0][1] < _MIN_SPAN * points[-1][1]:
             continue
         times, errors = np.log10(np.array(points)).T
         factors.append(10.0 ** -float(np.polyfit(errors, times, 1)[0]))
@@ -130,20 +133,20 @@ def cost_of_a_digit(study: Study, quantity: str) -> float | None:
 
 
 def _improving(rows: Sequence[Row], quantity: str) -> list[tuple[float, float]]:
-    """Time and error of the settings that give more than the cheaper ones."""
-    known = [
+    """Time and error of the settings that are better than the faster ones."""
+    pairs = [
         (row.time, row.errors[quantity].value)
         for row in rows
         if quantity in row.errors and row.errors[quantity].value >= row.errors[quantity].floor
     ]
     points: list[tuple[float, float]] = []
-    for time, error in sorted(known):
-        if error > 0 and (not points or error * _BETTER <= points[-1][1]):
+    for time, error in sorted(pairs):
+        if error > 0 and (not points or error * _MIN_GAIN <= points[-1][1]):
             points.append((time, error))
     return points
 
 
-def _costs(study: Study) -> Iterator[str]:
+def _costs(study: StudyRows) -> Iterator[str]:
     for name, seconds in study.reductions:
         of = f" of {name}" if name else ""
         yield f"one-off: flexible bodies{of} reduced from their meshes in {seconds_text(seconds)} s"
@@ -154,16 +157,16 @@ def _costs(study: Study) -> Iterator[str]:
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
     yield f"time: wall time of the integration{times}, {at}"
     ended = [row for row in study.rows if row.seconds]
-    held = [row for row in ended if row.time > _HELD * row.cpu_time + _OVERHEAD]
-    if held:
-        most = max(row.time / max(row.cpu_time, 1e-9) for row in held)
+    slowed = [row for row in ended if row.time > _MAX_WAIT * row.cpu_time + _OVERHEAD]
+    if slowed:
+        most = max(row.time / max(row.cpu_time, 1e-9) for row in slowed)
         yield (
-            f"note: other programs, or the disk, held up {len(held)} of {len(ended)} settings: "
+            f"note: other programs or the disk slowed down {len(slowed)} of {len(ended)} settings: "
             f"wall times are up to {most:.1f} times the processor times (study.csv has both)"
         )
 
 
-def _failures(study: Study) -> Iterator[str]:
+def _failures(study: StudyRows) -> Iterator[str]:
     for row in study.rows:
         if row.status != "finished":
             what = row.reason.replace("\n", "; ")

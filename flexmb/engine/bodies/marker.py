@@ -1,9 +1,14 @@
-"""Markers: position, velocity and acceleration bias, and how a wrench acts back on the body.
+"""Markers: position, velocity and acceleration bias.
 
 Rigid: p = r + A ρ. Flexible: p = r + A s, s = ρ + Φ_t η + E ŝ with E = exp(θ̃), θ = Φ_r η and an
 arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes
 is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
+
+Point markers are those whose place alone matters: their rows hold points together and nothing else.
+Such rows carry no moment and need no axes, so the position stage leaves out the turning of axes and
+the velocity stage the angular velocity; `axes` completes them where they are read, at outputs and
+for Python. The forces on them are those of `joints.point_joint`.
 Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of a body.
 """
 
@@ -11,19 +16,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import (
-    cross,
-    tangent_coefficients,
-    transform,
-)
-from flexmb.engine.kernels.algebra.triple import (
-    add_part,
+from flexmb.engine.algebra.rotation import cross, tangent_coefficients, transform
+from flexmb.engine.algebra.vector import (
+    axis_vector,
     column,
     inner,
+    modal_vector,
     outer,
     part,
     plus,
+    put,
     put_column,
     put_part,
     times,
@@ -32,33 +34,12 @@ from flexmb.engine.kernels.algebra.triple import (
     turned_back,
     turned_by,
 )
-from flexmb.engine.kernels.algebra.triple import unit as axis
-from flexmb.engine.kernels.algebra.vector import put
+from flexmb.engine.bodies.wrench import pull_back
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers, Vector
-from flexmb.engine.state import Now, Point, Run
-from flexmb.engine.tables import Parts
-
-
-@kernel
-def modal_vector(pool, at, m, v, o):
-    """Three rows of the pool, starting at `at`, times v[o:o+m]."""
-    a = 0.0
-    b = 0.0
-    c = 0.0
-    for j in range(m):
-        y = v[o + j]
-        a += pool[at + j] * y
-        b += pool[at + m + j] * y
-        c += pool[at + 2 * m + j] * y
-    return a, b, c
-
-
-@kernel
-def mode_vector(pool, at, m):
-    """One column of three rows of the pool: that of a mode, which starts at `at`."""
-    return pool[at], pool[at + m], pool[at + 2 * m]
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, Run
 
 
 class Markers(NamedTuple):
@@ -104,7 +85,7 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
         put_part(mn["s"], 0, s)
         put_part(mn["x"], 0, plus(part(q, iq), 1.0, turned(A, s)))
         for k in range(3):
-            put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis(k)))
+            put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis_vector(k)))
             put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
     return FINE
 
@@ -196,55 +177,6 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
 
 
 @unit
-def add_pulled_back(
-    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector, o: int
-) -> int:
-    """out[o:o+6+m] += f Jᵀ w[i:i+6] for marker k; w = (force, moment) in global axes."""
-    _pull_back(parts, now, k, w, i, f, out, o)
-    return FINE
-
-
-@kernel
-def _pull_back(parts, now, k, w, i, f, out, o):
-    mk, mn = parts.markers[k], now.marker[k]
-    A, s = now.body[mk["body"]]["A"], mn["s"]
-    force = times(f, part(w, i))
-    add_part(out, o, 1.0, force)
-    force, moment = turned_back(A, force), turned_back(A, times(f, part(w, i + 3)))
-    add_part(out, o + 3, 1.0, plus(moment, 1.0, outer(triple(s), force)))
-    if mk["modes"] >= 0:
-        fx, fy, fz = force
-        tx, ty, tz = moment
-        add_modal_forces(parts, now, k, fx, fy, fz, tx, ty, tz, out, o + 6)
-
-
-@unit
-def add_modal_forces(
-    parts: Parts,
-    now: Now,
-    k: int,
-    fx: float,
-    fy: float,
-    fz: float,
-    tx: float,
-    ty: float,
-    tz: float,
-    out: Vector,
-    o: int,
-) -> int:
-    """out[o:o+m] += what a force and a moment in body axes on marker k do to the modes."""
-    mk, mn = parts.markers[k], now.marker[k]
-    m = parts.bodies[mk["body"]]["m"]
-    at, pool = mk["modes"], parts.pool
-    turn = turned(mn["T"], plus((tx, ty, tz), 1.0, outer(triple(mn["arm"]), (fx, fy, fz))))
-    for j in range(m):
-        s = pool[at + j] * fx + pool[at + m + j] * fy
-        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * turn[0]
-        out[o + j] += s + pool[at + 4 * m + j] * turn[1] + pool[at + 5 * m + j] * turn[2]
-    return FINE
-
-
-@unit
 def clear_wrenches(run: Run, markers: Markers, at: Point) -> int:
     """No wrench on any marker."""
     rows, marker_now = markers.rows, run.work.now.marker
@@ -264,7 +196,7 @@ def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
         b = table[rows[n]]["body"]
         if b >= 0:
             o = bodies[b]["iv"]
-            _pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+            pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
     return FINE
 
 
@@ -279,6 +211,8 @@ RIGID_MARKERS = Kind(
         "force": subtract_wrenches,
     },
 )
+
+
 FLEXIBLE_MARKERS = Kind(
     "flexible_markers",
     Markers,
@@ -287,5 +221,97 @@ FLEXIBLE_MARKERS = Kind(
         "velocity": move_flexible,
         "wrench": clear_wrenches,
         "force": subtract_wrenches,
+    },
+)
+
+
+@kernel
+def _prepare(table, marker_now, rows):
+    """What never changes: places of markers in their bodies, of those on ground at all."""
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        for a in range(3):
+            mn["s"][a] = mk["rho"][a]
+            if mk["body"] < 0:
+                mn["x"][a] = mk["rho"][a]
+                mn["vx"][a] = 0.0
+                mn["bx"][a] = 0.0
+
+
+@unit
+def prepare_points(run: Run, markers: Markers, at: Point) -> int:
+    """What never changes in a run."""
+    _prepare(run.system.parts.markers, run.work.now.marker, markers.rows)
+    return FINE
+
+
+@unit
+def place_points(run: Run, markers: Markers, at: Point) -> int:
+    """Position of the markers."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk = table[rows[n]]
+        b = mk["body"]
+        if b >= 0:
+            A, s, x, iq = body_now[b]["A"], mk["rho"], marker_now[rows[n]]["x"], bodies[b]["iq"]
+            for a in range(3):
+                x[a] = q[iq + a] + A[a, 0] * s[0] + A[a, 1] * s[1] + A[a, 2] * s[2]
+    return FINE
+
+
+@unit
+def move_points(run: Run, markers: Markers, at: Point) -> int:
+    """Velocity of the markers, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk = table[rows[n]]
+        b = mk["body"]
+        if b >= 0:
+            s, iv = mk["rho"], bodies[b]["iv"]
+            ux, uy, uz = cross(v[iv + 3], v[iv + 4], v[iv + 5], s[0], s[1], s[2])
+            ux, uy, uz = transform(body_now[b]["A"], ux, uy, uz)
+            put(marker_now[rows[n]]["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
+    return FINE
+
+
+@unit
+def bias_points(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers at zero v̇, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        b = mk["body"]
+        put(mn["bom"], 0, 0.0, 0.0, 0.0)
+        if b >= 0:
+            s, iv = mk["rho"], bodies[b]["iv"]
+            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
+            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
+            ax, ay, az = transform(now.body[b]["A"], ax, ay, az)
+            put(mn["bx"], 0, ax, ay, az)
+    return FINE
+
+
+@unit
+def complete_points(run: Run, markers: Markers, at: Point) -> int:
+    """Axes and angular velocities of the markers too, as those of rigid markers."""
+    place_rigid(run, markers, at)
+    return move_rigid(run, markers, at)
+
+
+POINT_MARKERS = Kind(
+    "point_markers",
+    Markers,
+    {
+        "constants": prepare_points,
+        "position": place_points,
+        "velocity": move_points,
+        "bias": bias_points,
+        "axes": complete_points,
     },
 )

@@ -9,9 +9,8 @@ from goodscene import GOOD
 from meshfiles import write_box
 
 from flexmb.errors import SceneError
-from flexmb.studies.base import base_of_model, base_of_scene
-from flexmb.studies.plan import settings_of
-from flexmb.studies.sensing import check_sensors, with_velocities
+from flexmb.studies.channel_errors import add_velocity_sensors, check_sensors
+from flexmb.studies.settings import StudySource, make_settings
 
 BEAM = """
 [parameters]
@@ -43,9 +42,9 @@ step = "h"
 def plan(tmp_path: Path, text: str, **vary: object):
     write_box(tmp_path / "box.msh")
     (tmp_path / "scene.toml").write_text(text)
-    base = base_of_scene(tmp_path / "scene.toml", None, tmp_path / "out")
+    base = StudySource.of_scene(tmp_path / "scene.toml", None, tmp_path / "out")
     knobs = {name.replace("__", "."): tuple(values) for name, values in vary.items()}  # type: ignore[call-overload]
-    return settings_of(base, knobs)
+    return make_settings(base, knobs)
 
 
 def kinds(settings) -> tuple[int, int]:
@@ -98,11 +97,11 @@ def test_parameters_of_a_python_model_are_refused_because_they_have_no_effect(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "scene.toml").write_text(GOOD)
-    model = base_of_scene(tmp_path / "scene.toml", None, None).model
-    base = base_of_model(model, tmp_path / "out")
+    model = StudySource.of_scene(tmp_path / "scene.toml", None, None).model
+    base = StudySource.of_model(model, tmp_path / "out")
     with pytest.raises(SceneError, match="worked its parameters into its numbers"):
-        settings_of(base, {"r": (0.1, 0.2)})
-    assert len(settings_of(base, {"bodies.crank.mass": (1, 2)})) == 2
+        make_settings(base, {"r": (0.1, 0.2)})
+    assert len(make_settings(base, {"bodies.crank.mass": (1, 2)})) == 2
 
 
 def test_a_velocity_sensor_joins_each_position_sensor_that_has_none() -> None:
@@ -112,7 +111,7 @@ def test_a_velocity_sensor_joins_each_position_sensor_that_has_none() -> None:
         "seen": {"type": "velocity", "of": "x"},
         "angle": {"type": "angle", "joint": "j"},
     }
-    made = with_velocities({"sensors": sensors})["sensors"]
+    made = add_velocity_sensors({"sensors": sensors})["sensors"]
     added = {name: table for name, table in made.items() if name not in sensors}
     assert list(added.values()) == [{"type": "velocity", "of": "y", "relative_to": "z"}]
 

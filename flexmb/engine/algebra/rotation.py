@@ -16,6 +16,8 @@ from flexmb.engine.jit import kernel
 # Below this angle² the closed forms lose digits to cancellation; the series used instead have a
 # remainder of x⁴/10⁶, below round-off there.
 _SERIES = 1e-3
+
+
 # Squares of lengths this near to one need no square root.
 _NEAR_ONE = 1e-8
 
@@ -104,3 +106,19 @@ def transform_back(A, x, y, z):
 def cross(ax, ay, az, bx, by, bz):
     """a × b as three numbers."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@kernel
+def rotation_vector(p, i, q, j):
+    """ψ with q = p ∘ exp(ψ), |ψ| ≤ π, of Euler parameters at p[i:] and q[j:]."""
+    a, b, c, d = p[i], p[i + 1], p[i + 2], p[i + 3]
+    e, f, g, k = q[j], q[j + 1], q[j + 2], q[j + 3]
+    w = a * e + b * f + c * g + d * k
+    x = a * f - b * e - c * k + d * g
+    y = a * g + b * k - c * e - d * f
+    z = a * k - b * g + c * f - d * e
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    n = math.sqrt(x * x + y * y + z * z)
+    f = 2.0 * math.atan2(n, w) / n if n > 0.0 else 2.0
+    return f * x, f * y, f * z
