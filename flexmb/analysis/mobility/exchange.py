@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.mobility.rows import gradient
-from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+from flexmb.engine.joints.joint import JOINT_ROWS
 
 __all__ = [
     "MACHINE_JOINTS",

@@ -24,7 +24,7 @@ from flexmb.analysis.mobility.exchange import (
     weaker_joints,
 )
 from flexmb.analysis.mobility.weighted import Weighted, element, elements, plain_name
-from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.gearing import terms_of
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
