@@ -77,7 +77,7 @@ def page(name: str) -> Page:
         raise FlexmbError.from_problems([Problem("", what, PAGES, nearest(name, PAGES))])
     raw = _read(name)
     text = _LIST.sub(lambda match: _tables(match[1], match[2]), raw.text)
-    return raw._replace(text=_COMMENT.sub("", text))
+    return Page(raw.name, raw.title, raw.summary, _COMMENT.sub("", text))
 
 
 def _read(name: str) -> Page:

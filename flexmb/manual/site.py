@@ -11,6 +11,7 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from flexmb.errors import OutputError
 from flexmb.manual.pages import FOLDER, PAGES, page, pages
@@ -57,7 +58,7 @@ def write_site(folder: Path) -> Path:
     return folder / "index.html"
 
 
-def _settings(work: Path) -> dict[str, object]:
+def _settings(work: Path) -> dict[str, Any]:
     theme = {"name": "readthedocs", "highlightjs": False, "navigation_depth": 3}
     navigation = [{"flexmb": "index.md"}, *({p.title: f"{p.name}.md"} for p in pages())]
     return {
