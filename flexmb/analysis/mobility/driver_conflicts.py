@@ -1,7 +1,7 @@
 """Drivers without a degree of freedom to drive, and mechanisms that are locked.
 
-In: the rows of a closed pose. Out: a problem, or a note, for each redundant driver, with drivers and
-joints that prescribe the same motion, and what to change.
+In: the rows of a closed pose. Out: a problem, or a note, for each redundant driver, with the
+drivers and joints that prescribe the same motion, and what to change.
 """
 
 from __future__ import annotations
