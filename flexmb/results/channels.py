@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.model.sensors.sensor import channel_unit
 from flexmb.results.columns import DRIFT, Columns
@@ -26,6 +29,15 @@ class Channel(NamedTuple):
     table: str
     column: int
     unit: str  # that of SI
+
+
+class HistoryTable(NamedTuple):
+    """Channels over time, in the scene's units."""
+
+    title: str  # of the scene
+    names: tuple[str, ...]  # of the columns; the first is "time"
+    units: tuple[str, ...]  # of the columns, such as "m/s^2"; empty for none
+    values: NDArray[np.float64]  # (n, k)
 
 
 def all_channels(columns: Columns, scene: Mapping[str, Any]) -> dict[str, Channel]:

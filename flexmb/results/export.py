@@ -13,12 +13,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from html import escape
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import OutputError, Problem, nearest
+from flexmb.results.channels import HistoryTable
 from flexmb.results.kill_safe_file import WriteLock
 
 Array = NDArray[np.float64]
@@ -26,15 +27,6 @@ Array = NDArray[np.float64]
 _WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
 _POINTS = 400  # per line
 _COLORS = ("#2f6db5", "#c8552b", "#3c8d4f")
-
-
-class HistoryTable(NamedTuple):
-    """Channels over time, in the scene's units."""
-
-    title: str  # of the scene
-    names: tuple[str, ...]  # of the columns; the first is "time"
-    units: tuple[str, ...]  # of the columns, such as "m/s^2"; empty for none
-    values: Array  # (n, k)
 
 
 def export_table(table: HistoryTable, path: Path, ending: str | None = None) -> Path:

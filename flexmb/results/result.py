@@ -17,8 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ResultFileError, nearest
-from flexmb.results.channels import CHANNEL_KINDS, Channel, all_channels, list_channels
-from flexmb.results.export import HistoryTable, copy_result, export_table, notebook_html
+from flexmb.results.channels import (
+    CHANNEL_KINDS,
+    Channel,
+    HistoryTable,
+    all_channels,
+    list_channels,
+)
+from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, marker_pairs
 from flexmb.results.recovery import Recovery
 
