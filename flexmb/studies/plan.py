@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import Model
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.tasks.knobs import resolve_knob
 from flexmb.model.tasks.methods import OPTIONS
 from flexmb.model.tasks.overrides import override

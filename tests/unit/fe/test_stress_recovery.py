@@ -9,12 +9,11 @@ from scipy.sparse.linalg import spsolve
 
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
-from flexmb.fe.meshes.skin import skin_triangles
-from flexmb.fe.recovery import stress as recovery
-from flexmb.fe.recovery.beams import section_force_modes
-from flexmb.fe.recovery.stress import stress_modes, stress_option
-from flexmb.fe.sections.shell import shell
-from flexmb.fe.sections.solid import SolidSection
+from flexmb.fe import stress as recovery
+from flexmb.fe.meshes.facets import skin_triangles
+from flexmb.fe.sections.shell_section import shell
+from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
 from flexmb.flexbody import von_mises
 
 STEEL, ALUMINIUM = resolve("steel"), resolve("aluminium")
