@@ -63,7 +63,7 @@ def prepare_rest(
     first, rank = _first_pose(compiled, arrays, result, rows)
     settings = loop_settings(compiled, spec, chosen, rank == n_free(compiled))
     if settings.step == 0.0 and PACE in arrays:
-        settings = with_tolerance(settings, spec, chosen, float(arrays[PACE][0]))
+        settings = with_tolerance(settings, spec, chosen, compiled, float(arrays[PACE][0]))
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, _ = redundant_reactions(compiled, model, first)

@@ -182,10 +182,10 @@ def _elastic(fe: FEMatrices, relief: InertiaRelief, V: FloatArray) -> FloatArray
     share = 1.0 - rest / energy
     if share.max() > _RIGID_WARNING:
         worst = int(np.argmax(share))
+        count, content = int((share > _RIGID_WARNING).sum()), f"{share[worst]:.3g}"
         warnings.warn(
-            f"{int((share > _RIGID_WARNING).sum())} of the given modes have rigid content, mode "
-            f"{worst + 1} {share[worst]:.3g} of its kinetic energy; it is taken out, the body's frame "
-            "has it",
+            f"{count} of the given modes have rigid content, mode {worst + 1} {content} of its "
+            "kinetic energy; it is taken out, the body's frame has it",
             FlexmbWarning,
             stacklevel=3,
         )
