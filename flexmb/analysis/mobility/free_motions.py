@@ -1,6 +1,6 @@
 """Motions that joints and drivers leave free, in words: bodies that move by themselves, the rest.
 
-In: the weighted rows of a pose. Out: for each body, and each pair of bodies that a joint connects,
+In: the rows of a pose. Out: for each body, and each pair of bodies that a joint connects,
 the motions that leave all others at rest; and the bodies of what remains. A body that moves by
 itself between others is idle: nothing else feels it, such as the spin of a rod between two
 spherical joints.
@@ -14,18 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.dependence import null_space
-from flexmb.analysis.mobility.weighted import Weighted
+from flexmb.analysis.assembly.jacobian import ConstraintPose
+from flexmb.analysis.assembly.rank import null_space
 from flexmb.engine.layout import BodyColumns
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix
 
-__all__ = ["FreeMotion", "free_motions_of"]
-
 Array = NDArray[np.float64]
-_NOTHING = 1e-7
-_SCREW = 1e-6  # pitch and distance of a line, over the model size, that are round-off
+_ZERO_TOLERANCE = 1e-7
+_LINE_TOLERANCE = 1e-6  # pitch and distance of a line, over the model size, that are round-off
 
 
 @dataclass(frozen=True)
@@ -38,51 +36,52 @@ class FreeMotion:
     sentence: str
 
 
-def free_motions_of(
-    model: Model, found: Weighted, others: Sequence[Weighted] = ()
+def free_motions(
+    model: Model, pose: ConstraintPose, others: Sequence[ConstraintPose] = ()
 ) -> tuple[FreeMotion, ...]:
     """The free motions of a pose, those of single bodies and pairs apart, idle ones marked.
 
     Bodies move by themselves if they do so in the `others` as well: at a dead point all else is at
     rest for a moment.
     """
-    told: list[FreeMotion] = []
-    alone = np.zeros((len(found.columns), 0))
-    for bodies in _parts(model, found):
-        mine = _alone(found, bodies)
+    motions: list[FreeMotion] = []
+    alone = np.zeros((len(pose.jacobian.columns), 0))
+    for bodies in _parts(model, pose):
+        mine = _alone(pose, bodies)
         if any(_alone(other, bodies).shape[1] < mine.shape[1] for other in others):
             continue
         fresh = _outside(mine, alone)
         if fresh.shape[1]:
             alone = np.hstack([alone, fresh])
-            told.append(_motion(model, found, bodies, fresh))
-    left = found.dependence.free.shape[1] - alone.shape[1]
+            motions.append(_motion(model, pose, bodies, fresh))
+    left = pose.jacobian.decomposition.free.shape[1] - alone.shape[1]
     if left > 0:
-        apart = [[b for b in found.compiled.layout.bodies if b.name in one.bodies] for one in told]
-        moving = {name for pose in (found, *others) for name in _moving(pose, apart)}
-        names = tuple(body.name for body in found.compiled.layout.bodies if body.name in moving)
+        layout = pose.compiled.layout.bodies
+        apart = [[body for body in layout if body.name in one.bodies] for one in motions]
+        moving = {name for one in (pose, *others) for name in _moving(one, apart)}
+        names = tuple(body.name for body in layout if body.name in moving)
         what = "motion moves" if left == 1 else "motions move"
-        told.append(FreeMotion(names, left, False, f"{left} {what} {', '.join(names)}"))
-    return tuple(told)
+        motions.append(FreeMotion(names, left, False, f"{left} {what} {', '.join(names)}"))
+    return tuple(motions)
 
 
-def _moving(found: Weighted, apart: list[list[BodyColumns]]) -> list[str]:
-    """Bodies that move in a pose beside what some move by themselves."""
-    alone = np.zeros((len(found.columns), 0))
+def _moving(pose: ConstraintPose, apart: list[list[BodyColumns]]) -> list[str]:
+    """Bodies that move in a pose, apart from motions that some make by themselves."""
+    alone = np.zeros((len(pose.jacobian.columns), 0))
     for bodies in apart:
-        alone = np.hstack([alone, _outside(_alone(found, bodies), alone)])
-    rest = _outside(found.dependence.free, alone)
+        alone = np.hstack([alone, _outside(_alone(pose, bodies), alone)])
+    rest = _outside(pose.jacobian.decomposition.free, alone)
     size = np.abs(rest).max(axis=1, initial=0.0)
     return [
         body.name
-        for body in found.compiled.layout.bodies
-        if size[_columns(found, body)].max(initial=0.0) > _NOTHING
+        for body in pose.compiled.layout.bodies
+        if size[_columns(pose, body)].max(initial=0.0) > _ZERO_TOLERANCE
     ]
 
 
-def _parts(model: Model, found: Weighted) -> Iterator[tuple[BodyColumns, ...]]:
+def _parts(model: Model, pose: ConstraintPose) -> Iterator[tuple[BodyColumns, ...]]:
     """Single bodies, then pairs that a joint connects and that lie between others."""
-    bodies = {body.name: body for body in found.compiled.layout.bodies}
+    bodies = {body.name: body for body in pose.compiled.layout.bodies}
     for body in bodies.values():
         yield (body,)
     for joint in model.joints.values():
@@ -109,43 +108,43 @@ def _between(model: Model, bodies: tuple[str, ...]) -> bool:
     return len(others) > 1 and any(other != GROUND for other in others)
 
 
-def _columns(found: Weighted, body: BodyColumns) -> NDArray[np.bool_]:
-    inside: NDArray[np.bool_] = (found.columns >= body.iv) & (found.columns < body.iv + 6 + body.m)
-    return inside
+def _columns(pose: ConstraintPose, body: BodyColumns) -> NDArray[np.bool_]:
+    columns = pose.jacobian.columns
+    return np.asarray((columns >= body.iv) & (columns < body.iv + 6 + body.m))
 
 
-def _alone(found: Weighted, bodies: Sequence[BodyColumns]) -> Array:
+def _alone(pose: ConstraintPose, bodies: Sequence[BodyColumns]) -> Array:
     """(columns, k) motions of these bodies that leave all else at rest, deformations too."""
-    inside = np.any([_columns(found, body) for body in bodies], axis=0) & ~found.modal
-    inside |= found.scalar  # what follows them moves along
+    inside = np.any([_columns(pose, body) for body in bodies], axis=0) & ~pose.jacobian.modal
+    inside |= pose.jacobian.scalar  # what follows them moves along
     motions = np.zeros((len(inside), 0))
     if np.any(inside):
-        mine = null_space(found.A[:, inside], found.norm)
+        mine = null_space(pose.jacobian.A[:, inside], pose.jacobian.norm)
         motions = np.zeros((len(inside), mine.shape[1]))
         motions[inside] = mine
     return motions
 
 
-def _outside(motions: Array, known: Array) -> Array:
-    """(columns, k) orthonormal part of motions outside of known orthonormal ones."""
-    rest = motions - known @ (known.T @ motions)
+def _outside(motions: Array, basis: Array) -> Array:
+    """(columns, k) orthonormal part of motions outside of an orthonormal basis."""
+    rest = motions - basis @ (basis.T @ motions)
     U, size, _ = np.linalg.svd(rest, full_matrices=False)
     return np.asarray(U[:, size > 1e-6])
 
 
 def _motion(
-    model: Model, found: Weighted, bodies: tuple[BodyColumns, ...], motions: Array
+    model: Model, pose: ConstraintPose, bodies: tuple[BodyColumns, ...], motions: Array
 ) -> FreeMotion:
     names = tuple(body.name for body in bodies)
     count = motions.shape[1]
     idle = _between(model, names)
     who = " and ".join(names) + (" together" if len(names) > 1 else "")
     if not _neighbours(model, names):
-        sentence = f"{who} is held by no joint"
+        sentence = f"{who} has no joint"
     elif count == 1:
-        sentence = f"{who} can {_screw(model, found, bodies, motions[:, 0])}"
+        sentence = f"{who} can {_screw(model, pose, bodies, motions[:, 0])}"
     else:
-        turns, slides = _turns_and_slides(found, bodies[0], motions)
+        turns, slides = _turns_and_slides(pose, bodies[0], motions)
         ways = [
             f"{n} {word}{'s' * (n > 1)}" for n, word in ((turns, "turn"), (slides, "slide")) if n
         ]
@@ -155,53 +154,55 @@ def _motion(
     return FreeMotion(names, count, idle, sentence)
 
 
-def _twists(found: Weighted, body: BodyColumns, motions: Array) -> Array:
+def _twists(pose: ConstraintPose, body: BodyColumns, motions: Array) -> Array:
     """(k, 6) velocity of the body origin over the model size, and angular velocity, global."""
-    v = np.zeros((found.compiled.layout.nv, motions.shape[1]))
-    v[found.columns] = motions
-    q = found.pose.q
+    v = np.zeros((pose.compiled.layout.nv, motions.shape[1]))
+    v[pose.jacobian.columns] = motions
+    q = pose.q
     A = rotation_matrix(q[body.iq + 3 : body.iq + 7])
     return np.vstack([v[body.iv : body.iv + 3], A @ v[body.iv + 3 : body.iv + 6]]).T
 
 
-def _turns_and_slides(found: Weighted, body: BodyColumns, motions: Array) -> tuple[int, int]:
-    turns = int(np.linalg.matrix_rank(_twists(found, body, motions)[:, 3:], tol=1e-6))
+def _turns_and_slides(pose: ConstraintPose, body: BodyColumns, motions: Array) -> tuple[int, int]:
+    turns = int(np.linalg.matrix_rank(_twists(pose, body, motions)[:, 3:], tol=1e-6))
     return turns, motions.shape[1] - turns
 
 
-def _screw(model: Model, found: Weighted, bodies: tuple[BodyColumns, ...], motion: Array) -> str:
+def _screw(
+    model: Model, pose: ConstraintPose, bodies: tuple[BodyColumns, ...], motion: Array
+) -> str:
     """One motion as a turn about a line, a slide, or a screw motion."""
-    length, body = found.compiled.length, bodies[0]
-    twist = _twists(found, body, motion[:, None])[0]
+    length, body = pose.compiled.length, bodies[0]
+    twist = _twists(pose, body, motion[:, None])[0]
     v, w = twist[:3], twist[3:]
     spin = float(np.linalg.norm(w))
-    if spin < _NOTHING:
+    if spin < _ZERO_TOLERANCE:
         return f"slide along {_direction(v)}"
-    r = found.pose.q[body.iq : body.iq + 3]
+    r = pose.q[body.iq : body.iq + 3]
     point = r + length * np.cross(w, v) / spin**2
-    about = _line(model, found, {body.name for body in bodies}, point, w / spin)
-    if abs(float(v @ w)) > _SCREW * spin**2:
+    about = _line(model, pose, {body.name for body in bodies}, point, w / spin)
+    if abs(float(v @ w)) > _LINE_TOLERANCE * spin**2:
         return f"move as a screw about {about}"
     return f"turn about {about}"
 
 
-def _line(model: Model, found: Weighted, bodies: set[str], point: Array, axis: Array) -> str:
+def _line(model: Model, pose: ConstraintPose, bodies: set[str], point: Array, axis: Array) -> str:
     """The line by the joints of the bodies that it passes through, else by point and direction."""
     through = []
     for name, joint in model.joints.items():
         path, inside = f"joints.{name}", [end in bodies for end in _ends(joint.between)]
-        if inside[0] != inside[1] and path in found.owners:
-            xi, _, xj, _ = found.ends(path)
-            x = (xi if inside[0] else xj) * found.compiled.length
-            if np.linalg.norm(np.cross(x - point, axis)) < _SCREW * found.compiled.length:
+        if inside[0] != inside[1] and path in pose.jacobian.owners:
+            xi, _, xj, _ = pose.markers_of(path)
+            x = (xi if inside[0] else xj) * pose.compiled.length
+            if np.linalg.norm(np.cross(x - point, axis)) < _LINE_TOLERANCE * pose.compiled.length:
                 through.append(name)
     if len(through) > 1:
         return f"the line through its joints {' and '.join(through)}"
     if through:
         return f"{_direction(axis)} through its joint {through[0]}"
-    noise = _NOTHING * found.compiled.length
-    kept = (float(c) if abs(c) > noise else 0.0 for c in point)
-    place = ", ".join(f"{model.units.outward(c, 'm'):.4g}" for c in kept)
+    noise = _ZERO_TOLERANCE * pose.compiled.length
+    rounded = (float(c) if abs(c) > noise else 0.0 for c in point)
+    place = ", ".join(f"{model.units.outward(c, 'm'):.4g}" for c in rounded)
     return f"{_direction(axis)} through ({place}) {model.units.label('m')}"
 
 

@@ -8,38 +8,45 @@ coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.closing import body_weights, close_positions
-from flexmb.analysis.assembly.gaps import gaps, opened
-from flexmb.analysis.mobility.conflicts import (
+from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    ConstraintRows,
+    element,
+    joint_rows,
+    plain_name,
+)
+from flexmb.analysis.assembly.positions import (
+    assembly_weights,
+    close_positions,
+    length_corrector,
+    nearby_poses,
+)
+from flexmb.analysis.assembly.rank import Decomposition, one_blas_thread
+from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
     driver_problems,
     is_locked,
     locked_sentence,
 )
-from flexmb.analysis.mobility.dependence import Dependence, dependence
-from flexmb.analysis.mobility.freedoms import FreeMotion, free_motions_of
-from flexmb.analysis.mobility.poses import Closed, closer_of, joint_rows, other_poses
-from flexmb.analysis.mobility.rank import LARGEST, one_blas_thread
+from flexmb.analysis.mobility.free_motions import FreeMotion, free_motions
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
     Undetermined,
     redundancies,
-    undetermined,
+    undetermined_reactions,
 )
-from flexmb.analysis.mobility.rows import ConstraintRows
-from flexmb.analysis.mobility.weighted import Weighted, element, plain_name, weighted
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
 from flexmb.model.joints.drivers import DriverSpec
 from flexmb.model.model import Model
-
-__all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]
 
 
 @dataclass(frozen=True)
@@ -111,13 +118,13 @@ class Mobility:
 
 
 @one_blas_thread()
-def examine(compiled: Compiled, model: Model) -> Mobility:
+def mobility_of(compiled: Compiled, model: Model) -> Mobility:
     """The mobility of a compiled model.
 
     Parameters
     ----------
     compiled : Compiled
-        The compiled model, of `LARGEST` coordinates at most.
+        The compiled model, of `rank.MAX_COORDINATES` coordinates at most.
     model : Model
         The model.
 
@@ -127,39 +134,31 @@ def examine(compiled: Compiled, model: Model) -> Mobility:
         It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
         joints.
     """
-    pose, moved = _assembled(compiled, model)
-    found = weighted(compiled, pose)
-    here = found.joint_dependence
-    notes = driver_notes(compiled, model, found)
-    joints = joint_rows(compiled)
-    others = other_poses(ConstraintRows(compiled), pose, joints)
-    nearby = [weighted(compiled, other) for other in others]
-    poses = [(found, here), *((other, other.joint_dependence) for other in nearby)]
-    generic = max(told.rank for _, told in poses)
-    (chosen, told), *rest = [pair for pair in poses if pair[1].rank == generic]
-    elsewhere = [other for other, _ in rest]
-    own = int(np.sum(found.scalar))
+    pose, moves = _assembled_pose(compiled, model)
+    jacobian = pose.jacobian
+    notes = [*moves, *driver_notes(model, pose)]
+    others = nearby_poses(ConstraintRows(compiled), pose, joint_rows(compiled))
+    ranks = [one.jacobian.joint_decomposition.rank for one in (pose, *others)]
+    regular, *elsewhere = [
+        one for one, rank in zip((pose, *others), ranks, strict=True) if rank == max(ranks)
+    ]
+    n_scalars = int(np.sum(jacobian.scalar))
     mobility = Mobility(
         bodies=len(model.bodies),
         planar=model.plane is not None,
-        coordinates=found.A.shape[1] - own,
-        modes=int(np.sum(found.modal)),
-        equations=_equations(model, found),
-        rank=found.dependence.rank - own,
-        joint_rank=here.rank - own,
-        generic_rank=generic - own,
-        redundancies=redundancies(model, chosen, told.circuits, elsewhere),
-        undetermined=_reactions_in_doubt((elsewhere or [chosen])[0]),
-        motions=free_motions_of(model, chosen, elsewhere),
-        as_rigid=_redundant_if_rigid(found, here),
+        coordinates=jacobian.A.shape[1] - n_scalars,
+        modes=int(np.sum(jacobian.modal)),
+        equations=_equations(model, pose),
+        rank=jacobian.decomposition.rank - n_scalars,
+        joint_rank=ranks[0] - n_scalars,
+        generic_rank=max(ranks) - n_scalars,
+        redundancies=redundancies(model, regular, elsewhere),
+        undetermined=undetermined_reactions((elsewhere or [regular])[0]),
+        motions=free_motions(model, regular, elsewhere),
+        as_rigid=_redundant_if_rigid(pose),
         notes=(),
     )
-    return replace(mobility, notes=(*moved, *notes, *_notes(model, found, here, mobility)))
-
-
-def _reactions_in_doubt(found: Weighted) -> tuple[Undetermined, ...]:
-    """The reactions, drivers' too, that redundant equations leave undetermined in a pose."""
-    return undetermined(found, found.dependence.circuits)
+    return replace(mobility, notes=(*notes, *_notes(model, pose, mobility)))
 
 
 @one_blas_thread()
@@ -173,84 +172,93 @@ def redundant_reactions(
     AssemblyError
         Drivers contradict each other or the joints.
     """
-    rows = ConstraintRows(compiled).at(q)
-    found = weighted(compiled, Closed(q, rows, True))
-    notes = driver_notes(compiled, model, found)
-    doubtful = tuple(told.path for told in _reactions_in_doubt(found))
-    redundant = len(found.A) - found.dependence.rank
-    if not redundant:
+    pose = ConstraintRows(compiled).evaluate(q)
+    notes = driver_notes(model, pose)
+    count = len(pose.C) - pose.jacobian.decomposition.rank
+    if not count:
         return (), notes
-    names = ", ".join(plain_name(path) for path in doubtful)
-    notes.append(
-        f"{redundant} of {len(found.A)} equations repeat others: the motion is unique, the "
-        f"reactions are not at {names} (the least ones are reported); flexmb check tells which "
-        "exchange of joints cures it"
+    paths = tuple(reaction.path for reaction in undetermined_reactions(pose))
+    notes.append(redundancy_note(count, len(pose.C), [plain_name(path) for path in paths]))
+    return paths, notes
+
+
+def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> str:
+    """The note on redundant constraint equations, at these joints if they are known."""
+    where, cure = "those reactions", ""
+    if joints:
+        where = f"the reactions at {', '.join(joints)}"
+        cure = "; flexmb check tells which exchange of joints cures it"
+    return (
+        f"{count} of {equations} constraint equations are redundant: the motion is unique, {where} "
+        f"are not (the minimum-norm ones are reported){cure}"
     )
-    return doubtful, notes
 
 
-def _assembled(compiled: Compiled, model: Model) -> tuple[Closed, list[str]]:
+def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
     """The closed pose, and what had to move for it; or the reason why there is none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.placed
-    weights = body_weights(model)
-    placed = closer_of(compiled, state, weights)
-    placed.evaluate()
-    open_as_placed = tuple(gaps(compiled, placed.work))
+    weights = assembly_weights(model)
+    start = length_corrector(compiled, state, weights)
+    start.evaluate()
+    gaps = joint_gaps(compiled, start.work)
     try:
-        moved = close_positions(compiled, model, state, lambda of, at: closer_of(of, at, weights))
+        moved = close_positions(
+            compiled, model, state, lambda of, at: length_corrector(of, at, weights)
+        )
     except AssemblyError as error:
         problems = driver_problems(compiled, model, error.problems)
         raise AssemblyError.from_problems(problems) from None
-    told = opened(open_as_placed, moved, model.units)
-    return Closed(state.q.copy(), ConstraintRows(compiled).at(state.q), True), told
+    return ConstraintRows(compiled).evaluate(state.q), assembly_notes(gaps, moved, model.units)
 
 
-def _equations(model: Model, found: Weighted) -> tuple[Equations, ...]:
+def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
     """Equations by what brings them; scalar coordinates of its own take one each."""
-    own = [element(name) for name in found.compiled.layout.coordinates]
-    rows = [element(path) for path in found.owners]
-    told = []
+    scalars = [element(name) for name in pose.compiled.layout.coordinates]
+    rows = [element(path) for path in pose.jacobian.owners]
+    equations = []
     for path in dict.fromkeys(rows):
         section, _, name = path.partition(".")
         spec = getattr(model, section)[name]
-        kind = getattr(spec, "type", None) or _driven(spec)
-        count = rows.count(path) - own.count(path)
+        kind = getattr(spec, "type", None) or _driven_coordinates(spec)
+        count = rows.count(path) - scalars.count(path)
         if count:
-            told.append(Equations(path, kind, count))
-    return tuple(told)
+            equations.append(Equations(path, kind, count))
+    return tuple(equations)
 
 
-def _driven(spec: DriverSpec) -> str:
-    """The coordinates a driver prescribes."""
+def _driven_coordinates(spec: DriverSpec) -> str:
     return ", ".join(motion.coordinate for motion in spec.motions())
 
 
-def _redundant_if_rigid(found: Weighted, here: Dependence) -> int:
+def _redundant_if_rigid(pose: ConstraintPose) -> int:
     """Redundant equations of the joints if no body could deform."""
-    A = found.A[~found.driven]
-    rank = dependence(A[:, ~found.modal]).rank if np.any(found.modal) else here.rank
+    jacobian = pose.jacobian
+    A, rank = jacobian.A[~jacobian.driven], jacobian.joint_decomposition.rank
+    if np.any(jacobian.modal):
+        rank = Decomposition.of(A[:, ~jacobian.modal]).rank
     return len(A) - rank
 
 
-def _notes(model: Model, found: Weighted, here: Dependence, told: Mobility) -> list[str]:
+def _notes(model: Model, pose: ConstraintPose, mobility: Mobility) -> list[str]:
     """What the user should know of a mechanism that can be assembled."""
     notes = []
     flexible = any(spec.flexible for spec in model.bodies.values())
-    if is_locked(found, here) and not told.drivers and not flexible:
-        notes.append(locked_sentence(model, found, here))
-    if told.singular:
-        more = told.generic_rank - told.joint_rank
+    if is_locked(pose) and not mobility.drivers and not flexible:
+        notes.append(locked_sentence(model, pose))
+    if mobility.singular:
+        more = mobility.generic_rank - mobility.joint_rank
         notes.append(
-            f"the assembled pose is singular: {_number(more, 'equation')} of the joints repeat "
-            "others here and not nearby, and the motion may branch; begin in another pose"
+            f"the assembled pose is singular: {_number(more, 'equation')} of the joints "
+            f"{'is' if more == 1 else 'are'} redundant here and not nearby, and the motion may "
+            "branch; begin in another pose"
         )
-    taken = told.as_rigid - (told.count - told.drivers - told.joint_rank)
-    if told.modes and taken > 0:
+    absorbed = mobility.as_rigid - (mobility.count - mobility.drivers - mobility.joint_rank)
+    if mobility.modes and absorbed > 0:
         notes.append(
-            f"with rigid bodies {_number(told.as_rigid, 'equation')} of the joints would be "
-            f"redundant; modes of the flexible bodies take up {taken}, so that the reactions there "
-            "follow from the elasticity"
+            f"with rigid bodies {_number(mobility.as_rigid, 'equation')} of the joints would be "
+            f"redundant; modes of the flexible bodies take up {absorbed}, so that the reactions "
+            "there follow from the elasticity"
         )
     return notes
 

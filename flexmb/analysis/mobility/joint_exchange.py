@@ -1,42 +1,31 @@
-"""The exchange of joints that removes redundant equations and no freedom.
+"""The exchange of joints that removes redundant equations and no degree of freedom.
 
-A weaker joint holds a part of what the joint held: its rows are combinations T of the rows of the
-joint, found by their gradients, so nothing is tabulated. With the left null space N of the Jacobian
-and K the combinations of the joint's rows that the weaker one gives up, rows K N are freed: the
-redundancy that is left is that of N less the rank of all K N together, and the motion stays as it
-is if as many equations are given up as redundancy goes.
+A weaker joint constrains a part of what the joint does: its rows are combinations T of the rows of
+the joint, computed from their gradients, so nothing is tabulated. With the left null space N of the
+Jacobian and K the combinations of the joint's rows that the weaker one releases, rows K N become
+free: the redundancy that is left is that of N less the rank of all K N together, and the motion
+stays as it is if as many equations are released as redundancy goes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations, islice, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.rows import gradient
+from flexmb.analysis.assembly.jacobian import JointMarkers, row_gradient
 from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
-
-__all__ = [
-    "MACHINE_JOINTS",
-    "Weaker",
-    "exchanges",
-    "given_up_by",
-    "one_by_one",
-    "turned_axes",
-    "weaker_joints",
-]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Ends = tuple[Array, Array, Array, Array]
 _PART = 1e-9  # of a gradient that may be outside of the rows it is a part of
 _RANK = 1e-6
-_MOST_TRIALS = 20_000
-_MOST_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
-_LEFT_OUT = 50  # cost of leaving a joint out: the last resort
+_MAX_TRIALS = 20_000
+_MAX_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
+_REMOVAL_COST = 50  # of a joint: the last resort
 MACHINE_JOINTS = ("spherical", "cylindrical", "universal", "revolute", "prismatic")
 """Joints that are bought or made as such; the others are conditions."""
 
@@ -53,52 +42,52 @@ _TURNS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the turned triad: z, x, y
 class Weaker:
     """A joint in place of another, no type: none; `turns` of the joint's triads lead to its own.
 
-    `given_up` (d, rows of the joint) are the combinations of rows that go.
+    `released` (d, rows of the joint) are the combinations of rows that go.
     """
 
     joint: str
     type: str
     turns: tuple[int, int]
-    given_up: Array
+    released: Array
     cost: int
 
     @property
     def drops(self) -> int:
         """Number of equations that go."""
-        return len(self.given_up)
+        return len(self.released)
 
 
 def weaker_joints(
-    joint: str, kept: Sequence[str], g: Array, ends: Ends, used: Mask
+    joint: str, types: Sequence[str], g: Array, markers: JointMarkers, used: Mask
 ) -> list[Weaker]:
-    """All types that hold a part of what a joint holds, and what leaving it out gives up.
+    """All types that constrain a part of what a joint does, and its removal.
 
     Parameters
     ----------
     joint : str
         Its name.
-    kept : sequence of str
+    types : sequence of str
         Types to choose from.
     g : (n, 12) float
         Gradients of its rows.
-    ends : x_I, R_I, x_J, R_J
+    markers : x_I, R_I, x_J, R_J
         Its markers, lengths in the unit of g.
     used : (12,) bool
         Motions that there are; in a plane not all.
     """
-    found: list[Weaker] = []
-    for name in kept:
+    weaker: list[Weaker] = []
+    for name in types:
         if used.all() and len(JOINT_ROWS.get(name, ())) >= len(g):
-            continue  # no part of what is held
+            continue  # no part of the joint
         cost = _PREFERRED.index(name) if name in _PREFERRED else len(_PREFERRED)
         for turns in _placements(name):
-            given_up = given_up_by(name, turns, g, ends, used)
-            if given_up is None or any(_same(given_up, known.given_up) for known in found):
+            released = released_rows(name, turns, g, markers, used)
+            if released is None or any(_same(released, one.released) for one in weaker):
                 continue
             extra = 3 * (turns[0] + (turns[1] != turns[0]))
-            found.append(Weaker(joint, name, turns, given_up, cost + extra))
-    found.sort(key=lambda weaker: weaker.cost)
-    return [*found, Weaker(joint, "", (0, 0), np.eye(len(g)), _LEFT_OUT)]
+            weaker.append(Weaker(joint, name, turns, released, cost + extra))
+    weaker.sort(key=lambda one: one.cost)
+    return [*weaker, Weaker(joint, "", (0, 0), np.eye(len(g)), _REMOVAL_COST)]
 
 
 def turned_axes(weaker: Weaker, Ri: Array, Rj: Array) -> tuple[Array | None, Array | None]:
@@ -116,19 +105,19 @@ def _placements(name: str) -> tuple[tuple[int, int], ...]:
     return ((0, 0),) if name in ("spherical", "distance", "fixed") else ((0, 0), (1, 1), (2, 2))
 
 
-def given_up_by(
-    name: str, turns: tuple[int, int], g: Array, ends: Ends, used: Mask
+def released_rows(
+    name: str, turns: tuple[int, int], g: Array, markers: JointMarkers, used: Mask
 ) -> Array | None:
-    """Combinations (d, n) of the rows g (n, 12) that a type gives up; None if it is no part.
+    """Combinations (d, n) of the rows g (n, 12) that a type releases; None if it is no part.
 
     Without a type, all.
     """
     if not name:
         return np.eye(len(g))
-    xi, Ri, xj, Rj = ends
+    xi, Ri, xj, Rj = markers
     A, B = (R @ _TURNS[k] for R, k in zip((Ri, Rj), turns, strict=True))
     rows = JOINT_ROWS.get(name, ())
-    other = np.array([gradient(row[:3], xi, A, xj, B)[used] for row in rows])
+    other = np.array([row_gradient(row[:3], xi, A, xj, B)[used] for row in rows])
     if not other.size or not np.all(np.isfinite(other)):
         return None
     other, g = other[np.abs(other).max(axis=1) > _PART], g[:, used]
@@ -151,10 +140,14 @@ Choices = Mapping[str, Sequence[Weaker]]
 Fits = Callable[[tuple[Weaker, ...]], bool]
 
 
-def exchanges(
-    choices: Choices, N: Mapping[str, Array], drops: int, most: int, fits: Fits | None = None
+def fewest_exchanges(
+    choices: Choices,
+    N: Mapping[str, Array],
+    drops: int,
+    max_exchanges: int,
+    fits: Fits | None = None,
 ) -> tuple[Weaker, ...] | None:
-    """The fewest exchanges, of the most usual joints, that give up `drops` equations.
+    """The fewest exchanges, of the most usual joints, that release `drops` equations.
 
     None as well where there are too many to go through.
 
@@ -165,71 +158,67 @@ def exchanges(
     N : mapping of str to (rows, r) float
         Rows of the left null space by joint.
     drops : int
-        Equations to give up, the r redundant ones among them.
-    most : int
+        Equations to release, the r redundant ones among them.
+    max_exchanges : int
         Exchanges at most.
     fits : callable, optional
         Whether a solution will do.
     """
     r = next(iter(N.values())).shape[1]
-    for n in range(1, min(len(choices), drops, most) + 1):
-        if _count(choices, n) > _MOST_CANDIDATES:
+    for n in range(1, min(len(choices), drops, max_exchanges) + 1):
+        if _count(choices, n) > _MAX_CANDIDATES:
             break
-        for trial, found in enumerate(_by_cost(choices, n, drops)):
-            if trial >= _MOST_TRIALS:
-                break
-            if r and _rank(found, N) < r:
-                continue
-            if fits is None or fits(found):
-                return found
+        for trial in islice(_by_cost(choices, n, drops), _MAX_TRIALS):
+            if (not r or _freed_rank(trial, N) == r) and (fits is None or fits(trial)):
+                return trial
     return None
 
 
-def one_by_one(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, ...] | None:
+def greedy_exchanges(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, ...] | None:
     """Exchanges that free the null space N, each the one that frees most and nothing else.
 
     For many joints; not always the fewest.
     """
     r = next(iter(N.values())).shape[1]
-    found: tuple[Weaker, ...] = ()
-    free = {joint: list(known) for joint, known in choices.items()}
+    cure: tuple[Weaker, ...] = ()
+    free = {joint: list(options) for joint, options in choices.items()}
     rank = 0
     while rank < r:
         useful = [
-            (-weaker.drops, weaker.cost, k, (*found, weaker))
-            for k, weaker in enumerate(w for known in free.values() for w in known)
-            if rank + weaker.drops <= r and _rank((*found, weaker), N) == rank + weaker.drops
+            (-weaker.drops, weaker.cost, k, (*cure, weaker))
+            for k, weaker in enumerate(w for options in free.values() for w in options)
+            if rank + weaker.drops <= r and _freed_rank((*cure, weaker), N) == rank + weaker.drops
         ]
         if not useful:
             return None
-        found = min(useful)[3]
-        rank += found[-1].drops
-        del free[found[-1].joint]
-    return found
+        cure = min(useful)[3]
+        rank += cure[-1].drops
+        del free[cure[-1].joint]
+    return cure
 
 
-def _rank(found: Sequence[Weaker], N: Mapping[str, Array]) -> int:
+def _freed_rank(cure: Sequence[Weaker], N: Mapping[str, Array]) -> int:
     """How much of the null space the exchanges free."""
-    freed = np.vstack([weaker.given_up @ N[weaker.joint] for weaker in found])
+    freed = np.vstack([weaker.released @ N[weaker.joint] for weaker in cure])
     return int(np.linalg.matrix_rank(freed, tol=_RANK))
 
 
 def _count(choices: Choices, n: int) -> int:
     """In how many ways n joints can be exchanged: an elementary symmetric polynomial."""
     counts = [1] + n * [0]
-    for known in choices.values():
+    for options in choices.values():
         for k in range(n, 0, -1):
-            counts[k] += counts[k - 1] * len(known)
+            counts[k] += counts[k - 1] * len(options)
     return counts[n]
 
 
 def _by_cost(choices: Choices, n: int, drops: int) -> Iterator[tuple[Weaker, ...]]:
-    """Exchanges of n joints that give up so many equations, the most usual ones first."""
-    exchangeable = [joint for joint, known in choices.items() if known]
-    found = [
+    """Exchanges of n joints that release so many equations, the most usual ones first."""
+    exchangeable = [joint for joint, options in choices.items() if options]
+    trials = [
         picked
         for joints in combinations(exchangeable, n)
         for picked in product(*(choices[joint] for joint in joints))
         if sum(weaker.drops for weaker in picked) == drops
     ]
-    return iter(sorted(found, key=lambda picked: sum(weaker.cost for weaker in picked)))
+    return iter(sorted(trials, key=lambda picked: sum(weaker.cost for weaker in picked)))
