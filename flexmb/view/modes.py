@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
-from flexmb.flexbody.held import held_modes
+from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.view.camera import Camera, body_camera
 from flexmb.view.content import Content, Deformed, Scale
 from flexmb.view.mechanism import size_of
@@ -107,7 +107,7 @@ def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    modes = held_modes(body, held)
+    modes = natural_modes(body, held)
     return modes.frequencies, modes.shapes(points, shapes)
 
 
