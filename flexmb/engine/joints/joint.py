@@ -30,7 +30,7 @@ from flexmb.engine.row_kinds import (
 )
 from flexmb.engine.state import rows_between
 from flexmb.errors import Problem, SceneError
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.joint import JointSpec
