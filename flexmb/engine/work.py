@@ -9,7 +9,7 @@ import numpy as np
 
 from flexmb.engine.jit import Unit
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.kinematics_state import Path
+from flexmb.engine.kinematics_point import PATH_MEMORY, Path
 from flexmb.engine.method import (
     AGE,
     CONTRACTION,
@@ -347,6 +347,6 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0, 0.0]), np.zeros((_SINGULAR_POSES, 2)),
-        np.zeros((_SINGULAR_POSES, nq)), np.zeros(3, dtype=np.int64),
+        np.array([(np.inf, -1.0, 0.0, 0, 0, 0)], PATH_MEMORY), np.zeros((_SINGULAR_POSES, 2)),
+        np.zeros((_SINGULAR_POSES, nq)),
     )  # fmt: skip

@@ -30,7 +30,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns, Layout
+from flexmb.engine.tables import BodyColumns, Layout
 from flexmb.errors import Problem, ResultFileError, nearest
 
 # dataset -> which column count of the layout it has; time is one column without a second axis

@@ -20,8 +20,8 @@ from flexmb.workflow.origin import body_hash, origin
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.engine.compile import Compiled
-    from flexmb.engine.layout import BodyColumns
     from flexmb.engine.state import State
+    from flexmb.engine.tables import BodyColumns
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
@@ -101,7 +101,7 @@ def beginning(
         names = tuple(body.name for body in compiled.layout.bodies)
         what = f"has no body of this scene; it has {', '.join(theirs)}"
         raise ResultFileError.from_problems([Problem(str(other.path), what, names)])
-    q, v = compiled.placed.copy(), np.full(compiled.layout.nv, np.nan)
+    q, v = compiled.initial_q.copy(), np.full(compiled.layout.nv, np.nan)
     known = origin(other).get("bodies", {})
     undeformed = []
     for body in matched:

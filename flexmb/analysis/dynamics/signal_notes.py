@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
 from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
 from flexmb.model.sensors.signals import live_functions, resolved

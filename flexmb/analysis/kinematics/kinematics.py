@@ -30,7 +30,7 @@ from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, r
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import CORRECT, EVALUATE, POINTS, analyse_kinematics, kinematics_units
-from flexmb.engine.kinematics_state import KinematicsSettings
+from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
 from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
@@ -156,7 +156,7 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
     """The first positions, closed with least change in lengths and angles times body weights."""
     weights, channels = assembly_weights(model), len(compiled.layout.channels)
     state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
 
     def make(of: Compiled, at: State) -> Corrector:
         system = of.system
@@ -257,14 +257,14 @@ class _Run:
     def statistics(self) -> dict[str, float | int | str]:
         """Numbers of the summary."""
         count = self._state.count
-        iterations, factorisations, singular_poses = self._prepared.pose.path.count
+        memory = self._prepared.pose.path.memory[0]
         return {
             "points": int(count[method.OUTPUTS]),
             "increments": int(count[method.STEPS]),
             "halved_increments": int(count[method.FAILED]),
-            "newton_iterations": int(iterations),
-            "factorisations": int(factorisations),
-            "singular_poses_passed": int(singular_poses),
+            "newton_iterations": int(memory["iterations"]),
+            "factorisations": int(memory["factorisations"]),
+            "singular_poses_passed": int(memory["singular_poses"]),
             "largest_position_drift": float(self._rows.largest_drift[0]),
             "largest_velocity_drift": float(self._rows.largest_drift[1]),
             "energy_balance_error": self._rows.balance.relative,
