@@ -39,8 +39,12 @@ def linkage(size, plane="xy", driven=True):
         )  # fmt: skip
         made.add_marker(f"{name}.end", position=[length, 0, 0])
     made.add_marker("ground.right", position=[d, 0, 0])
-    pins = {"left": ("ground", "crank"), "right": ("ground.right", "rocker"),
-            "crank_pin": ("crank.end", "coupler"), "rocker_pin": ("coupler.end", "rocker.end")}  # fmt: skip
+    pins = {
+        "left": ("ground", "crank"),
+        "right": ("ground.right", "rocker"),
+        "crank_pin": ("crank.end", "coupler"),
+        "rocker_pin": ("coupler.end", "rocker.end"),
+    }
     for name, between in pins.items():
         made.add_joint(name, "revolute", between=list(between), axis="z")
     if driven:
