@@ -86,7 +86,7 @@ def prepared_task(
         Told every phase.
     """
     from flexmb.analysis.dynamics.analysis import integrate, prepare
-    from flexmb.analysis.kinematics.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)

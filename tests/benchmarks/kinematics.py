@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics
+from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import POINTS, analyse_kinematics
