@@ -1,8 +1,8 @@
 """Runs the blocks of the README and of the manual's pages, and compares what they print.
 
-Of a page, in one folder and in this order: ``console`` and ``sh`` blocks call ``flexmb``, ``python``
-blocks run in one namespace, a ``toml`` block is written to a file where a comment names it, else
-held against the schema of scenes. What is compared: the lines below each ``$`` command, and the
+The blocks of a page run in one folder, in order: ``console`` and ``sh`` blocks call ``flexmb``,
+``python`` blocks run in one namespace, a ``toml`` block is written to a file where a comment names
+it, else validated by the schema of scenes. What is compared: the lines below each ``$`` command, and the
 ``text`` block right after a ``python`` block; a line ``...`` stands for any lines.
 
 A comment before a block, ``<!-- test: ... -->``, says more: ``varies``: numbers are not compared;
