@@ -263,12 +263,12 @@ def _points(
     run = new_run(prepared.compiled.system, state, prepared.work, output=rows.output)
     points, status = settings.outputs + 1, float(method.FINE)
     try:
-        while status == method.FINE and state.count[method.OUTPUTS] < points:
+        while status == method.FINE and state.count[0]["outputs"] < points:
             rows.output.rows[0], rows.unread = 0, True
             n = len(rows.output.t)
             status = analyse_kinematics(run, prepared.path, settings, POINTS, n)
             sink.append(rows.block())
-            done = float(state.count[method.OUTPUTS] / points)
+            done = float(state.count[0]["outputs"] / points)
             progress("kinematics", done, f"t = {state.t[0]:.4g} s")
     except KeyboardInterrupt:
         if rows.unread:
@@ -282,14 +282,14 @@ def _points(
 
 
 def _statistics(prepared: PreparedSweep, rows: _Rows) -> dict[str, float | int | str]:
-    count, (iterations, factors, passed) = prepared.state.count, prepared.path.count
+    count, path = prepared.state.count[0], prepared.path.count[0]
     return {
-        "points": int(count[method.OUTPUTS]),
-        "increments": int(count[method.STEPS]),
-        "halved_increments": int(count[method.FAILED]),
-        "newton_iterations": int(iterations),
-        "factorisations": int(factors),
-        "singular_poses_passed": int(passed),
+        "points": int(count["outputs"]),
+        "increments": int(count["steps"]),
+        "halved_increments": int(count["failed"]),
+        "newton_iterations": int(path["iterations"]),
+        "factorisations": int(path["factorisations"]),
+        "singular_poses_passed": int(path["singular_poses"]),
         "largest_position_drift": float(rows.drift[0]),
         "largest_velocity_drift": float(rows.drift[1]),
         "energy_balance_error": rows.balance.relative,

@@ -25,7 +25,7 @@ from flexmb.analysis.kinematics.singular import (
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import EVALUATE, analyse_kinematics
-from flexmb.engine.kinematics_state import SINGULAR_POSES, KinematicsSettings, Path
+from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
 from flexmb.engine.tables import System
@@ -248,7 +248,7 @@ def _branch(pose: Pose, time: float) -> str:
 def passed_poses(prepared: PreparedSweep) -> list[str]:
     """A note for each singular pose that the motion passed through smoothly."""
     path = prepared.path
-    count = int(path.count[SINGULAR_POSES])
+    count = int(path.count[0]["singular_poses"])
     if not count:
         return []
     pose = Pose(prepared.compiled, prepared.model, prepared.state, prepared.work, prepared.path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 import pytest
 
 from flexmb.analysis.dynamics.analysis import prepare
@@ -75,7 +76,9 @@ def saw():
 
 
 def flat(state):
-    return np.concatenate([part.ravel() for part in state])
+    """All numbers of a state (n,); records in their order of fields."""
+    parts = [structured_to_unstructured(part) if part.dtype.names else part for part in state]
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def pulse_answer(t):
