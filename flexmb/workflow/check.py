@@ -78,11 +78,11 @@ def check_scene(
 def _check_results(model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
     """Refuse names of nothing in what is to be stored."""
     from flexmb.engine.compile import compile_system
-    from flexmb.results import Columns, kept_columns
+    from flexmb.results import Columns, stored_columns
 
     if model.results is not None and model.results.keep:
         scene = {"results": {"keep": model.results.keep}, **_reacting(model)}
-        kept_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
+        stored_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
 
 
 def _reacting(model: Model) -> dict[str, Any]:
