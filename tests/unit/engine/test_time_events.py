@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 import pytest
+from numpy.lib.recfunctions import structured_to_unstructured
 
 from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.analysis.dynamics.run import Run
