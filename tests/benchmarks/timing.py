@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
@@ -63,8 +63,8 @@ def per_step(model, compiled, h, count):
         if k:  # the first loads or compiles the loop
             seconds.append((time.process_time() - begin) / count)
         assert status == method.FINE, (model, status, state.t)
-    share = state.count / count
-    return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
+    done = state.count[0]
+    return median(seconds), done["residuals"] / count, done["factorisations"] / count
 
 
 def set_up(n, joint="spherical", **fields):
