@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from flexmb.cache import cache_root, writable
+from flexmb.folders import cache_root, is_writable
 
 __all__ = ["Verdict", "probe", "use"]
 
@@ -175,5 +175,5 @@ def _read(path: Path) -> Verdict | None:
 
 
 def _write(path: Path, verdict: Verdict) -> None:
-    if writable(path.parent):
+    if is_writable(path.parent):
         path.write_text(json.dumps(asdict(verdict)), encoding="utf-8")
