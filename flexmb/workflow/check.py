@@ -147,11 +147,11 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
 def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
     """Refuse unknown names among the results to store."""
     from flexmb.engine.compile import compile_system
-    from flexmb.results import Columns, kept_columns
+    from flexmb.results import Columns, stored_columns
 
     if model.results is not None and model.results.keep:
         scene = {"results": {"keep": model.results.keep}, **_reaction_scene(model)}
-        kept_columns(Columns.of(compile_system(model, bodies).layout), scene, rigid)
+        stored_columns(Columns.of(compile_system(model, bodies).layout), scene, rigid)
 
 
 def _reaction_scene(model: Model) -> dict[str, Any]:

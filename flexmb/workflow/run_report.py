@@ -80,7 +80,7 @@ def report_run(
 
     notes = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
     picture, history = _draw(run, progress) if pictures else (None, None)
-    if pictures and len(run.time) and not run.is_kept("q"):
+    if pictures and len(run.time) and not run.has_columns("q"):
         notes.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
     if outcome.status == "failed":
         rows = f"{run.path} keeps the {len(run.time)} outputs until then"
@@ -107,7 +107,7 @@ def _draw(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
         return None, None
     folder = run.path.parent
     picture = history = None
-    if run.is_kept("q"):
+    if run.has_columns("q"):
         progress("picture", 0.0)
         picture = render(run, output=folder / "picture.png")
         progress("picture", 1.0)

@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.bodies.motion import move
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
-from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
 from flexmb.engine.units import call_ready

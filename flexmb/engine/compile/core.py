@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.engine.kernels.bodies.inertia import Bodies
-from flexmb.engine.kernels.bodies.kinematics import Markers
-from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
+from flexmb.engine.bodies.marker import Markers
+from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.functions.time_function import TimeFunctions
 from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints

@@ -16,8 +16,8 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import NOT_UNIQUE, Result, ResultWriter
-from flexmb.results.layout import Columns
-from flexmb.results.reactions import sides
+from flexmb.results.columns import Columns
+from flexmb.results.reactions import marker_pairs
 
 SCENE = {
     "title": "two names",
@@ -203,7 +203,7 @@ def test_drivers_of_markers_are_between_the_markers_that_they_name() -> None:
         "turn": {"marker": "arm.tip", "relative_to": "base.eye", "angle": "t"},
         "ram": {"between": ["base.foot", "arm.eye"], "distance": "1 + t"},
     }
-    found = sides(Columns.of(layout), {"drivers": drivers})
+    found = marker_pairs(Columns.of(layout), {"drivers": drivers})
     assert [(pair.I, pair.J) for pair in found] == [
         ("ground.origin", "arm.tip"),
         ("base.eye", "arm.tip"),

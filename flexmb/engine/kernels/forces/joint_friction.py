@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.rotation import transform_back
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
 from flexmb.engine.kernels.joints.row import put_row_gradient
