@@ -148,7 +148,7 @@ def flexible_body(body: Any) -> None:
 
 def quality(report: Any) -> None:
     """The tables of a quality report."""
-    from flexmb.fe.checks.quality_text import report_tables
+    from flexmb.fe.reduction.quality_report import report_tables
 
     for part in report_tables(report):
         heading(part.title)

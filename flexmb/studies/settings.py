@@ -23,7 +23,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.folders import output_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import FlexbodySpec
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.scenes.scene import load_scene, raw_scene
 from flexmb.model.tasks.knobs import resolve_knob
 from flexmb.model.tasks.methods import OPTIONS

@@ -13,7 +13,7 @@ from flexmb.units import SI, UnitSystem
 from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility.report import Mobility
+    from flexmb.analysis.mobility.degrees_of_freedom import Mobility
     from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
@@ -70,7 +70,7 @@ def check_scene(
     AssemblyError
         It cannot be assembled, or its drivers contradict each other or the joints.
     """
-    from flexmb.analysis.mobility.report import LARGEST
+    from flexmb.analysis.assembly.rank import MAX_COORDINATES
     from flexmb.model import load_scene
     from flexmb.model.counts import count
     from flexmb.workflow.model_tables import definition_tables
@@ -87,8 +87,10 @@ def check_scene(
     bodies, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
     _check_results(model, bodies, rigid)
     moves = None
-    if counts.rigid_coordinates > LARGEST:
-        notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
+    if counts.rigid_coordinates > MAX_COORDINATES:
+        notes.append(
+            f"more than {MAX_COORDINATES} coordinates: equations are counted, not their rank"
+        )
     elif model.joints or model.dynamics is not None:
         moves, mobility_notes = _mobility(model, bodies, rigid)
         notes += mobility_notes
@@ -127,7 +129,8 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
     FlexmbError
         It has too many coordinates.
     """
-    from flexmb.analysis.mobility.report import LARGEST, examine
+    from flexmb.analysis.assembly.rank import MAX_COORDINATES
+    from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
     from flexmb.engine.compile import compile_system
 
     bodies = dict(flexbodies or {})
@@ -138,10 +141,10 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
             raise SceneError.from_problems(problems)
         bodies = {**bodies_of_surveys(model, surveys)[0], **bodies}
     compiled = compile_system(model, bodies)
-    if compiled.layout.nv > LARGEST:
+    if compiled.layout.nv > MAX_COORDINATES:
         what = f"the model has {compiled.layout.nv} coordinates; the rank of its equations is "
-        raise FlexmbError(f"{what}found for up to {LARGEST}")
-    return examine(compiled, model)
+        raise FlexmbError(f"{what}found for up to {MAX_COORDINATES}")
+    return mobility_of(compiled, model)
 
 
 def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:

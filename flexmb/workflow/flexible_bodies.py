@@ -28,7 +28,7 @@ from flexmb.errors import (
 )
 from flexmb.folders import output_folder, writable_folder
 from flexmb.model.bodies.body import FlexbodySpec
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
@@ -195,7 +195,7 @@ def bodies_of_surveys(
 def _loaded_body(model: Model, spec: FlexbodySpec) -> FlexBody:
     """A body from its file or an object; with its modes in the plane of a planar scene."""
     from flexmb.flexbody import load
-    from flexmb.flexbody.planar import planar_body
+    from flexmb.flexbody.planar_body import planar_body
     from flexmb.model.plane import normal_in_body
 
     source = spec.flexbody
@@ -389,7 +389,7 @@ def _quality_inspector(
     """A function to be called by :func:`flexmb.reduce`, which adds a report by body name."""
 
     def inspect(fe: Any, basis: Any, modes: Any, body: Any, mirror: Any) -> None:
-        from flexmb.fe.checks.quality import quality_report
+        from flexmb.fe.reduction.quality_report import quality_report
 
         phases = watch.lap()
         reports[body.name] = quality_report(

@@ -206,7 +206,7 @@ def _controllers() -> Listing:
 
 
 def _shapes() -> Listing:
-    from flexmb.model.bodies.shapes import SHAPES
+    from flexmb.model.bodies.mass_properties import SHAPES
 
     return _listing("shapes of rigid bodies: [bodies.name] shape = { ... }", SHAPES)
 
@@ -274,8 +274,7 @@ def _meshes() -> Listing:
 
 
 def _sections() -> Listing:
-    from flexmb.model.bodies.beam_sections import ReleasesSpec
-    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec
+    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
 
     kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
     about = "The section of each element group of a mesh; all takes what no other names:"
@@ -283,10 +282,14 @@ def _sections() -> Listing:
 
 
 def _reductions() -> Listing:
-    from flexmb.model.bodies.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
-    from flexmb.model.bodies.meshloads import LOAD_TYPES
-    from flexmb.model.bodies.reduction import METHODS, ModesSpec
+    from flexmb.model.bodies.interfaces import (
+        LOAD_TYPES,
+        InterfaceSpec,
+        MassSpec,
+        NodeSpringSpec,
+        TieSpec,
+    )
+    from flexmb.model.bodies.mesh_body import METHODS, MeshBodySpec, ModesSpec
 
     kinds = {
         "a body": MeshBodySpec,

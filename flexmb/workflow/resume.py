@@ -77,7 +77,7 @@ def provenance(result: Result) -> dict[str, Any]:
 
 def body_hash(body: FlexBody) -> str:
     """Hash of all data of a flexible body but its provenance."""
-    from flexmb.flexbody.schema import to_datasets
+    from flexmb.flexbody.body_file import to_datasets
 
     digest = hashlib.sha256(repr((body.name, body.mass)).encode())
     for path, value in sorted(to_datasets(body).items()):

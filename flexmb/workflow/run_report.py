@@ -140,13 +140,13 @@ def _check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
 
 def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[CheckOutcome]:
     """One outcome for each known natural frequency of these bodies; a missing mode gives NaN."""
-    from flexmb.flexbody.held import held_frequencies
+    from flexmb.flexbody.natural_modes import natural_frequencies
 
     outcomes = []
     for check in model.frequency_checks:
         if check.body not in bodies:
             continue
-        frequencies = held_frequencies(bodies[check.body], check.held)
+        frequencies = natural_frequencies(bodies[check.body], check.held)
         missing = check.mode > len(frequencies)
         value = math.nan if missing else float(frequencies[check.mode - 1])
         support = f"{', '.join(check.held)} held" if check.held else "free"

@@ -18,7 +18,7 @@ from flexmb.errors import Problem, ResultFileError
 from flexmb.workflow.resume import body_hash, provenance
 
 if TYPE_CHECKING:
-    from flexmb.analysis.assembly.analysis import Begin
+    from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.engine.compile import Compiled
     from flexmb.engine.layout import BodyColumns
     from flexmb.engine.state import State
@@ -36,7 +36,7 @@ class StartState:
     """The end of another run as the start of this one."""
 
     source: Path
-    begin: Begin
+    begin: StartValues
     matched: tuple[BodyColumns, ...]
     notes: tuple[str, ...]
 
@@ -87,7 +87,7 @@ def match_start(
         The result cannot be read, holds no rows, has no body of a name of this model, or is not
         in the plane of a planar model.
     """
-    from flexmb.analysis.assembly.analysis import Begin
+    from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.results import Result
 
     other = source if isinstance(source, Result) else Result(source)
@@ -125,7 +125,7 @@ def match_start(
         notes.append(
             f"begins without deformation, since its reduction differs: {', '.join(undeformed)}"
         )
-    return StartState(other.path, Begin(q, v), matched, tuple(notes))
+    return StartState(other.path, StartValues(q, v), matched, tuple(notes))
 
 
 def _same_modes(body: FlexBody, stored: Mapping[str, str]) -> bool:

@@ -27,7 +27,7 @@ from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
 from flexmb.engine.tables import Parts, System
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.planar import planar_body
+from flexmb.flexbody.planar_body import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
