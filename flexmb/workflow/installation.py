@@ -180,9 +180,9 @@ def _versions(packages: dict[str, str]) -> tuple[tuple[str, str | None, str], ..
 
 
 def _rendering() -> tuple[str, str]:
-    from flexmb.view import backend
+    from flexmb.view import vtk_renderer
 
-    verdict = backend.probe(fresh=True)
+    verdict = vtk_renderer.probe(fresh=True)
     if verdict.works:
         return "ok", verdict.how
     return "simple", f"{verdict.how}. Simple pictures by matplotlib instead; {verdict.advice}"

@@ -151,7 +151,7 @@ def _joints() -> Listing:
 
 def _free_motions(joint: str, count: int) -> str:
     """The motions that a joint leaves free: each of its rows prevents one."""
-    from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+    from flexmb.engine.joints.joint import JOINT_ROWS
     from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import JointMarkers, row_gradient
-from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+from flexmb.engine.joints.joint import JOINT_ROWS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -24,7 +24,7 @@ from flexmb.analysis.mobility.joint_exchange import (
     turned_axes,
     weaker_joints,
 )
-from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.gearing import terms_of
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model

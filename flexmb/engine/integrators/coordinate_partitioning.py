@@ -32,7 +32,7 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
+from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.kkt import least_pivot, put_metric
 from flexmb.engine.kernels.projection import NOTHING, accelerations
 from flexmb.engine.kernels.stages import (

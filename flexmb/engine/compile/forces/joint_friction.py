@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from flexmb.engine.compile.forces.friction import friction_parameters
-from flexmb.engine.compile.lowering import Lowering, Placement
 from flexmb.engine.kernels.forces.joint_friction import JOINT_FRICTION, JointFrictions
+from flexmb.engine.lowering import Lowering, Placement
 from flexmb.model.forces.contact_checks import friction_coordinate
 from flexmb.model.forces.friction import JointFrictionSpec
 

@@ -1,8 +1,10 @@
-"""How large a model is, and what one unit of each velocity coordinate counts for."""
+"""The model in its initial pose: its markers and their frames, its size."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +12,56 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
+from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.model import Model
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
 
-__all__ = ["body_weights", "model_length"]
+Array = NDArray[np.float64]
+Ends = tuple[PlacedMarker, PlacedMarker]
+"""Markers I and J."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Markers of a model in its initial pose, by scene path; positions and axes are global."""
+
+    model: Model
+    flexbodies: Mapping[str, FlexBody]
+
+    def marker(self, reference: str) -> PlacedMarker:
+        """The marker of a scene path."""
+        return lookup.placed(self.model, reference, self.flexbodies)
+
+    def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
+        """Two markers with z along an axis."""
+        return lookup.frames(self.model, ends, axis, self.flexbodies)
+
+    def joint_frames(self, joint: str) -> Ends:
+        """The triads of a joint."""
+        return lookup.joint_frames(self.model, joint, self.flexbodies)
+
+    def position(self, marker: PlacedMarker) -> Array:
+        """Position (3,) of a marker [m]."""
+        return lookup.global_position(self.model, marker)
+
+    def axes(self, marker: PlacedMarker) -> Array:
+        """Axes (3, 3) of a marker."""
+        return marker_frame(self.model, marker)[1]
+
+
+def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
+    """Global position (3,) and axes (3, 3) of a marker in the initial pose."""
+    A = np.eye(3)
+    if marker.body != GROUND:
+        A = rotation_matrix(model.bodies[marker.body].orientation)
+    return lookup.global_position(model, marker), A @ marker.R
 
 
 def model_length(
     model: Model, flexbodies: Mapping[str, FlexBody], ground: NDArray[np.float64]
 ) -> float:
-    """Size of the model [m]: spread of all markers and flexible bodies in the placed pose.
+    """Size of the model [m]: spread of all markers and flexible bodies in the initial pose.
 
     Of the ground only the points (n, 3) that hold something count, so that the size does not depend
     on where the model stands.
@@ -33,7 +76,7 @@ def model_length(
 
 
 def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
-    """Global positions (n, 3) of all markers of bodies in the placed pose."""
+    """Global positions (n, 3) of all markers of bodies in the initial pose."""
     points, counts = [], []
     for body in model.bodies:
         places = lookup.places(model, body, flexbodies)

@@ -16,8 +16,6 @@ from flexmb.flexbody import FlexBody
 from flexmb.model.joints.gearing import acting_names, equation, terms_of
 from flexmb.model.model import Model
 
-__all__ = ["CoupledRow", "coupled_rows", "coupled_scalars", "screw_rows"]
-
 Follows = tuple[tuple[str, float], ...]
 
 
@@ -29,7 +27,7 @@ class CoupledRow(NamedTuple):
     coordinate: str
     follows: Follows
     offset: float
-    relative: bool  # counted from the placed pose
+    relative: bool  # counted from the initial pose
 
 
 def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
@@ -46,17 +44,19 @@ def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
 def coupled_rows(model: Model, flexbodies: Mapping[str, FlexBody]) -> Iterator[CoupledRow]:
     """The rows of all couplers."""
     for name in model.couplers:
-        found = equation(model, name, flexbodies)
-        keys = tuple((term.joint, term.coordinate) for term in found.terms)
+        coupling = equation(model, name, flexbodies)
+        keys = tuple((term.joint, term.coordinate) for term in coupling.terms)
         owners = [f"couplers.{owner}" for owner in acting_names(name, model.couplers[name])]
-        last = found.terms[-1].factor
+        last = coupling.terms[-1].factor
         for owner, key in zip(owners[:-1], keys, strict=False):
-            yield CoupledRow(owner, *key, ((owner, 1.0),), 0.0, found.relative)
+            yield CoupledRow(owner, *key, ((owner, 1.0),), 0.0, coupling.relative)
         follows = tuple(
             (owner, -term.factor / last)
-            for owner, term in zip(owners[:-1], found.terms, strict=False)
+            for owner, term in zip(owners[:-1], coupling.terms, strict=False)
         )
-        yield CoupledRow(owners[-1], *keys[-1], follows, found.constant / last, found.relative)
+        yield CoupledRow(
+            owners[-1], *keys[-1], follows, coupling.constant / last, coupling.relative
+        )
 
 
 def screw_rows(model: Model, name: str) -> tuple[CoupledRow, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmb.model import Model
 from flexmb.results import Pose
-from flexmb.view.contours import contours, followed
+from flexmb.view.shapes import curve_shapes, follower_markers
 
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -38,20 +38,20 @@ def train() -> Model:
 
 def test_every_side_shows_its_part() -> None:
     shown = still(train())
-    plates = contours(shown, "cam", 1.0)
+    plates = curve_shapes(shown, "cam", 1.0)
     assert len(plates) == 2  # one for each joint
     np.testing.assert_allclose(np.ptp(plates[0].points, axis=0), [2.0, 4.0, 0.06], atol=5e-3)
     np.testing.assert_allclose(plates[0].points.mean(axis=0), [1.0, 0.0, 0.0], atol=5e-3)
-    disk, wire = contours(shown, "roller", 1.0)
+    disk, wire = curve_shapes(shown, "roller", 1.0)
     np.testing.assert_allclose(np.ptp(disk.points, axis=0)[:2], 0.6, atol=2e-3)
     np.testing.assert_allclose(np.ptp(wire.points, axis=0)[1], 4.0, atol=1e-9)
-    (pad,) = contours(shown, "flat", 1.0)
+    (pad,) = curve_shapes(shown, "flat", 1.0)
     assert (
         np.argmin(np.ptp(pad.points, axis=0)) == 1
     )  # across the marker's z, which is global x, turned
-    assert contours(shown, "pin", 1.0) == []
+    assert curve_shapes(shown, "pin", 1.0) == []
 
 
 def test_points_that_follow_a_curve_are_shown_as_balls() -> None:
     joints = train().joints
-    assert [followed(joints[name]) for name in "rfs"] == [(), (), ("pin",)]
+    assert [follower_markers(joints[name]) for name in "rfs"] == [(), (), ("pin",)]

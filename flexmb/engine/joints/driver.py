@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flexmb.engine.compile.joints.joint_rows import measured
+from flexmb.engine.joints.joint import X, row_constant
 from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT2
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
@@ -24,11 +24,8 @@ from flexmb.model.joints.drivers import DriverSpec, Start
 from flexmb.model.model import Model
 from flexmb.model.plane import in_plane_triad
 
-__all__ = ["driver_functions", "marker_rows"]
-
 Kind = tuple[int, int, int]
 Ends = tuple[PlacedMarker, PlacedMarker]
-_X = 0
 
 
 def marker_rows(
@@ -43,9 +40,9 @@ def marker_rows(
     rows = []
     for coordinate, _ in driver.motions(model.plane):
         if coordinate == "distance":
-            rows.append((DISTANCE, _X, _X))
+            rows.append((DISTANCE, X, X))
         elif coordinate == "angle":
-            rows.append((ANGLE, _X, _X))
+            rows.append((ANGLE, X, X))
         else:
             axis = int(np.argmax(turn["xyz".index(coordinate)]))
             rows.append((DOT2, axis, axis))
@@ -61,7 +58,7 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
         A function that cannot be integrated, or a distance that comes to zero.
     """
     driver = model.drivers[name]
-    found = []
+    expressions = []
     for k, motion in enumerate(driver.motions(model.plane)):
         expression = motion.function.expression
         if driver.order > 0:
@@ -69,7 +66,7 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
             first = _first(driver.start, k)
             try:
                 if first is None:
-                    first = measured(model, (*rows[k], True), *ends)
+                    first = row_constant(model, (*rows[k], True), *ends)
                 line = (first, _first(driver.start_velocity, k) or 0.0)
                 expression = _integrated(model, driver.order, expression, line)
             except ZeroDivisionError:
@@ -81,8 +78,8 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
             what = closing(model, expression) if motion.coordinate == "distance" else None
             if what is not None:
                 raise SceneError.from_problems([Problem(where, what)])
-        found.append(expression)
-    return found
+        expressions.append(expression)
+    return expressions
 
 
 def _integrated(

@@ -1,17 +1,22 @@
-"""The rows of every joint type between its two triads.
+"""The rows of every joint type between its two triads, in space and in a plane.
 
 Axes x, y, z are 0, 1, 2; z_I is the joint's axis, z_J its second axis where it has two. A row is
-(kind, axis of I, axis of J, kept); what is kept has the value that it has in the placed pose, all
-else is zero. Composite joints (a link without mass, a joint at each end) are the invariants of the
-link: 6 less the freedoms of its two joints. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug,
-Computer Aided Kinematics and Dynamics, 1989, ch. 3, 9.
+(kind, axis of I, axis of J, measured): a measured one has the value of the initial pose, all
+others are zero. Composite joints (a link without mass, a joint at each end) are the invariants of
+the link: 6 less the freedoms of its two joints. Triads in a plane have the normal for z and, if the
+joint slides, its axis for x; the orientation is then one angle row, which has no second branch at
+180°, and sliding leaves one offset row. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug, Computer
+Aided Kinematics and Dynamics, 1989, ch. 3, 9.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.geometry import marker_frame
 from flexmb.engine.row_kinds import (
     ANGLE,
     DISTANCE,
@@ -25,26 +30,17 @@ from flexmb.engine.row_kinds import (
 )
 from flexmb.engine.state import rows_between
 from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
+from flexmb.model.plane import across, plane_axes
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix
 
-__all__ = [
-    "DRIVER_ROWS",
-    "JOINT_ROWS",
-    "SECOND_TURN",
-    "Row",
-    "composite_rows",
-    "driver_row",
-    "measured",
-    "signs_of_axes",
-]
-
 Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]
-
 X, Y, Z = 0, 1, 2
 _ROUND_OFF = 1e-12
 _TOGETHER = ((POINT, X, X, False), (POINT, Y, Y, False), (POINT, Z, Z, False))
@@ -55,7 +51,6 @@ _ACROSS = ((DOT1, Z, Z, False),)
 _IN_PLANE = ((DOT2, Z, Z, False),)
 _LINK = ((DISTANCE, X, X, True),)
 _AT_HEIGHT = ((DOT2, Z, Z, True),)
-
 JOINT_ROWS: dict[str, tuple[Row, ...]] = {
     "fixed": _TOGETHER + _SAME_AXES,
     "revolute": _TOGETHER + _SAME_AXIS,
@@ -79,7 +74,6 @@ JOINT_ROWS: dict[str, tuple[Row, ...]] = {
     "spherical-universal": _LINK,
 }
 """Rows of the joint types whose rows do not depend on the pose."""
-
 DRIVER_ROWS = {"angle": (ANGLE, X, X), "stroke": (DOT2, Z, Z)}
 _CROSS_ANGLE = (ANGLE, X, Z)  # of the second axis of a universal joint about the first
 SECOND_TURN = np.diag([-1.0, 1.0, -1.0])
@@ -105,14 +99,14 @@ def composite_rows(
     SceneError
         Axes that are neither parallel nor as the link needs them.
     """
-    (xi, Ri), (xj, Rj) = (_placed(model, marker) for marker in (I, J))
+    (xi, Ri), (xj, Rj) = (marker_frame(model, marker) for marker in (I, J))
     a, b, h = Ri[:, Z], Rj[:, Z], xj - xi
     kind = model.joints[name].type
     parallel = np.linalg.norm(np.cross(a, b)) < lookup.PARALLEL
     if kind == "revolute-revolute":
         if parallel:
             return _SAME_AXIS + _AT_HEIGHT + _LINK
-        if np.linalg.norm(h) <= _nothing(xi, xj):
+        if np.linalg.norm(h) <= _round_off(xi, xj):
             return (*_TOGETHER, (DOT1, Z, Z, True))
         needed = "be parallel, or the markers lie where they meet"
     else:
@@ -125,41 +119,33 @@ def composite_rows(
     raise SceneError.from_problems([Problem(f"joints.{name}.second_axis", what)])
 
 
-def measured(
+def row_constant(
     model: Model,
     row: Row,
     I: PlacedMarker,  # noqa: E741
     J: PlacedMarker,
 ) -> float:
-    """The constant of a row: what it measures in the placed pose, or zero.
+    """The constant of a row: what it measures in the initial pose, or zero.
 
     Raises
     ------
     ZeroDivisionError
-        A length that is kept is zero: its direction is not known.
+        A measured length is zero: its direction is undefined.
     """
-    number, a, b, kept = row
-    if not kept:
+    number, a, b, is_measured = row
+    if not is_measured:
         return 0.0
-    (xi, Ri), (xj, Rj) = (_placed(model, marker) for marker in (I, J))
+    (xi, Ri), (xj, Rj) = (marker_frame(model, marker) for marker in (I, J))
     kind = ROW_KINDS[number]
     value = float(kind.value(rows_between(xi, Ri, xj, Rj), a, b, 0, 1))
-    if kind.is_distance and value <= _nothing(xi, xj):
+    if kind.is_distance and value <= _round_off(xi, xj):
         raise ZeroDivisionError
     return value
 
 
-def _nothing(*points: Array) -> float:
+def _round_off(*points: Array) -> float:
     """A length that round-off of these points may leave [m]."""
     return _ROUND_OFF * max(float(np.linalg.norm(point)) for point in points)
-
-
-def _placed(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
-    """Global position (3,) and axes (3, 3) of a marker in the placed pose."""
-    A = np.eye(3)
-    if marker.body != GROUND:
-        A = rotation_matrix(model.bodies[marker.body].orientation)
-    return lookup.global_position(model, marker), A @ marker.R
 
 
 def signs_of_axes(kind: str) -> tuple[int, ...]:
@@ -167,3 +153,57 @@ def signs_of_axes(kind: str) -> tuple[int, ...]:
     if kind in ("fixed", "prismatic", "orientation"):
         return (X, Y, Z)
     return (Z,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()
+
+
+_PLANE_ANGLE = (ANGLE, X, X, False)
+_PLANE_OFFSET = (DOT2, Y, Y, False)
+_SLIDING = {  # with their axis in the plane, which becomes x
+    "prismatic": (_PLANE_ANGLE, _PLANE_OFFSET),
+    "cylindrical": (_PLANE_ANGLE, _PLANE_OFFSET),
+    "in-line": (_PLANE_OFFSET,),
+    "prismatic-spherical": ((DOT2, Y, Y, True),),
+    "in-plane": ((DOT2, X, X, False),),
+}
+_LINKED = {"distance": _LINK, "revolute-revolute": _LINK}
+STROKE = (DOT2, X, X)
+"""The stroke of a joint on its planar triads."""
+
+
+def planar_joint(
+    model: Model,
+    joint: JointSpec,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> tuple[PlacedMarker, PlacedMarker, tuple[Row, ...]]:
+    """Triads and rows of a joint in the plane, from those in space."""
+    plane = model.plane
+    assert plane is not None  # the caller knows
+    first, second, _ = plane_axes(plane)
+    together = ((POINT, first, first, False), (POINT, second, second, False))
+    A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
+    triad = A @ I.R
+    if joint.type in ("fixed", "orientation"):
+        lies = [k for k in range(3) if not across(triad[:, k], plane)]
+        turn = _turn(triad, triad[:, lies[0]], plane)
+        rows = (*together, _PLANE_ANGLE) if joint.type == "fixed" else (_PLANE_ANGLE,)
+        return _turned(I, turn), _turned(J, turn), rows
+    slides = _SLIDING.get(joint.type)
+    if joint.type == "cylindrical" and across(triad[:, 2], plane):
+        slides = None
+    if slides is not None:
+        turn = _turn(triad, triad[:, 2], plane)
+        return _turned(I, turn), _turned(J, turn), slides
+    return I, J, _LINKED.get(joint.type, together)
+
+
+def _turn(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:
+    """Turn (3, 3) of a triad in its own axes that leads z to the normal and x along the axis."""
+    z = np.array(PLANES[plane])
+    x = axis - (axis @ z) * z
+    x /= np.linalg.norm(x)
+    turn: np.ndarray = triad.T @ np.column_stack([x, np.cross(z, x), z])
+    return turn
+
+
+def _turned(marker: PlacedMarker, turn: np.ndarray) -> PlacedMarker:
+    return replace(marker, R=marker.R @ turn)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.view.geometry import Triangles, box, cylinder, joined, plate, sphere, tube
+from flexmb.view.shapes import Triangles, box, cylinder, joined, plate, sphere, tube
 
 
 def _volume(shape: Triangles) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from flexmb.engine.algebra.rotation import cross
 from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import (
+from flexmb.engine.joints.row import (
     add_dot2,
     clear_gradient,
     column_rates,

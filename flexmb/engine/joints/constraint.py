@@ -1,15 +1,20 @@
-"""Constraint rows of the whole system: values, wrenches, rates, right sides, Jacobian rows."""
+"""Constraint rows of the whole system: all that is evaluated of them, group by group.
+
+A group is the rows of one joint or driver, between two markers. Units give values, rates, right
+sides, Jacobian rows, wrenches on the markers and their tangents, and the reactions of joints.
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine.algebra.blocks import put_jacobian_row, row_compliance
-from flexmb.engine.bodies.wrench import add_pulled_back
+from flexmb.engine.algebra.blocks import clear, put_jacobian_row, row_compliance
+from flexmb.engine.algebra.rotation import transform_back
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
 from flexmb.engine.jit import call_stage, kernel, unit
-from flexmb.engine.kernels.joints.group_tangent import group_tangents
-from flexmb.engine.kernels.joints.reaction import put_group_wrench
-from flexmb.engine.kernels.joints.row import (
+from flexmb.engine.joints.row import (
+    add_row_tangent,
     put_row_gradient,
     rate,
     row_curvature,
@@ -18,7 +23,7 @@ from flexmb.engine.kernels.joints.row import (
 )
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
+from flexmb.engine.records import Integers, Vector
 from flexmb.engine.state import Point, Run
 
 _REGULARISATION = 1e-9
@@ -151,6 +156,44 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
     return FINE
 
 
+@kernel
+def put_constraint_matrix(run, at):
+    """Constraint rows of all kinds, into the iteration matrix; after `constraint_jacobian`."""
+    units, tables = run.stages.jacobian.units, run.stages.jacobian.tables
+    for k in range(len(units)):
+        call_stage(units[k], run, tables[k], at)
+
+
+@kernel
+def group_tangents(run, listed, lam, cp):
+    """cp ∂(Cqᵀ λ)/∂q of some constraint groups."""
+    groups, rows = run.system.groups, run.system.rows
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
+        curved = put_group_tangent(run, lam, listed[n])
+        add_moment_arms(run, i, j, cp)
+        if curved == 1:
+            add_pair(run, i, j, group["couple"], cp)
+
+
+@unit
+def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
+    """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
+    rows, group, work = run.system.rows, run.system.groups[k], run.work
+    g, w, H = work.row.g, work.dense.g[1], work.row.H
+    curved = 0
+    clear(H, H.shape[0], H.shape[1])
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        put_row_gradient(run, rows[r])
+        for c in range(12):
+            w[c] += lam[r] * g[c]
+        curved = max(curved, add_row_tangent(run, rows[r], lam[r]))
+    return curved
+
+
 @unit
 def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> int:
     """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
@@ -170,18 +213,44 @@ def driver_power(run: Run, joints: Joints, at: Point) -> int:
 
 
 @unit
+def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
+    """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
+    sys, d = run.system, run.work.dense
+    group, g, w = sys.groups[k], run.work.row.g, d.g[1]
+    d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        put_row_gradient(run, sys.rows[r])
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
+    return FINE
+
+
+@unit
+def read_reactions(run: Run, at: Point, out: Vector) -> int:
+    """out (12 groups): force and moment on marker J of the joint in its axes, then on marker I."""
+    groups, markers, d = run.system.groups, run.work.now.marker, run.work.dense
+    w, stage = d.g[1], run.stages.axes
+    for k in range(len(stage.units)):
+        call_stage(stage.units[k], run, stage.tables[k], at)
+    for k in range(groups.shape[0]):
+        put_group_wrench(run, k, at.lam)
+        i, j = d.pair[0], d.pair[1]
+        for part in range(4):
+            of_J = (part < 2) != (groups[k]["reversed"] == 1)
+            R = markers[j]["R"] if of_J else markers[i]["R"]
+            o = 3 * (part % 2) + (6 if of_J else 0)
+            x, y, z = transform_back(R, w[o], w[o + 1], w[o + 2])
+            put(out, 12 * k + 3 * part, x, y, z)
+    return FINE
+
+
+@unit
 def joint_wrench(run: Run, joints: Joints, at: Point, c: int) -> float:
     """Reaction of the joint or driver that channel c reads, as a wrench pair."""
     put_group_wrench(run, run.system.sensors.channels[c]["first"], at.lam)
     return 0.0
-
-
-@kernel
-def put_constraint_matrix(run, at):
-    """Constraint rows of all kinds, into the iteration matrix; after `constraint_jacobian`."""
-    units, tables = run.stages.jacobian.units, run.stages.jacobian.tables
-    for k in range(len(units)):
-        call_stage(units[k], run, tables[k], at)
 
 
 CONSTRAINT_ROWS = Kind(

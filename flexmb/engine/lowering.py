@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from flexmb.engine.compile.joints.coordinates import Scalar
-from flexmb.engine.compile.joints.groups import Groups
-from flexmb.engine.compile.markers import Markers
-from flexmb.engine.compile.pool import Functions
-from flexmb.engine.symbolic import Symbolic
-from flexmb.flexbody import FlexBody
-from flexmb.model import lookup
-from flexmb.model.model import Model
-
-__all__ = ["Action", "Element", "Lowering", "Placement"]
+if TYPE_CHECKING:  # files of kernels import this one
+    from flexmb.engine.bodies.marker import MarkerTable
+    from flexmb.engine.geometry import Geometry
+    from flexmb.engine.joints.constraint_groups import Groups
+    from flexmb.engine.joints.coordinate import Scalar
+    from flexmb.engine.symbolic import Symbolic
+    from flexmb.engine.tables import Functions
+    from flexmb.flexbody import FlexBody
+    from flexmb.model.model import Model
 
 
 class Element(NamedTuple):
@@ -47,9 +46,9 @@ class Lowering:
 
     Attributes
     ----------
-    model, flexbodies : Model, mapping
-        The model and its flexible bodies.
-    markers, functions : Markers, Functions
+    geometry : Geometry
+        The model, its flexible bodies and its markers in the initial pose.
+    markers, functions : MarkerTable, Functions
         Tables that grow.
     groups : Groups
         The constraint rows of joints, drivers and what follows joints.
@@ -69,9 +68,8 @@ class Lowering:
         Groups whose multipliers act on scalar coordinates.
     """
 
-    model: Model
-    flexbodies: Mapping[str, FlexBody]
-    markers: Markers
+    geometry: Geometry
+    markers: MarkerTable
     functions: Functions
     groups: Groups
     scalars: Sequence[Scalar]
@@ -82,6 +80,16 @@ class Lowering:
     actions: list[Action] = field(default_factory=list)
     reaction_loads: list[tuple[int, int]] = field(default_factory=list)
     _coordinates: dict[str, int] = field(init=False)
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.geometry.model
+
+    @property
+    def flexbodies(self) -> Mapping[str, FlexBody]:
+        """The flexible bodies by name."""
+        return self.geometry.flexbodies
 
     def __post_init__(self) -> None:
         self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
@@ -98,7 +106,7 @@ class Lowering:
 
     def marker(self, reference: str) -> int:
         """Index of a marker by its scene path."""
-        return self.markers.add(lookup.placed(self.model, reference, self.flexbodies))
+        return self.markers.add(self.geometry.marker(reference))
 
     def coordinate(self, name: str) -> int:
         """Number of a scalar coordinate by its scene path."""
@@ -109,7 +117,7 @@ class Placement(NamedTuple):
     """Where everything stands in the iteration matrix."""
 
     symbolic: Symbolic
-    markers: Markers
+    markers: MarkerTable
     n_bodies: int
 
     def link(self, first: int, second: int) -> int:

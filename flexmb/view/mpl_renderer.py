@@ -1,4 +1,4 @@
-"""Drawing a picture's content with matplotlib, where VTK cannot render.
+"""Drawing pictures with matplotlib, where VTK cannot render.
 
 In: a :class:`Content`, or several for a grid, a size in pixels, a file. Out: a PNG of the same
 content, shaded triangles sorted by depth, which names in the picture what to install for the better
@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.view.content import Content
-from flexmb.view.geometry import sphere
+from flexmb.view.shapes import sphere
 from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
-
-__all__ = ["draw"]
 
 Array = NDArray[np.float64]
 
@@ -63,8 +61,8 @@ def draw(
         row, column = divmod(k, columns)
         cell = _Cell(column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows)
         _draw_panel(figure, content, cell)
-    told = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
-    figure.text(0.02, 0.02, told, fontsize=8.5, color=_WARNING, va="bottom")
+    note = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
+    figure.text(0.02, 0.02, note, fontsize=8.5, color=_WARNING, va="bottom")
     figure.savefig(path, dpi=_DPI, facecolor=PAPER)
 
 
@@ -74,7 +72,7 @@ def _draw_panel(figure: Any, content: Content, cell: _Cell) -> None:
     axes = figure.add_axes(cell.box(0.03, 0.13, 0.84 if content.bar else 0.94, 0.74))
     axes.set_aspect("equal")
     axes.set_axis_off()
-    view = _axes_of_view(content)
+    view = content.camera.axes
     polygons, colors = _shaded(content, view)
     axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors="face", lw=0.2))
     for segments, color, width in _segments(content, view):
@@ -87,14 +85,6 @@ def _draw_panel(figure: Any, content: Content, cell: _Cell) -> None:
     _write_texts(figure, content, cell)
     if content.bar:
         _add_scale(figure, content, cell)
-
-
-def _axes_of_view(content: Content) -> Array:
-    """Rows: right, above, towards the eye, in global axes."""
-    towards = np.array(content.camera.direction)
-    right = np.cross(content.camera.up, towards)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(towards, right), towards])
 
 
 def _shaded(content: Content, view: Array) -> tuple[Array, Array]:

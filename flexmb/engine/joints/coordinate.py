@@ -9,12 +9,47 @@ Values and rates of the sums stand beside those of the functions in Constraints.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.engine.jit import unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import COORDINATE
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """m s'' + c s' + k (s − s0) = u(t); `function` is u in `Functions`, −1 for none."""
+
+    name: str
+    mass: float = 0.0
+    damping: float = 0.0
+    stiffness: float = 0.0
+    free: float = 0.0
+    function: int = -1
+    angular: bool = True  # counted in radians, else in metres
+    size: float = 0.0  # of a state: from where on it is large; 0: a motion
+
+
+def unit_weight(scalar: Scalar, length: float) -> float:
+    """What one unit of a scalar coordinate counts for: radians, metres over the model size."""
+    if scalar.size > 0.0:
+        return 1.0 / scalar.size
+    return 1.0 if scalar.angular else 1.0 / length
+
+
+def coordinate_table(scalars: list[Scalar], nq: int, nv: int) -> NDArray[np.void]:
+    """COORDINATE rows behind the nq, nv coordinates of the bodies; panels are filled in later."""
+    rows = [
+        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
+        for k, s in enumerate(scalars)
+    ]
+    return np.array(rows, COORDINATE)
 
 
 class Coordinates(NamedTuple):

@@ -19,13 +19,7 @@ import math
 from flexmb.engine.algebra.rotation import cross
 from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import (
-    add_dot,
-    clear_gradient,
-    dot_columns,
-    dot_rates,
-    put_pair,
-)
+from flexmb.engine.joints.row import add_dot, clear_gradient, dot_columns, dot_rates, put_pair
 from flexmb.engine.kind import RowKind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import RowWork

@@ -12,9 +12,9 @@ from resultfiles import writer
 from flexmb.errors import BodyFileError, ResultFileError, ViewError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
-from flexmb.view.compose import compose, round_exaggeration
 from flexmb.view.content import Scale
 from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import compose, round_exaggeration
 
 
 @pytest.fixture(scope="module")
