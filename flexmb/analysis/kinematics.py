@@ -226,7 +226,7 @@ class _Run:
 
     @property
     def share_done(self) -> float:
-        return float(self._state.count[method.OUTPUTS] / self._prepared.points)
+        return float(self._state.count[0]["outputs"] / self._prepared.points)
 
     def next_chunk(self) -> Ending | None:
         prepared, n = self._prepared, len(self._rows.output.t)
@@ -247,15 +247,14 @@ class _Run:
 
     def statistics(self) -> dict[str, float | int | str]:
         """Numbers of the summary."""
-        count = self._state.count
-        iterations, factorisations, singular_poses = self._prepared.pose.path.count
+        count, path = self._state.count[0], self._prepared.pose.path.count[0]
         return {
-            "points": int(count[method.OUTPUTS]),
-            "increments": int(count[method.STEPS]),
-            "halved_increments": int(count[method.FAILED]),
-            "newton_iterations": int(iterations),
-            "factorisations": int(factorisations),
-            "singular_poses_passed": int(singular_poses),
+            "points": int(count["outputs"]),
+            "increments": int(count["steps"]),
+            "halved_increments": int(count["failed"]),
+            "newton_iterations": int(path["iterations"]),
+            "factorisations": int(path["factorisations"]),
+            "singular_poses_passed": int(path["singular_poses"]),
             "largest_position_drift": float(self._rows.largest_drift[0]),
             "largest_velocity_drift": float(self._rows.largest_drift[1]),
             "energy_balance_error": self._rows.balance.relative,

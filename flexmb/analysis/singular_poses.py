@@ -20,7 +20,7 @@ from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import EVALUATE, analyse_kinematics
-from flexmb.engine.kinematics_state import SINGULAR_POSES, KinematicsSettings, Path
+from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
 from flexmb.engine.tables import System
@@ -293,7 +293,7 @@ def _branch(pose: KinematicPose, time: float) -> str:
 def singular_pose_notes(pose: KinematicPose) -> list[str]:
     """A note for each singular pose that the motion passed through smoothly."""
     path, notes = pose.path, []
-    count = int(path.count[SINGULAR_POSES])
+    count = int(path.count[0]["singular_poses"])
     for k in range(min(count, len(path.singular_times))):
         before, after = path.singular_times[k]
         where = ""
