@@ -52,17 +52,15 @@ from flexmb.engine.method import (
 from flexmb.engine.records import Matrix, Vector, array_of
 from flexmb.engine.state import Run
 
-PATH_MEMORY = np.dtype(
-    [
-        ("increment", "f8"),  # to try next, s
-        ("moved", "f8"),  # motion since the factor; below 0: there is none of use
-        ("largest_pivot", "f8"),  # of the least ones so far
-        ("iterations", "i8"),  # of Newton's method
-        ("factorisations", "i8"),
-        ("singular_poses", "i8"),  # passed
-    ],
-    align=True,
-)
+#: Memory of a kinematic analysis, from point to point.
+PATH_MEMORY = np.dtype([
+    ("next_increment", "f8"),  # to try next, s
+    ("motion_since_factor", "f8"),  # < 0: the factor is of no use
+    ("largest_pivot", "f8"),  # of the least ones so far
+])  # fmt: skip
+
+#: What it has done so far.
+PATH_COUNTERS = np.dtype([("iterations", "i8"), ("factorisations", "i8"), ("singular_poses", "i8")])
 
 
 class KinematicsSettings(NamedTuple):
@@ -86,9 +84,10 @@ class Path(NamedTuple):
     correction: Vector  # (nv,) of the prediction
     functions_before: Matrix  # (functions, 3) functions at the last point
     powers: Matrix  # (4, 3) powers at the last outputs, newest first
-    memory: array_of(PATH_MEMORY)  # one row
+    memory: array_of(PATH_MEMORY)  # (1,)
     singular_times: Matrix  # (8, 2) times before and after a singular pose
     singular_positions: Matrix  # (8, nq) positions there
+    count: array_of(PATH_COUNTERS)  # (1,)
 
 
 _MAX_ITERATIONS = 15
@@ -123,7 +122,9 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
     )
     weights, correction = sys.weights, path.correction
     nv = dq.shape[0]
-    renew = memory["moved"] < 0.0 or memory["moved"] > _RENEW_AFTER_MOTION
+    renew = (
+        memory["motion_since_factor"] < 0.0 or memory["motion_since_factor"] > _RENEW_AFTER_MOTION
+    )
     enough = settings.gap + _noise(sys.rows, sys.row_weights, con.fun)
     size, last, fresh = math.inf, 0.0, False
     for _ in range(_MAX_ITERATIONS):
@@ -135,8 +136,8 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             return NOT_FINITE
         if closed or renew:
             factorise_metric(run, at, path.metric)
-            memory["moved"] = 0.0
-            memory["factorisations"] += 1
+            memory["motion_since_factor"] = 0.0
+            path.count[0]["factorisations"] += 1
             if closed:
                 return FINE
             fresh, last = True, 0.0
@@ -147,7 +148,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             dq[i] = d
             correction[i] += d
             size = max(size, abs(d) * weights[i])
-        memory["iterations"] += 1
+        path.count[0]["iterations"] += 1
         if not size <= _MAX_CORRECTION:
             return NO_CONVERGENCE
         renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
@@ -155,7 +156,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             return NO_CONVERGENCE
         last = size
         move(sys.parts, q, dq, q)
-        memory["moved"] += size
+        memory["motion_since_factor"] += size
     return NO_CONVERGENCE
 
 
@@ -407,7 +408,7 @@ def _jumps(functions, before, now, h, order):
 def note_singular_pose(run: Run, path: Path) -> int:
     """Count a singular pose between the state and the trial point, and note when and where."""
     weights, before, here = run.system.weights, path.direction_before, path.direction
-    times, memory = path.singular_times, path.memory[0]
+    times, count = path.singular_times, path.count[0]
     both, first, second = 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
         w = weights[i] * weights[i]
@@ -415,11 +416,11 @@ def note_singular_pose(run: Run, path: Path) -> int:
         first += w * before[i] * before[i]
         second += w * here[i] * here[i]
     if both < _FLIPPED * math.sqrt(first * second):
-        k = memory["singular_poses"]
+        k = count["singular_poses"]
         if k < times.shape[0]:
             times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
             copy(run.work.trial.q, path.singular_positions[k])
-        memory["singular_poses"] += 1
+        count["singular_poses"] += 1
     return FINE
 
 
