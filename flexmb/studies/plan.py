@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import Problem, SceneError
 from flexmb.model import Model
 from flexmb.model.bodies.meshbody import MeshBodySpec
-from flexmb.model.tasks.knobs import resolve_knob
-from flexmb.model.tasks.methods import OPTIONS
-from flexmb.model.tasks.overrides import override
+from flexmb.model.tasks.dynamics import OPTIONS
+from flexmb.model.tasks.study import override, resolve_knob
 from flexmb.model.values.reading import under
 from flexmb.studies.sensing import with_velocities
 from flexmb.studies.store import content_key

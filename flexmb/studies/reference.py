@@ -14,8 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from flexmb.model.tasks.dynamics import ACCURACY
-from flexmb.model.tasks.methods import OPTIONS
+from flexmb.model.tasks.dynamics import ACCURACY, OPTIONS
 from flexmb.studies.measure import Difference, Reading, difference
 from flexmb.studies.plan import Setting
 from flexmb.studies.words import error_text

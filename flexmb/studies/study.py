@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.tasks.study import StudySpec
-from flexmb.model.tasks.sweep import sweep_values
+from flexmb.model.tasks.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.base import Base, base_of_model, base_of_scene
 from flexmb.studies.course import Course

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.values.names import split_reference

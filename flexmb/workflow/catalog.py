@@ -55,7 +55,7 @@ def _joints() -> Listing:
 
 
 def _curves() -> Listing:
-    from flexmb.model.joints.curves import CurveSpec
+    from flexmb.model.joints.curve import CurveSpec
 
     about = {"a curve, in the axes of the marker that carries it": CurveSpec}
     return Listing("curves that joints slide along: [curves.name]", fields_tables(about))
@@ -80,7 +80,8 @@ def _free_motions(joint: str, count: int) -> str:
 
 
 def _couplers() -> Listing:
-    from flexmb.model.joints.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+    from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
+    from flexmb.model.scenes.sections import COUPLER_TYPES
 
     about = "Each relates the coordinates of two or three joints by one equation:"
     terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
@@ -91,9 +92,9 @@ def _couplers() -> Listing:
 
 
 def _forces() -> Listing:
-    from flexmb.model.forces.contacts import CONTACT_SHAPES
-    from flexmb.model.forces.force import FORCE_TYPES
+    from flexmb.model.forces.contact import CONTACT_SHAPES
     from flexmb.model.forces.friction import FrictionSpec
+    from flexmb.model.scenes.sections import FORCE_TYPES
 
     parts = {f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()}
     parts["friction of a contact"] = FrictionSpec
@@ -107,7 +108,8 @@ def _sensors() -> Listing:
 
 
 def _controllers() -> Listing:
-    from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
+    from flexmb.model.scenes.sections import CONTROLLER_TYPES
+    from flexmb.model.sensors.control import StateSpec
 
     kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
     return Listing(
@@ -122,7 +124,7 @@ def _shapes() -> Listing:
 
 
 def _drivers() -> Listing:
-    from flexmb.model.joints.drivers import DRIVEN, DriverSpec
+    from flexmb.model.joints.driver import DRIVEN, DriverSpec
     from flexmb.model.joints.joint import JOINT_TYPES
 
     rows = []
@@ -167,10 +169,8 @@ def _functions() -> Listing:
 
 
 def _methods() -> Listing:
-    from flexmb.model.tasks.assembly import AssemblySpec, GuessSpec
-    from flexmb.model.tasks.dynamics import DynamicsSpec
-    from flexmb.model.tasks.kinematics import KinematicsSpec
-    from flexmb.model.tasks.methods import METHODS
+    from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
+    from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
 
     rows = [(str(name), about) for name, about in METHODS.items()]
     kinds = {

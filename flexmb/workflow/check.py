@@ -144,7 +144,7 @@ def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
 
 def _notes(model: Model) -> list[str]:
     """What is worth knowing of a valid scene."""
-    from flexmb.model.scenes.head import gravity_in_words
+    from flexmb.model.scenes.conversion import gravity_in_words
 
     gravity = None
     if model.gravity is not None:

@@ -27,7 +27,7 @@ class Listing(NamedTuple):
 
 def fields_tables(kinds: Mapping[str, Any]) -> tuple[tuple[str, Table], ...]:
     """One table for each specification: what its fields hold, and their defaults."""
-    from flexmb.model.scenes.forms import described, fields_of, words
+    from flexmb.model.scenes.description import described, fields_of, words
 
     tables = []
     for spec in dict.fromkeys(kinds.values()):

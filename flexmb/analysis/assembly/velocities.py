@@ -74,7 +74,8 @@ class AskedVelocities:
             _Asked(
                 _place(name, marker, marker in spec.initial),
                 markers.numbers[name],
-                before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
+                before
+                + markers.add(lookup.place_marker(model, f"{name}.{marker}", compiled.flexbodies)),
                 asked,
             )
             for name, spec in model.bodies.items()

@@ -25,7 +25,6 @@ from flexmb.analysis.mobility.exchange import (
 )
 from flexmb.analysis.mobility.weighted import Weighted, element, elements, plain_name
 from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
-from flexmb.model.joints.gearing import terms_of
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
@@ -222,7 +221,7 @@ def _used_coordinates(model: Model, joint: str) -> set[str]:
     specs = (*model.drivers.values(), *model.forces.values(), *model.sensors.values())
     using = [spec for spec in specs if getattr(spec, "joint", None) == joint]
     used = {str(getattr(spec, "coordinate", "angle")) for spec in using}
-    coupled = [term for spec in model.couplers.values() for term in terms_of(spec)]
+    coupled = [term for spec in model.couplers.values() for term in spec.coordinates]
     return used | {coordinate for name, coordinate in coupled if name == joint}
 
 

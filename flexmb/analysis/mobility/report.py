@@ -36,7 +36,7 @@ from flexmb.analysis.mobility.weighted import Weighted, element, plain_name, wei
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.model import Model
 
 __all__ = ["LARGEST", "Equations", "Mobility", "examine", "redundant_reactions"]

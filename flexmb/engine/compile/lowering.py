@@ -98,7 +98,7 @@ class Lowering:
 
     def marker(self, reference: str) -> int:
         """Index of a marker by its scene path."""
-        return self.markers.add(lookup.placed(self.model, reference, self.flexbodies))
+        return self.markers.add(lookup.place_marker(self.model, reference, self.flexbodies))
 
     def coordinate(self, name: str) -> int:
         """Number of a scalar coordinate by its scene path."""

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from flexmb.engine.compile.joints.couplers import coupled_scalars
 from flexmb.engine.compile.pool import Functions
 from flexmb.engine.tables import COORDINATE
-from flexmb.model.forces.contact_checks import friction_coordinate
-from flexmb.model.forces.force import JointSpringSpec, LineForceSpec
-from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
+from flexmb.model.forces.load import LineForceSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import State
+from flexmb.model.sensors.control import State
 
 __all__ = [
     "Scalar",

@@ -165,7 +165,7 @@ def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
     if body.flexible:
         return marker
     found: Array = lookup.global_position(
-        model, lookup.placed(model, f"{I if J == GROUND else J}.center")
+        model, lookup.place_marker(model, f"{I if J == GROUND else J}.center")
     )
     return 2.0 * marker - found if J == GROUND else found
 

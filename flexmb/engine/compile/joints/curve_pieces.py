@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.joints.curve_shape import CurveShape
+from flexmb.model.joints.curve import CurveShape
 
 __all__ = ["Pieces", "pieces_of"]
 

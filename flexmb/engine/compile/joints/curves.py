@@ -20,7 +20,7 @@ from flexmb.engine.tables import CURVE_MARKER
 from flexmb.errors import FlexmbWarning
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
-from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.curve import curve_shape
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix

@@ -133,7 +133,7 @@ class _Rows:
 
     def line(self, owner: str, between: tuple[str, str]) -> None:
         """A row by which the scalar coordinate of that name follows a distance."""
-        I, J = (lookup.placed(self.model, end, self.flexbodies) for end in between)  # noqa: E741
+        I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
         self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
 
     def coupled(self, coupled: couplers.CoupledRow) -> tuple[Entry, Ends]:
