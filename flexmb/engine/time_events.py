@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import copy, store
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy, store
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import (
     energies,

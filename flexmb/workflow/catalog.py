@@ -63,7 +63,7 @@ def _curves() -> Listing:
 
 def _free_motions(joint: str, count: int) -> str:
     """What a joint leaves free, found from its rows: a row holds the motions that violate it."""
-    from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
+    from flexmb.engine.joints.joint import JOINT_ROWS
     from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")
@@ -118,7 +118,7 @@ def _controllers() -> Listing:
 
 
 def _shapes() -> Listing:
-    from flexmb.model.bodies.shapes import SHAPES
+    from flexmb.model.bodies.mass_properties import SHAPES
 
     return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", fields_tables(SHAPES))
 

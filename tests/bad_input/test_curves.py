@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import dynamics as dynamics_of
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SceneError
@@ -141,7 +141,7 @@ def test_no_force_follows_a_place():
     model = cam()
     model.add_sensor("place", "place", joint="contact")
     model.add_force("pull", "force", at="follower", value=["100*place", 0, 0])
-    told(model.problems(), "forces.pull.value[0]", '"place" is a place along a curve, known at out')
+    told(model.problems(), "forces.pull.value[0]", '"place" is a place along a curve, computed')
 
 
 def test_an_unknown_curve_is_told_with_the_nearest():

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.engine.kernels.bodies.inertia import Bodies
-from flexmb.engine.kernels.bodies.kinematics import Markers
-from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
+from flexmb.engine.bodies.marker import Markers
+from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
+from flexmb.engine.joints.constraint import ConstraintRows, Joints
+from flexmb.engine.joints.coordinate import Coordinates
+from flexmb.engine.joints.curve_marker import CurveMarkers
+from flexmb.engine.joints.point_joint import PointJoints
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.functions.time_function import TimeFunctions
-from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
-from flexmb.engine.kernels.joints.coordinate import Coordinates
-from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
-from flexmb.engine.kernels.joints.point_joint import PointJoints
 from flexmb.engine.kernels.sensors.row_measure import JointAngles
 from flexmb.engine.kernels.sensors.turning import TurningAngles
 from flexmb.engine.row_kinds import POINT

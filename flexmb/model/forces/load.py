@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.lookup import Bodies, ModelData

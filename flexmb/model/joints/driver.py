@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function, FunctionOf

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.lookup import Bodies, ModelData

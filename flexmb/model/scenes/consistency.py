@@ -14,7 +14,7 @@ import numpy as np
 from flexmb.errors import Problem, nearest
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.carriers import body_problems
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler_loops import coupler_loop_problems

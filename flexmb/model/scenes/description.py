@@ -17,11 +17,16 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic.fields import FieldInfo
 
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.materials import LIBRARY
-from flexmb.model.bodies.body import COLORS, BodySpec, FlexbodySpec, RigidBodySpec
-from flexmb.model.bodies.flexible import FlexibleSource, UnitsName
-from flexmb.model.bodies.inertia import Inertia
+from flexmb.model.bodies.body import (
+    COLORS,
+    BodySpec,
+    FlexbodySpec,
+    FlexibleSource,
+    RigidBodySpec,
+    UnitsName,
+)
 from flexmb.model.bodies.interfaces import (
     GroupName,
     Interfaces,
@@ -31,10 +36,10 @@ from flexmb.model.bodies.interfaces import (
     Weights,
 )
 from flexmb.model.bodies.markers import GroundSpec
+from flexmb.model.bodies.mass_properties import Inertia
 from flexmb.model.bodies.material import MATERIAL_KINDS, MaterialField
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec, Modes, ModesSpec
 from flexmb.model.bodies.meshes import MESH_TYPES, Divisions, MeshSource
-from flexmb.model.bodies.reduction import Modes, ModesSpec
 from flexmb.model.forces.force_characteristic import CharacteristicTable, ForceCharacteristic
 from flexmb.model.functions.function import FUNCTION_FORMS, Function, FunctionOf
 from flexmb.model.functions.tabulated import Tabulated

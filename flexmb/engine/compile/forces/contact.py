@@ -10,7 +10,6 @@ import numpy as np
 
 from flexmb.engine.compile.forces.friction import friction_parameters
 from flexmb.engine.compile.forces.hertz import hertz_stiffness, plane_modulus
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.kernels.forces.contact_force import (
     BALL,
     BORE,
@@ -19,6 +18,7 @@ from flexmb.engine.kernels.forces.contact_force import (
     PLANE,
     Contacts,
 )
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.forces.contact import (

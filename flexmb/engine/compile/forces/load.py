@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.compile.lowering import Action, Element, Lowering
 from flexmb.engine.kernels.forces.load import LOAD, LOADS, Loads
+from flexmb.engine.lowering import Action, Element, Lowering
 from flexmb.model.forces.load import LoadSpec
 
 __all__ = ["lower_loads"]

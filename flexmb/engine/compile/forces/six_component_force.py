@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.compile.lowering import Element, Lowering
-from flexmb.engine.compile.pool import Pool
 from flexmb.engine.kernels.forces.six_component_force import (
     SIX_COMPONENT_FORCE,
     SIX_COMPONENT_FORCES,
     SixComponentForces,
 )
+from flexmb.engine.lowering import Element, Lowering
+from flexmb.engine.tables import Pool
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.kernels.forces.spring_damper import SPRING, SPRINGS, Springs
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.model import lookup
 from flexmb.model.forces.spring_damper import SpringDamperSpec
 

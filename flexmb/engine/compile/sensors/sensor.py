@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.compile.joints.joint_rows import SECOND_TURN, driver_row
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.functions import lower
+from flexmb.engine.joints.joint import SECOND_TURN, driver_row
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.engine.row_kinds import DISTANCE, DOT2, ROW_KINDS
 from flexmb.engine.sensor_kinds import (
     ACCELERATION,
@@ -132,7 +132,7 @@ class Channels:
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
         elif isinstance(spec, PlaceSensorSpec):
-            k = self.lowering.groups.sliders.number(spec.joint, spec.on)
+            k = self.lowering.groups.curve_points.number(spec.joint, spec.on)
             self.add((PLACE, PLACE_RATE)[spec.derivative], self.places[spec.derivative] + k)
         elif isinstance(spec, EnergySensorSpec):
             number, body = _ENERGIES.index(spec.quantity), spec.body

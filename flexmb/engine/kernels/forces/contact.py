@@ -4,15 +4,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import add_part, inner, outer, put_part, triple, turned_back
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.algebra.triple import (
-    add_part,
-    inner,
-    outer,
-    put_part,
-    triple,
-    turned_back,
-)
 from flexmb.engine.kernels.forces.contact_force import (
     Contacts,
     bristle,

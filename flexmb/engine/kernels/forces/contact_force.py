@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.triple import (
+from flexmb.engine.algebra.vector import (
     column,
     inner,
     outer,
@@ -32,6 +31,7 @@ from flexmb.engine.kernels.algebra.triple import (
     triple,
     turned,
 )
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.forces.friction import (
     FRICTION_FIELDS,
     NO_FRICTION,

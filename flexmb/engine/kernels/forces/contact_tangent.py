@@ -7,18 +7,11 @@ moment arms of the markers do to V at constant v adds B D ∂g.
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import axis_vector as axis
+from flexmb.engine.algebra.vector import column, inner, outer, plus, times, triple
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.triple import (
-    column,
-    inner,
-    outer,
-    plus,
-    times,
-    triple,
-)
-from flexmb.engine.kernels.algebra.triple import unit as axis
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.forces.contact_force import (
     BALL,
     PLANE,

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import inner, plus, times
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.algebra.triple import inner, plus, times
 
 # Models of friction, and what its history says.
 NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2

@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import add_skew, clear
+from flexmb.engine.algebra.rotation import transform
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import add_moment_arms, add_own
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.rotation import transform
-from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_own
 from flexmb.engine.kernels.forces.unit_force import pull_back
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE

@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import copy, inner, part
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.triple import inner, part
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.forces import relative_motion
 from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.relative_motion import (

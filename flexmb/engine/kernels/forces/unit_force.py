@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 

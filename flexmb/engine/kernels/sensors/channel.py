@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from flexmb.engine.bodies.flexible_body import body_energy
 from flexmb.engine.jit import call_channel, unit
-from flexmb.engine.kernels.bodies.energy import body_energy
 from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.kind import ChannelKind
 from flexmb.engine.sensor_tables import Sensors

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies import wrench
+from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies import tangent
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.method import FINE
 from flexmb.engine.sensor_tables import Feedback
@@ -98,7 +98,7 @@ def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> 
     if level == _VELOCITY:
         add_pulled_back(parts, now, k, velocity, o, cv * f, right, 0)
         clear(B, n, n)
-        tangent.add_lever_tangent(parts, now, k, velocity, o, cp * f, B)
+        wrench.add_moment_arm(parts, now, k, velocity, o, cp * f, B)
         for r in range(n):
             for c in range(n):
                 right[c] += v[iv + r] * B[r, c]

@@ -6,10 +6,10 @@ the turning axes of I take from the latter for an observer on I, ω_I × ω_J.
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.bodies.tangent import marker_jacobian
 from flexmb.engine.kind import Measure
 from flexmb.engine.sensor_tables import Sensors
 from flexmb.engine.state import Point, Run

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.vector import copy
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.kernels.stages import walk
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
