@@ -104,6 +104,17 @@ class WeightedJacobian:
         padded[:, ~self.driven] = circuits
         return padded
 
+    def without_modes(self) -> WeightedJacobian:
+        """The Jacobian of the same bodies without deformation."""
+        rigid = ~self.modal
+        return WeightedJacobian(self.compiled, self.A[:, rigid], self.columns[rigid])
+
+    def velocities(self, motions: Array) -> Array:
+        """(nv, k) velocity coordinates of motions (columns, k) that multiply A."""
+        v = np.zeros((self.compiled.layout.nv, motions.shape[1]))
+        v[self.columns] = motions / self.compiled.system.weights[self.columns, None]
+        return v
+
     def rows_of(self, owner: str) -> Mask:
         """Which rows belong to a scene path."""
         return np.array([name == owner for name in self.owners], dtype=bool)

@@ -86,21 +86,21 @@ def prepare_kinematics(
         raise SceneError("the scene has no [kinematics]: give its duration")
     _refuse_states(model)
 
-    def first_state() -> tuple[KinematicPose, _Redundancy]:
+    def first_state() -> tuple[KinematicPose, int, tuple[str, ...], list[str]]:
         pose = _first_pose(compiled, model)
-        return pose, _check_motion(pose)
+        return pose, *_check_motion(pose)
 
     units = kinematics_units(compiled.system)
-    (pose, redundancy), timer = assemble_first_state(compiled, units, first_state, progress)
+    first, timer = assemble_first_state(compiled, units, first_state, progress)
+    pose, redundant, not_unique, notes = first
     settings = KinematicsSettings(
         start=0.0,
         interval=spec.duration / spec.outputs,
         outputs=spec.outputs,
         gap=_CLOSED * max(1.0, float(np.abs(pose.state.q).max()) / compiled.length),
-        redundant=redundancy.count,
+        redundant=redundant,
     )
-    notes = (*redundancy.notes, *loop_notes(model))
-    return PreparedKinematics(pose, settings, timer, notes, redundancy.not_unique)
+    return PreparedKinematics(pose, settings, timer, (*notes, *loop_notes(model)), not_unique)
 
 
 def run_kinematics(
@@ -178,17 +178,8 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
     return KinematicPose(compiled, model, state, work, new_path(compiled.system))
 
 
-@dataclass(frozen=True)
-class _Redundancy:
-    """Number of redundant rows, elements whose reactions are not unique, and notes."""
-
-    count: int
-    not_unique: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
-def _check_motion(pose: KinematicPose) -> _Redundancy:
-    """Make sure that the motion is fixed, and look at redundant rows.
+def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]:
+    """Number of redundant rows, elements whose reactions are not unique, and notes.
 
     Raises
     ------
@@ -202,17 +193,17 @@ def _check_motion(pose: KinematicPose) -> _Redundancy:
     state.angles[:] = np.nan  # the first ones are those nearest to zero
     call_kinematics(compiled.system, state, pose.work, pose.path, EVALUATE)
     if compiled.layout.nv > MAX_COORDINATES:
-        return _Redundancy(nc, (), tuple(notes))
-    decomposition = pose.decomposition()
-    if decomposition.rank < decomposition.n:
+        return nc, (), notes
+    jacobian = pose.jacobian()
+    if jacobian.decomposition.rank < jacobian.A.shape[1]:
         raise AssemblyError(free_motion_sentence(pose))
-    count = nc - decomposition.rank
+    count = nc - jacobian.decomposition.rank
     if not count:
-        return _Redundancy(0, (), tuple(notes))
+        return 0, (), notes
     not_unique, more = redundant_reactions(compiled, pose.model, state.q)
     if not not_unique:  # rows of which deformation would decide
         more.append(redundancy_note(count, nc))
-    return _Redundancy(count, not_unique, (*notes, *more))
+    return count, not_unique, [*notes, *more]
 
 
 class _Run:
@@ -235,7 +226,7 @@ class _Run:
 
     @property
     def share_done(self) -> float:
-        return float(self._state.count[method.OUTPUTS] / self._prepared.points)
+        return float(self._state.count[0]["outputs"] / self._prepared.points)
 
     def next_chunk(self) -> Ending | None:
         prepared, n = self._prepared, len(self._rows.output.t)
@@ -256,15 +247,14 @@ class _Run:
 
     def statistics(self) -> dict[str, float | int | str]:
         """Numbers of the summary."""
-        count = self._state.count
-        iterations, factorisations, singular_poses = self._prepared.pose.path.count
+        count, path = self._state.count[0], self._prepared.pose.path.count[0]
         return {
-            "points": int(count[method.OUTPUTS]),
-            "increments": int(count[method.STEPS]),
-            "halved_increments": int(count[method.FAILED]),
-            "newton_iterations": int(iterations),
-            "factorisations": int(factorisations),
-            "singular_poses_passed": int(singular_poses),
+            "points": int(count["outputs"]),
+            "increments": int(count["steps"]),
+            "halved_increments": int(count["failed"]),
+            "newton_iterations": int(path["iterations"]),
+            "factorisations": int(path["factorisations"]),
+            "singular_poses_passed": int(path["singular_poses"]),
             "largest_position_drift": float(self._rows.largest_drift[0]),
             "largest_velocity_drift": float(self._rows.largest_drift[1]),
             "energy_balance_error": self._rows.balance.relative,

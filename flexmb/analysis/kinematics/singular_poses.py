@@ -20,7 +20,7 @@ from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import EVALUATE, analyse_kinematics
-from flexmb.engine.kinematics_state import SINGULAR_POSES, KinematicsSettings, Path
+from flexmb.engine.kinematics_state import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
 from flexmb.engine.tables import System
@@ -71,24 +71,36 @@ class KinematicPose:
         call_kinematics(self.compiled.system, other, self.work, self.path, EVALUATE)
         return self.work
 
-    def decomposition(self, q: Array | None = None) -> KinematicDecomposition:
-        """Cq of the pose, or at other positions."""
+    def jacobian(self, q: Array | None = None) -> WeightedJacobian:
+        """The Jacobian of undeformed bodies at the pose, or at other positions."""
         work = self.evaluate(self.time, self.state.q if q is None else q, self.state.v)
-        return KinematicDecomposition.of(self.compiled, work)
+        Cq = dense_jacobian(self.compiled, work)
+        return WeightedJacobian.of(self.compiled, Cq).without_modes()
 
-    def joint_rates(self, motions: Array) -> tuple[list[str], Array]:
-        """Names (k) of the joint coordinates without driver, rates (k, n) in motions (nv, n).
+    def joint_rates(self, motions: Array) -> dict[str, Array]:
+        """Rates (n,) of the joint coordinates without driver in motions (nv, n), by name.
 
-        Angles in radians, strokes over the size of the model, times the preference for ground.
+        Angles in radians, strokes over the size of the model; doubled for joints with ground.
         """
-        coordinates = _free_coordinates(self.compiled, self.model)
-        rates = np.zeros((len(coordinates), motions.shape[1]))
-        for n, motion in enumerate(motions.T):
-            markers = self.evaluate(self.time, self.state.q, motion).now.marker
-            for k, one in enumerate(coordinates):
-                rate = self._joint_rate(markers[one.I], markers[one.J], one.coordinate)
-                rates[k, n] = one.preference * rate
-        return [one.name for one in coordinates], rates
+        layout, system = self.compiled.layout, self.compiled.system
+        first_rows = dict(zip(layout.reactions, system.groups["row"], strict=True))
+        driven = {
+            (driver.joint, motion.coordinate)
+            for driver in self.model.drivers.values()
+            for motion in driver.motions(self.model.plane)
+        }
+        rates: dict[str, list[float]] = {}
+        for v in motions.T:
+            markers = self.evaluate(self.time, self.state.q, v).now.marker
+            for joint, spec in self.model.joints.items():
+                row = system.rows[first_rows[f"joints.{joint}"]]
+                grounded = any(split_reference(end)[0] == GROUND for end in spec.between)
+                for coordinate in JOINT_TYPES[spec.type].coordinates:
+                    if (joint, coordinate) not in driven:
+                        rate = self._joint_rate(markers[row["I"]], markers[row["J"]], coordinate)
+                        rate *= _GROUNDED if grounded else 1.0
+                        rates.setdefault(f"joints.{joint}.{coordinate}", []).append(rate)
+        return {name: np.array(values) for name, values in rates.items()}
 
     def _joint_rate(self, mi: np.void, mj: np.void, coordinate: str) -> float:
         if coordinate != "stroke":
@@ -101,74 +113,6 @@ class KinematicPose:
     def text(self, time: float) -> str:
         """A time in the scene's units."""
         return self.model.units.say(time, "s")
-
-
-@dataclass(frozen=True)
-class _JointCoordinate:
-    """A joint coordinate that no driver prescribes: its markers, and how much it is preferred."""
-
-    name: str
-    coordinate: str
-    I: int  # noqa: E741
-    J: int
-    preference: float
-
-
-def _free_coordinates(compiled: Compiled, model: Model) -> list[_JointCoordinate]:
-    groups = dict(zip(compiled.layout.reactions, compiled.system.groups, strict=True))
-    driven = {
-        (driver.joint, motion.coordinate)
-        for driver in model.drivers.values()
-        for motion in driver.motions(model.plane)
-    }
-    coordinates = []
-    for joint, spec in model.joints.items():
-        row = compiled.system.rows[int(groups[f"joints.{joint}"]["row"])]
-        grounded = any(split_reference(end)[0] == GROUND for end in spec.between)
-        for coordinate in JOINT_TYPES[spec.type].coordinates:
-            if (joint, coordinate) not in driven:
-                name = f"joints.{joint}.{coordinate}"
-                preference = _GROUNDED if grounded else 1.0
-                markers = int(row["I"]), int(row["J"])
-                coordinates.append(_JointCoordinate(name, coordinate, *markers, preference))
-    return coordinates
-
-
-@dataclass(frozen=True)
-class KinematicDecomposition:
-    """Decomposition of the weighted Jacobian of undeformed bodies.
-
-    `motions` (nv, n) are its right singular vectors as velocity coordinates.
-    """
-
-    weighted: Decomposition
-    motions: Array
-
-    @classmethod
-    def of(cls, compiled: Compiled, work: Work) -> KinematicDecomposition:
-        """Of Cq as the last factorisation left it."""
-        jacobian = WeightedJacobian.of(compiled, dense_jacobian(compiled, work))
-        rigid = ~jacobian.modal
-        weighted = Decomposition.of(jacobian.A[:, rigid])
-        columns = jacobian.columns[rigid]
-        motions = np.zeros((compiled.layout.nv, len(columns)))
-        motions[columns] = weighted.V / compiled.system.weights[columns, None]
-        return cls(weighted, motions)
-
-    @property
-    def rank(self) -> int:
-        """Number of independent rows."""
-        return self.weighted.rank
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates that may move."""
-        return int(self.motions.shape[1])
-
-    @property
-    def free_motions(self) -> Array:
-        """(nv, k) motions that no row hinders."""
-        return self.motions[:, self.rank :]
 
 
 def _main_rows(compiled: Compiled, vector: Array) -> list[str]:
@@ -192,28 +136,30 @@ def _drivers_of(compiled: Compiled, vector: Array) -> list[str]:
 
 def free_motion_sentence(pose: KinematicPose) -> str:
     """The sentence for a pose whose rows leave motions free."""
-    decomposition = pose.decomposition()
-    count = decomposition.n - decomposition.rank
-    names, rates = pose.joint_rates(decomposition.free_motions)
-    coordinates = _independent(names, rates)
+    jacobian = pose.jacobian()
+    free = jacobian.velocities(jacobian.decomposition.free)
+    count, n = free.shape[1], jacobian.A.shape[1]
+    coordinates = _independent(pose.joint_rates(free))
     head = f"joints and drivers leave {count} motion{'s' if count > 1 else ''} free at t = 0"
     if len(coordinates) == count:
         cure = f"add a driver of {' and one of '.join(coordinates)}"
     else:
-        moving = [*coordinates, *_moving_bodies(pose, decomposition.free_motions)]
+        moving = [*coordinates, *_moving_bodies(pose, free)]
         cure = f"most moves {', '.join(moving[:_MAX_SHOWN])}: add joints or drivers there"
-    if pose.model.drivers and decomposition.n <= pose.compiled.layout.nc:
+    if pose.model.drivers and n <= pose.compiled.layout.nc:
         cure += "; if the drivers should be enough, the pose is singular: begin at another one"
     return f"{head}, and a kinematic analysis needs all of them driven: {cure}"
 
 
-def _independent(names: list[str], rates: Array) -> list[str]:
+def _independent(rates: dict[str, Array]) -> list[str]:
     """Coordinates that fix as many motions together as they can, those that move most first."""
-    left, selected = rates.copy(), list[str]()
-    most = np.abs(rates).max(initial=0.0)
-    for _ in range(rates.shape[1]):
-        size = np.linalg.norm(left, axis=1) if len(names) else np.zeros(0)
-        if not size.max(initial=0.0) > _MOVES * most:
+    if not rates:
+        return []
+    names, left, selected = list(rates), np.array(list(rates.values())), list[str]()
+    most = np.abs(left).max()
+    for _ in range(left.shape[1]):
+        size = np.linalg.norm(left, axis=1)
+        if not size.max() > _MOVES * most:
             break
         k = int(np.argmax(size))
         selected.append(names[k])
@@ -247,9 +193,9 @@ def failure_sentence(status: int, pose: KinematicPose, settings: KinematicsSetti
         return _jump(pose, time, float(pose.work.trial.t[0]))
     place = worst_place(pose.compiled, pose.work)
     if pose.compiled.layout.nv <= MAX_COORDINATES:
-        decomposition = pose.decomposition()
-        cause = _contradiction(pose, decomposition.weighted, time, later)
-        cause = cause or _singular_pose(pose, decomposition, time)
+        jacobian = pose.jacobian()
+        cause = _contradiction(pose, jacobian.decomposition, time, later)
+        cause = cause or _singular_pose(pose, jacobian, time)
         if cause:
             return cause
     if status == method.JUMP:
@@ -277,13 +223,13 @@ def _jump(pose: KinematicPose, before: float, after: float) -> str:
     )
 
 
-def _contradiction(pose: KinematicPose, weighted: Decomposition, time: float, later: float) -> str:
+def _contradiction(pose: KinematicPose, rows: Decomposition, time: float, later: float) -> str:
     """The sentence for drivers of motions that rows prevent; empty if it is not that."""
     weights, at_rest = pose.compiled.system.row_weights, np.zeros_like(pose.state.v)
     rates = pose.evaluate(time, pose.state.q, at_rest).con.rate * weights
     gaps = pose.evaluate(later, pose.state.q, at_rest).con.C * weights
     for values in (rates, gaps):
-        apart = weighted.unreachable(values)
+        apart = rows.unreachable(values)
         if np.linalg.norm(apart) > _CONTRADICTED * np.linalg.norm(values):
             drivers = _drivers_of(pose.compiled, apart)
             others = _owners(_main_rows(pose.compiled, apart))
@@ -311,20 +257,20 @@ def _contradicting_drivers(
     )
 
 
-def _singular_pose(pose: KinematicPose, decomposition: KinematicDecomposition, time: float) -> str:
+def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float) -> str:
     """The sentence for a pose that is singular or nearly so; empty if it is not."""
-    n, S, U = decomposition.n, decomposition.weighted.S, decomposition.weighted.U
+    n, U, S = jacobian.A.shape[1], jacobian.decomposition.U, jacobian.decomposition.S
     if n < 2 or len(S) < n or S[n - 1] > _NEARLY * S[n - 2]:
         return ""
     rows = _main_rows(pose.compiled, U[:, n - 1])
     drivers = _drivers_of(pose.compiled, U[:, n - 1])
-    names, rates = pose.joint_rates(decomposition.motions[:, n - 1 : n])
     joints = [name for name in rows if not name.startswith("drivers.")]
     text = f"at t = {pose.text(time)} the mechanism reaches a singular pose"
     text += f" (a dead point, or the limit of its reach) held by {', '.join(joints)}"
     if drivers:
         text += f", beyond which {' and '.join(drivers)} cannot lead it"
-    coordinates = _independent(names, rates)
+    motion = jacobian.velocities(jacobian.decomposition.V[:, n - 1 : n])
+    coordinates = _independent(pose.joint_rates(motion))
     if coordinates:
         instead = f", instead of {drivers[0]}" if drivers else ""
         text += f": drive {coordinates[0]}, which moves most there{instead}"
@@ -347,13 +293,13 @@ def _branch(pose: KinematicPose, time: float) -> str:
 def singular_pose_notes(pose: KinematicPose) -> list[str]:
     """A note for each singular pose that the motion passed through smoothly."""
     path, notes = pose.path, []
-    count = int(path.count[SINGULAR_POSES])
+    count = int(path.count[0]["singular_poses"])
     for k in range(min(count, len(path.singular_times))):
         before, after = path.singular_times[k]
         where = ""
         if pose.compiled.layout.nv <= MAX_COORDINATES:
-            decomposition = pose.decomposition(path.singular_positions[k])
-            vector = decomposition.weighted.U[:, decomposition.n - 1]
+            jacobian = pose.jacobian(path.singular_positions[k])
+            vector = jacobian.decomposition.U[:, jacobian.A.shape[1] - 1]
             where = f" held by {', '.join(_owners(_main_rows(pose.compiled, vector)))}"
         notes.append(
             f"between t = {pose.text(before)} and {pose.text(after)} the motion passed a singular "
