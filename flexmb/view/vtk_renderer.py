@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.cache import cache_root, writable
+from flexmb.folders import cache_root, is_writable
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.shapes import joined, sphere
 from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
@@ -90,7 +90,7 @@ def probe(fresh: bool = False) -> Verdict:
         if not fresh:
             return Verdict(**json.loads(path.read_text(encoding="utf-8")))
     verdict = _try_windows()
-    if writable(path.parent):
+    if is_writable(path.parent):
         path.write_text(json.dumps(asdict(verdict)), encoding="utf-8")
     return verdict
 

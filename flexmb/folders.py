@@ -1,13 +1,27 @@
-"""Where a scene's output goes when nothing else is said, and whether it can go there."""
+"""Folders: of caches and of output.
+
+The cache folder is `FLEXMB_CACHE_DIR` where that is set, else the user's cache folder of this
+operating system. It holds compiled units and the result of the test of the renderer; to delete it
+costs time only.
+"""
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 
 from flexmb.errors import OutputError
 
-__all__ = ["output_folder", "writable_folder"]
+
+def cache_root() -> Path:
+    """Folder of all flexmb caches; it may not exist yet."""
+    variable = os.environ.get("FLEXMB_CACHE_DIR")
+    if variable:
+        return Path(variable)
+    from platformdirs import user_cache_dir
+
+    return Path(user_cache_dir("flexmb", appauthor=False))
 
 
 def output_folder(scene: str | Path) -> Path:
@@ -32,3 +46,12 @@ def writable_folder(folder: Path) -> Path:
         files = [path for path in (folder, *folder.parents) if path.is_file()]
         why = f"{files[0]} is a file" if files else error.strerror
         raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether files can be made in `folder`, which is created if it is missing."""
+    try:
+        writable_folder(folder)
+    except OutputError:
+        return False
+    return True

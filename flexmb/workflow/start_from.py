@@ -1,8 +1,8 @@
-"""Beginning a run where another one ended: bodies matched by their names.
+"""The start of a run from the end of another one: bodies matched by their names.
 
 In: the compiled model, its flexible bodies, another result. Out: positions and velocities to begin
-with, and notes on what was matched. Time starts anew at 0; what joints and drivers of the new scene
-ask for at that time holds, and what had to give way for it is told afterwards.
+with, and notes on what was matched. Time starts again at 0. The joints and drivers of the new scene
+take precedence at that time; what they change of the other run's end is reported afterwards.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmb.errors import Problem, ResultFileError
-from flexmb.workflow.origin import body_hash, origin
+from flexmb.workflow.resume import body_hash, provenance
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import StartValues
@@ -27,14 +27,12 @@ if TYPE_CHECKING:
     from flexmb.results import Result
     from flexmb.units import UnitSystem
 
-__all__ = ["Beginning", "beginning"]
-
-_MOVED = 1e-6  # change of the start that is told: over the size of the model, or the speed
-_TURNED = 1e-4  # rad; arccos near 1 leaves 1e-8
+_MIN_CHANGE = 1e-6  # change of the start that is reported: over the model's size, or the speed
+_MIN_ROTATION = 1e-4  # rad; arccos near 1 leaves 1e-8
 
 
 @dataclass(frozen=True)
-class Beginning:
+class StartState:
     """The end of another run as the start of this one."""
 
     source: Path
@@ -43,7 +41,7 @@ class Beginning:
     notes: tuple[str, ...]
 
     def changes(self, compiled: Compiled, state: State, units: UnitSystem) -> list[str]:
-        """What the first state had to change of what was taken over, a sentence for each body."""
+        """What differs in the first state from the end of the other run, a sentence per body."""
         speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
         changes = np.abs(state.v - self.begin.v)
         sentences = []
@@ -54,31 +52,34 @@ class Beginning:
             change = changes[body.iv :]
             faster, spun = float(change[:3].max()), float(change[3:6].max())
             parts = (
-                (moved > _MOVED * compiled.length, f"moved by {units.say(moved, 'm', 3)}"),
-                (turned > _TURNED, f"turned by {turned:.3g} rad"),
-                (faster > _MOVED * speed, f"velocity by up to {units.say(faster, 'm/s', 3)}"),
-                (spun > _MOVED * speed, f"angular velocity by up to {units.say(spun, 'rad/s', 3)}"),
+                (moved > _MIN_CHANGE * compiled.length, f"moved by {units.say(moved, 'm', 3)}"),
+                (turned > _MIN_ROTATION, f"turned by {turned:.3g} rad"),
+                (faster > _MIN_CHANGE * speed, f"velocity by up to {units.say(faster, 'm/s', 3)}"),
+                (
+                    spun > _MIN_CHANGE * speed,
+                    f"angular velocity by up to {units.say(spun, 'rad/s', 3)}",
+                ),
             )
-            found = ", ".join(text for told, text in parts if told)
-            if found:
+            changed = ", ".join(text for reported, text in parts if reported)
+            if changed:
                 where = f"bodies.{body.name}: joints and drivers at t = 0 change its start"
-                sentences.append(f"{where}: {found}")
+                sentences.append(f"{where}: {changed}")
         return sentences
 
 
-def beginning(
-    model: Model, compiled: Compiled, bodies: Mapping[str, FlexBody], given: Result | str | Path
-) -> Beginning:
+def match_start(
+    model: Model, compiled: Compiled, bodies: Mapping[str, FlexBody], source: Result | str | Path
+) -> StartState:
     """Match the bodies, states and controllers of a model with those of a result by name.
 
     Parameters
     ----------
     model, compiled : Model, Compiled
-        The model, and what was compiled of it.
+        The model, and its compiled system.
     bodies : mapping of str to FlexBody
         Its flexible bodies.
-    given : Result or path
-        The other run; its last whole row counts.
+    source : Result or path
+        The other run; its last complete row is taken.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def beginning(
     from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.results import Result
 
-    other = given if isinstance(given, Result) else Result(given)
+    other = source if isinstance(source, Result) else Result(source)
     if not len(other.time):
         raise ResultFileError(f"{other.path}: holds no output rows to begin from")
     if model.plane not in (None, other.model.get("plane")):
@@ -102,11 +103,11 @@ def beginning(
         what = f"has no body of this scene; it has {', '.join(theirs)}"
         raise ResultFileError.from_problems([Problem(str(other.path), what, names)])
     q, v = compiled.placed.copy(), np.full(compiled.layout.nv, np.nan)
-    known = origin(other).get("bodies", {})
+    reductions = provenance(other).get("bodies", {})
     undeformed = []
     for body in matched:
         old = theirs[body.name]
-        same = body.m > 0 and _same_modes(bodies[body.name], known.get(body.name, {}))
+        same = body.m > 0 and _same_modes(bodies[body.name], reductions.get(body.name, {}))
         m = body.m if same else 0
         q[body.iq : body.iq + 7 + m] = other.part("q", slice(old.iq, old.iq + 7 + m))[-1]
         v[body.iv : body.iv + 6 + body.m] = 0.0
@@ -119,24 +120,24 @@ def beginning(
     for k, name in enumerate(compiled.layout.coordinates):
         if name.startswith("states.") and name in old_at:
             v[first + k] = other.part("v", [old_at[name]])[-1, 0]
-    notes = [_told(other, matched, compiled)]
+    notes = [_matching_note(other, matched, compiled)]
     if undeformed:
         notes.append(
-            f"begins without deformation, being reduced otherwise: {', '.join(undeformed)}"
+            f"begins without deformation, since its reduction differs: {', '.join(undeformed)}"
         )
-    return Beginning(other.path, StartValues(q, v), matched, tuple(notes))
+    return StartState(other.path, StartValues(q, v), matched, tuple(notes))
 
 
-def _same_modes(body: FlexBody, known: Mapping[str, str]) -> bool:
-    """Whether modal coordinates mean the same as then: the same reduction, or the same body.
+def _same_modes(body: FlexBody, stored: Mapping[str, str]) -> bool:
+    """Whether modal coordinates have the same meaning: the same reduction, or the same body.
 
     Two reductions of the same mesh with the same options differ by round-off only.
     """
     key = body.provenance.get("key", "")
-    return bool(key and key == known.get("key")) or body_hash(body) == known.get("hash")
+    return bool(key and key == stored.get("key")) or body_hash(body) == stored.get("hash")
 
 
-def _told(other: Result, matched: tuple[BodyColumns, ...], compiled: Compiled) -> str:
+def _matching_note(other: Result, matched: tuple[BodyColumns, ...], compiled: Compiled) -> str:
     names = {body.name for body in matched}
     left = [body.name for body in compiled.layout.bodies if body.name not in names]
     gone = [body.name for body in other.layout.bodies if body.name not in names]

@@ -9,7 +9,7 @@ from quickreturn import quick_return, ram_motion
 import flexmb
 from flexmb.errors import ResultFileError, SceneError
 from flexmb.model import Model
-from flexmb.workflow.task import Task, chosen_analysis
+from flexmb.workflow.run import Task, select_analysis
 
 
 def scene(*analyses):
@@ -20,9 +20,9 @@ def scene(*analyses):
 
 
 def test_a_scene_runs_what_it_has():
-    assert chosen_analysis(scene("dynamics"), None) == "dynamics"
-    assert chosen_analysis(scene("kinematics"), None) == "kinematics"
-    assert chosen_analysis(scene("dynamics", "kinematics"), "kinematics") == "kinematics"
+    assert select_analysis(scene("dynamics"), None) == "dynamics"
+    assert select_analysis(scene("kinematics"), None) == "kinematics"
+    assert select_analysis(scene("dynamics", "kinematics"), "kinematics") == "kinematics"
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_a_scene_runs_what_it_has():
 )
 def test_what_cannot_be_run_is_told(analyses, asked, elsewhere, words):
     with pytest.raises(SceneError) as caught:
-        chosen_analysis(scene(*analyses), asked, elsewhere)
+        select_analysis(scene(*analyses), asked, elsewhere)
     assert words in str(caught.value)
 
 

@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.units import UnitSystem
 
-__all__ = ["definition_tables"]
-
 Titled = tuple[str, Table]
 _ROUND_OFF = 1e-12
-_OWN = ("bodies", "joints", "drivers", "sensors")  # sections told in columns, or not at all
+_TABLES_OF_THEIR_OWN = ("bodies", "joints", "drivers", "sensors")  # or none
 
 
 def definition_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> tuple[Titled, ...]:
@@ -130,7 +128,7 @@ def _drivers(model: Model) -> Titled:
     rows = []
     for name, driver in model.drivers.items():
         words = driver.model_dump(mode="json", exclude_defaults=True, context=model.terms)
-        rows.append((name, *_in_words(words, apart=("joint",))))
+        rows.append((name, *_word_cells(words, apart=("joint",))))
     return "drivers", Table(("driver", "joint", "coordinate = function of t"), rows)
 
 
@@ -139,27 +137,29 @@ def _other_elements(model: Model) -> Iterator[Titled]:
     from flexmb.model.values.reading import Spec
 
     for section, entries in vars(model).items():
-        if section in _OWN or not isinstance(entries, dict) or not entries:
+        if section in _TABLES_OF_THEIR_OWN or not isinstance(entries, dict) or not entries:
             continue
         rows = []
         for name, spec in entries.items():
             if isinstance(spec, Spec):
                 words = spec.model_dump(mode="json", exclude_defaults=True, context=model.terms)
-                rows.append((name, *_in_words(words, apart=("type",))))
+                rows.append((name, *_word_cells(words, apart=("type",))))
         yield section, Table((section.removesuffix("s"), "type", "values"), rows)
 
 
-def _in_words(words: dict[str, Any], apart: Iterable[str]) -> tuple[str, ...]:
+def _word_cells(words: dict[str, Any], apart: Iterable[str]) -> tuple[str, ...]:
     """Some words of an entry in columns of their own, the others in one."""
     first = tuple(str(words.pop(key, "")) for key in apart)
-    return *first, ", ".join(f"{key} = {_told(value)}" for key, value in words.items())
+    return *first, ", ".join(f"{key} = {_value_text(value)}" for key, value in words.items())
 
 
-def _told(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_told(item)}" for key, item in value.items()) + " }"
+        return (
+            "{ " + ", ".join(f"{key} = {_value_text(item)}" for key, item in value.items()) + " }"
+        )
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_told(item) for item in value)}]"
+        return f"[{', '.join(_value_text(item) for item in value)}]"
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -168,24 +168,22 @@ def _told(value: Any) -> str:
 def _velocities(model: Model) -> Titled:
     units, rows = model.units, []
     for name, spec in model.bodies.items():
-        for marker, asked in spec.asked_velocities.items():
-            told = (
-                _vector(units, given or (), unit)
-                for given, unit in ((asked.velocity, "m/s"), (asked.angular_velocity, "rad/s"))
-            )
-            rows.append((f"{name}.{marker}", *told, asked.axes))
+        for marker, initial in spec.asked_velocities.items():
+            pairs = ((initial.velocity, "m/s"), (initial.angular_velocity, "rad/s"))
+            cells = (_vector(units, vector or (), unit) for vector, unit in pairs)
+            rows.append((f"{name}.{marker}", *cells, initial.axes))
     columns = (
         "marker",
         f"velocity [{units.label('m/s')}]",
         f"angular velocity [{units.label('rad/s')}]",
         "axes",
     )
-    return "initial velocities asked for", Table(columns, rows)
+    return "initial velocities requested", Table(columns, rows)
 
 
 def _vector(units: UnitSystem, values: Any, unit: str, scale: float = 0.0) -> str:
     """Components of an SI vector in the model's units; round-off is shown as 0."""
     values = [float(value) for value in values]
     least = _ROUND_OFF * max([scale, *(abs(value) for value in values)], default=0.0)
-    kept = (value if abs(value) > least else 0.0 for value in values)
-    return ", ".join(f"{units.outward(value, unit) if unit else value:.6g}" for value in kept)
+    clean = (value if abs(value) > least else 0.0 for value in values)
+    return ", ".join(f"{units.outward(value, unit) if unit else value:.6g}" for value in clean)
