@@ -257,7 +257,7 @@ def _loft(rings: Array, top: Array, bottom: Array) -> Triangles:
 
 def _circle(e1: Array, e2: Array) -> Array:
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    return np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2)
+    return np.asarray(np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2))
 
 
 def _unit(vector: ArrayLike) -> Array:

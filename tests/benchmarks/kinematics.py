@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics
+from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import POINTS, analyse_kinematics

@@ -117,7 +117,12 @@ class WeightedJacobian:
 
     def rows_of(self, owner: str) -> Mask:
         """Which rows belong to a scene path."""
-        return np.array([name == owner for name in self.owners], dtype=bool)
+        return self._rows_by_owner[owner]
+
+    @cached_property
+    def _rows_by_owner(self) -> dict[str, Mask]:
+        owners = np.array(self.owners)
+        return {name: owners == name for name in dict.fromkeys(self.owners)}
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,16 @@ from flexmb.analysis.dynamics.analysis import Outcome, Sink
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
-from flexmb.analysis.kinematics.singular_poses import (
+from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
+from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,
     failure_sentence,
     free_motion_sentence,
     singular_pose_notes,
 )
-from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_problems
-from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import CORRECT, EVALUATE, POINTS, analyse_kinematics, kinematics_units
