@@ -34,7 +34,7 @@ from flexmb.flexbody import FlexBody
 from flexmb.model.bodies.body import BodySpec, RigidBodySpec
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
-from flexmb.model.sensors.signals import resolved, states_of
+from flexmb.model.sensors.channels import resolved, states_of
 
 Table = NDArray[np.void]
 

@@ -40,8 +40,8 @@ from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar_body import planar_body
 from flexmb.model import lookup
+from flexmb.model.functions.derivatives import derivative_jumps
 from flexmb.model.functions.expression import Expression
-from flexmb.model.functions.kinks import kinks_of
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
 from flexmb.model.tasks.dynamics import DynamicsSpec
@@ -265,7 +265,7 @@ def time_event_table(
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    for t in sorted({t for program in programs for t in kinks_of(program.ops, end)}):
+    for t in sorted({t for program in programs for t in derivative_jumps(program.ops, end)}):
         if t - (events[-1] if events else 0.0) > _SAME_TIME * end and end - t > _SAME_TIME * end:
             events.append(t)
     times = np.array(events)
