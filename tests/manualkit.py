@@ -2,8 +2,8 @@
 
 The blocks of a page run in one folder, in order: ``console`` and ``sh`` blocks call ``flexmb``,
 ``python`` blocks run in one namespace, a ``toml`` block is written to a file where a comment names
-it, else validated by the schema of scenes. What is compared: the lines below each ``$`` command, and the
-``text`` block right after a ``python`` block; a line ``...`` stands for any lines.
+it, else validated by the schema of scenes. Compared are the lines below each ``$`` command, and
+the ``text`` block right after a ``python`` block; a line ``...`` stands for any lines.
 
 A comment before a block, ``<!-- test: ... -->``, says more: ``varies``: numbers are not compared;
 ``quiet``: its output is not shown; ``slow``: runs with the slow tests only; ``none``: never runs.

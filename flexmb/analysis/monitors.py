@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import Compiled
 from flexmb.engine.layout import Layout
 from flexmb.model.model import Model
+from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
-from flexmb.model.sensors.signals import live_functions, resolved
 from flexmb.results import OutputBlock
 
 Array = NDArray[np.float64]
@@ -155,7 +155,7 @@ class GrowthMonitor:
     """
 
     def __init__(self, compiled: Compiled, model: Model) -> None:
-        self.ends_run = any(where.startswith("forces.") for where, _ in live_functions(model))
+        self.ends_run = any(where.startswith("forces.") for where, _ in feedback_functions(model))
         self.sentence = ""
         self._units = model.units
         self._quantities = _quantities(compiled)
@@ -242,7 +242,7 @@ def _quantities(compiled: Compiled) -> list[_Quantity]:
 def algebraic_loop_notes(model: Model) -> list[str]:
     """A note for every force that depends on accelerations or reactions, which depend on it."""
     notes = []
-    for where, function in live_functions(model):
+    for where, function in feedback_functions(model):
         if not where.startswith("forces."):
             continue
         channels = resolved(model, function.expression).channels

@@ -31,7 +31,7 @@ class Geometry:
 
     def marker(self, reference: str) -> PlacedMarker:
         """The marker of a scene path."""
-        return lookup.placed(self.model, reference, self.flexbodies)
+        return lookup.place_marker(self.model, reference, self.flexbodies)
 
     def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
         """Two markers with z along an axis."""

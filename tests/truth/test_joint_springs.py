@@ -137,7 +137,7 @@ def test_a_first_order_state_follows_its_law(p, h, knobs, monkeypatch):
 
 BAD = [
     ({"joint": "hing"}, 'forces.f.joint: unknown joint "hing"; nearest: hinge; allowed: hinge'),
-    ({"joint": "hinge"}, "forces.f: does nothing: give stiffness, damping or value"),
+    ({"joint": "hinge"}, "forces.f: needs stiffness, damping or value"),
     ({"joint": "hinge", "stiffness": -1}, "forces.f.stiffness: must be zero or positive"),
 ]
 

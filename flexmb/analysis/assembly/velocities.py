@@ -72,7 +72,8 @@ class InitialVelocities:
             _Prescribed(
                 _place(name, marker, marker in spec.initial),
                 markers.numbers[name],
-                before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
+                before
+                + markers.add(lookup.place_marker(model, f"{name}.{marker}", compiled.flexbodies)),
                 one,
             )
             for name, spec in model.bodies.items()

@@ -45,7 +45,7 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.model import Model
 
 

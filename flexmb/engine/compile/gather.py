@@ -28,7 +28,7 @@ from flexmb.engine.tables import Functions, Pool
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import resolved, states_of
+from flexmb.model.sensors.channels import resolved, states_of
 
 __all__ = ["Gathered", "Measured", "gather"]
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.model.functions.derivatives import derivative_jumps
 from flexmb.model.functions.expression import Expression
-from flexmb.model.functions.kinks import kinks_of
 from flexmb.model.tasks.dynamics import DynamicsSpec
 
 __all__ = ["time_event_table"]
@@ -30,7 +30,7 @@ def time_event_table(
         return np.zeros((0, 2))
     end = spec.duration
     found: list[float] = []
-    for t in sorted({t for program in programs for t in kinks_of(program.ops, end)}):
+    for t in sorted({t for program in programs for t in derivative_jumps(program.ops, end)}):
         if t - (found[-1] if found else 0.0) > _ONE * end and end - t > _ONE * end:
             found.append(t)
     times = np.array(found)

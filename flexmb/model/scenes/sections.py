@@ -12,23 +12,57 @@ from typing import Any
 from flexmb.errors import Problem
 from flexmb.model.bodies.markers import MarkerSpec
 from flexmb.model.bodies.mesh_body import body_kind
-from flexmb.model.forces.force import FORCE_TYPES
-from flexmb.model.joints.couplers import COUPLER_TYPES
-from flexmb.model.joints.curves import CurveSpec
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
+from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.forces.load import ForceSpec, LineForceSpec, TorqueSpec
+from flexmb.model.forces.spring_damper import (
+    RotationalSpringSpec,
+    SpringDamperSpec,
+    TranslationalSpringSpec,
+)
+from flexmb.model.forces.stops import RotationalStopSpec, StopSpec, TranslationalStopSpec
+from flexmb.model.joints.coupler import LinearCouplerSpec
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DriverSpec
+from flexmb.model.joints.gear import GearSpec, RackSpec
 from flexmb.model.joints.joint import JointSpec
+from flexmb.model.references import Component
+from flexmb.model.sensors.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
 from flexmb.model.values.names import GROUND, bad_name
 from flexmb.model.values.reading import Names, Spec, given, read_entry, read_variant, under
-
-__all__ = ["SECTIONS", "read_named"]
 
 SECTIONS = (
     "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
     "controllers",
 )  # fmt: skip
 """Sections whose entries have names."""
+
+FORCE_TYPES: dict[str, type[Component]] = {
+    "force": ForceSpec,
+    "torque": TorqueSpec,
+    "spring-damper": SpringDamperSpec,
+    "line-force": LineForceSpec,
+    "rotational-spring-damper": RotationalSpringSpec,
+    "translational-spring-damper": TranslationalSpringSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
+    "bushing": BushingSpec,
+    "beam": BeamForceSpec,
+    "stop": StopSpec,
+    "rotational-stop": RotationalStopSpec,
+    "translational-stop": TranslationalStopSpec,
+}
+COUPLER_TYPES: dict[str, type[Component]] = {
+    "gear": GearSpec,
+    "rack-and-pinion": RackSpec,
+    "linear": LinearCouplerSpec,
+}
+CONTROLLER_TYPES: dict[str, type[Spec]] = {
+    "pid": PidSpec,
+    "transfer-function": TransferFunctionSpec,
+}
 
 _VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
     "couplers": ("coupler type", COUPLER_TYPES),

@@ -1,9 +1,11 @@
-"""Second-order jets: a value with its first and second derivative in time.
+"""Second-order derivatives of a function of time, and the times at which they jump.
 
 In: the postfix program of an expression (:mod:`flexmb.model.functions.expression`) and a time. Out:
-(f, df/dt, d2f/dt2), by the chain rule, exact to round-off. Outside the domain of a function
+a jet (f, df/dt, d2f/dt2), by the chain rule, exact to round-off. Outside the domain of a function
 (logarithm of a negative number, division by zero) the result is not finite and nothing is raised:
-the caller reports. This is the readable reference of the compiled kernel of the engine.
+the caller reports. This is the readable reference of the compiled kernel of the engine. Times of
+jumps are those that can be read off: ends of steps, corners of tables and profiles whose argument
+is linear in time; those of abs, sign, min and max are not known.
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
 """
 
@@ -14,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BINARY", "CHAIN", "UNARY", "Jet", "evaluate"]
+from flexmb.model.functions.piecewise import Piecewise
 
 Jet = tuple[float, float, float]
+Program = Iterable[tuple[str, Any]]
 
 
 def _times(g: float, a: float) -> float:
@@ -179,16 +182,14 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "min": lambda a, b: a if a[0] <= b[0] else b,
     "max": lambda a, b: a if a[0] >= b[0] else b,
 }
-"""Functions of two jets. Where min or max are undecided (equal values) the first one counts."""
+"""Functions of two  Where min or max are undecided (equal values) the first one counts."""
 
 
 UNARY = {*CHAIN, "neg", "powc", "piecewise"}
 """All operations on one jet."""
 
 
-def evaluate(
-    ops: Iterable[tuple[str, Any]], t: float, variables: Mapping[str, Jet] | None = None
-) -> Jet:
+def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None) -> Jet:
     """Run a postfix program at time ``t`` [s].
 
     Parameters
@@ -233,3 +234,68 @@ def evaluate(
                 stack.append(BINARY[op](stack.pop(), b))
     (f, f1, f2) = stack.pop()
     return float(f), float(f1), float(f2)
+
+
+# Rises whose second derivative jumps at their ends; that of the others begins with zero.
+_JUMPING_RISES = {"cubicstep", "haversinestep"}
+# More than so many times all over again are no events but the motion itself.
+_MAX_REPETITIONS = 100_000
+
+Line = tuple[float, float] | None
+"""a + b t, or None for what is not linear in t."""
+
+
+def derivative_jumps(ops: Program, end: float) -> tuple[float, ...]:
+    """Times in (0, end) [s], in order."""
+    times: set[float] = set()
+    stack: list[Line] = []
+    for op, argument in ops:
+        if op == "const":
+            stack.append((argument, 0.0))
+        elif op == "t":
+            stack.append((0.0, 1.0))
+        elif op in BINARY:
+            right = stack.pop()
+            stack.append(_line(op, stack.pop(), right))
+        elif op in UNARY:
+            line = stack.pop()
+            if line is not None and line[1] != 0.0:
+                times.update(_jump_times(op, argument, line, end))
+            stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
+        else:  # what is not known beforehand
+            stack.append(None)
+    return tuple(sorted(t for t in times if 0.0 < t < end))
+
+
+def _line(op: str, left: Line, right: Line) -> Line:
+    """The sum, difference, product or ratio where it is linear."""
+    if left is None or right is None:
+        return None
+    (a, b), (c, d) = left, right
+    if op in "+-":
+        sign = 1.0 if op == "+" else -1.0
+        return a + sign * c, b + sign * d
+    if op == "*" and (b == 0.0 or d == 0.0):
+        return a * c, a * d + b * c
+    if op == "/" and d == 0.0 and c != 0.0:
+        return a / c, b / c
+    return None
+
+
+def _jump_times(op: str, argument: object, line: tuple[float, float], end: float) -> list[float]:
+    """Where a function of a + b t or a derivative jumps."""
+    a, b = line
+    if op in _JUMPING_RISES:
+        return [-a / b, (1.0 - a) / b]
+    if not isinstance(argument, Piecewise):
+        return []
+    places = argument.jumps()
+    if argument.period > 0.0 and len(places):
+        span = sorted((a, a + b * end))
+        first = int(np.floor((span[0] - places[0]) / argument.period))
+        last = int(np.ceil((span[1] - places[0]) / argument.period))
+        if (last - first) * len(places) > _MAX_REPETITIONS:
+            return []
+        turns = np.arange(first, last + 1) * argument.period
+        places = (places[None, :] + turns[:, None]).ravel()
+    return [float(t) for t in (places - a) / b]

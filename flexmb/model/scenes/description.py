@@ -1,8 +1,11 @@
-"""What a field of a specification may hold, as JSON schema and in words.
+"""What a scene may hold: fields of every kind, as JSON schema and in words.
 
-In: a class derived from :class:`Spec`. Out: its fields by name, each with the JSON schema (draft 4)
-of what a scene may write there, whether it must be given, and its default. All of it is read off
-the annotations that also validate scenes, so that it cannot say anything else than they do.
+In: a class derived from :class:`Spec`. Out: its fields by name, each with the JSON schema (draft 4,
+the one all TOML editors understand) of what a scene may write there, whether it must be given, and
+its default. All of it is read off the annotations that also validate scenes, so that it cannot say
+anything else than they do. The schema accepts every valid scene and refuses misspelt keys, wrong
+kinds and unknown choices. What needs the whole scene (names that must exist, expressions) is left
+to ``flexmb check``.
 """
 
 from __future__ import annotations
@@ -14,8 +17,16 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic.fields import FieldInfo
 
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.materials import LIBRARY
-from flexmb.model.bodies.body import COLORS, BodySpec, FlexibleSource, UnitsName
+from flexmb.model.bodies.body import (
+    COLORS,
+    BodySpec,
+    FlexbodySpec,
+    FlexibleSource,
+    RigidBodySpec,
+    UnitsName,
+)
 from flexmb.model.bodies.interfaces import (
     GroupName,
     Interfaces,
@@ -24,31 +35,33 @@ from flexmb.model.bodies.interfaces import (
     Stiffness,
     Weights,
 )
+from flexmb.model.bodies.markers import GroundSpec
 from flexmb.model.bodies.mass_properties import Inertia
 from flexmb.model.bodies.material import MATERIAL_KINDS, MaterialField
-from flexmb.model.bodies.mesh_body import Modes, ModesSpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec, Modes, ModesSpec
 from flexmb.model.bodies.meshes import MESH_TYPES, Divisions, MeshSource
-from flexmb.model.forces.laws import Law, LawTable
+from flexmb.model.forces.force_characteristic import CharacteristicTable, ForceCharacteristic
 from flexmb.model.functions.function import FUNCTION_FORMS, Function, FunctionOf
 from flexmb.model.functions.tabulated import Tabulated
-from flexmb.model.joints.couplers import AngleTerm, LinearCouplerSpec, StrokeTerm
-from flexmb.model.joints.curves import CurveSpec
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.coupler import AngleTerm, LinearCouplerSpec, StrokeTerm
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.scenes.conversion import TOP_KEYS
+from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.sensors.control import StateSpec
+from flexmb.model.sensors.sensor import SENSOR_TYPES
 from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
+from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.tasks.study import StudySpec
-from flexmb.model.values.matrices import BY_DIRECTION, SIX_BY_SIX
 from flexmb.model.values.orientation import Orientation
-from flexmb.model.values.quantities import Axis, Integer, Quantity
+from flexmb.model.values.quantities import NUMBER, Axis, Integer, Quantity, WordOr
 from flexmb.model.values.reading import Entry, Reader, Spec, Variant
-from flexmb.model.values.told_units import ToldUnit
 from flexmb.units import UNIT_SYSTEMS
-
-__all__ = ["Field", "Form", "described", "fields_of", "form_of", "reference", "words"]
 
 Form = dict[str, Any]
 
-NUMBER: Form = {"type": ["number", "string"]}  # a string is an expression
 VECTOR: Form = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3}
 _MATRIX: Form = {"type": "array", "items": VECTOR, "minItems": 3, "maxItems": 3}
 _ROW: Form = {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}
@@ -109,10 +122,10 @@ def _of_class(cls: type) -> Form:
             "anyOf": [NUMBER, *(reference(form) for form in FUNCTION_FORMS.values())],
             "description": "as a function of t",
         }
-    if issubclass(cls, Law):
+    if issubclass(cls, ForceCharacteristic):
         points = {"type": "array", "items": _list((float, float))}
         return {
-            "anyOf": [{"type": "string"}, points, reference(LawTable)],
+            "anyOf": [{"type": "string"}, points, reference(CharacteristicTable)],
             "description": "or an expression",
         }
     plain: dict[type, Form] = {str: {"type": "string"}, bool: {"type": "boolean"}}
@@ -124,15 +137,20 @@ def _marked(annotation: Any, marks: Iterable[Any]) -> Form:
     for mark in marks:
         if isinstance(mark, Quantity):
             unit = {"description": f"[{mark.unit}]"} if mark.unit else {}
-            return {**NUMBER, **_SIGNS.get(mark.sign, {}), **unit}
+            limits = dict(zip(("minimum", "maximum"), mark.limits or (), strict=False))
+            return {**NUMBER, **_SIGNS.get(mark.sign, {}), **limits, **unit}
         if isinstance(mark, Integer):
             return {"type": ["integer", "string"], "minimum": mark.minimum}
-        if isinstance(mark, FunctionOf | ToldUnit) and mark.channels:
+        if isinstance(mark, FunctionOf) and mark.channels:
             return {**_of_class(Function), "description": "as a function of t and channels"}
         if isinstance(mark, Entry):
             return reference(annotation)
         if isinstance(mark, Variant):
             return {**_either([reference(s) for s in mark.kinds().values()]), "required": ["type"]}
+        if isinstance(mark, WordOr):
+            return _either([{"enum": [mark.word]}, {**NUMBER, **_SIGNS.get(mark.sign, {})}])
+        if isinstance(mark, Reader) and mark.form is not None:
+            return mark.form
         if isinstance(mark, Reader):
             known = _readers().get(mark)
             return known() if known else form_of(annotation)
@@ -210,8 +228,6 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}],
             "description": "[N/m, N m/rad]",
         },
-        **{_reader(field): _by_direction(unit) for unit, field in BY_DIRECTION.items()},
-        **{_reader(field): _six_by_six(unit) for unit, field in SIX_BY_SIX.items()},
         _reader(MeshSource): lambda: {
             "anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]
         },
@@ -231,14 +247,6 @@ def _readers() -> Mapping[Reader, Callable[[], Form]]:
             ]
         },
     }
-
-
-def _by_direction(unit: str) -> Callable[[], Form]:
-    return lambda: {"anyOf": [NUMBER, VECTOR, _MATRIX], "description": f"[{unit}]"}
-
-
-def _six_by_six(unit: str) -> Callable[[], Form]:
-    return lambda: {**_SIX, "description": f"[{unit}]"}
 
 
 def _signed(letters: str) -> list[str]:
@@ -286,3 +294,100 @@ def words(form: Form) -> str:
     sign = ", positive" if "exclusiveMinimum" in form else ", >= 0" if "minimum" in form else ""
     unit = f" {form['description']}" if "description" in form else ""
     return f"{told}{unit}{sign}"
+
+
+_GRAVITY: Form = {
+    "anyOf": [
+        {"enum": ["none", "earth -x", "earth -y", "earth -z"]},
+        {"type": "string", "pattern": "^earth +[+-]?[xyz]$"},
+    ]
+}
+_BODIES: tuple[type[Spec], ...] = (RigidBodySpec, MeshBodySpec, FlexbodySpec)
+
+
+def scene_schema() -> dict[str, Any]:
+    """The JSON schema of a scene as plain data."""
+    known = _top()
+    keys = {key: known.get(key, {}) for key in TOP_KEYS}
+    return {
+        "$schema": "http://json-schema.org/draft-04/schema#",
+        "title": "flexmb scene",
+        "description": "A flexible multibody model; what it means is checked by `flexmb check`.",
+        "type": "object",
+        "properties": keys,
+        "additionalProperties": False,
+        "definitions": _definitions(keys),
+    }
+
+
+def _top() -> dict[str, Form]:
+    """The keys at the top level."""
+    return {
+        "title": {"type": "string"},
+        "units": form_of(UnitsName),
+        "plane": {"enum": list(PLANES)},
+        "gravity": {"anyOf": [_GRAVITY, VECTOR], "description": "m/s^2, global axes"},
+        "parameters": {"type": "object", "additionalProperties": NUMBER},
+        "ground": reference(GroundSpec),
+        "bodies": _named(_one_of(_BODIES)),
+        "curves": _named(reference(CurveSpec)),
+        "joints": _named(reference(JointSpec)),
+        "couplers": _named(_one_of(COUPLER_TYPES.values())),
+        "drivers": _named(reference(DriverSpec)),
+        "forces": _named(_one_of(FORCE_TYPES.values())),
+        "sensors": _named(_one_of(SENSOR_TYPES.values())),
+        "states": _named(reference(StateSpec)),
+        "controllers": _named(_one_of(CONTROLLER_TYPES.values())),
+        "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
+        "assembly": reference(AssemblySpec),
+        "dynamics": reference(DynamicsSpec),
+        "kinematics": reference(KinematicsSpec),
+        "results": reference(ResultsSpec),
+        "study": reference(StudySpec),
+        "view": reference(ViewSpec),
+    }
+
+
+def _named(entry: Form) -> Form:
+    return {"type": "object", "additionalProperties": entry}
+
+
+def _one_of(specs: Iterable[type[Spec]]) -> Form:
+    """A table of one of these kinds, which differ by the keys they need or by ``type``."""
+    return {"anyOf": [reference(spec) for spec in dict.fromkeys(specs)]}
+
+
+def _definitions(top: Form) -> dict[str, Form]:
+    """Every definition that is referred to, directly or through others."""
+    specs = {reference(spec)["$ref"]: spec for spec in _subclasses(Spec)}
+    todo, done = _references(top), dict[str, Form]()
+    while todo:
+        where = todo.pop()
+        if where not in done:
+            done[where] = _definition(specs[where])
+            todo |= _references(done[where])
+    return {where.rpartition("/")[2]: done[where] for where in sorted(done)}
+
+
+def _subclasses(cls: type[Spec]) -> list[type[Spec]]:
+    direct = cls.__subclasses__()
+    return direct + [below for spec in direct for below in _subclasses(spec)]
+
+
+def _references(form: Any) -> set[str]:
+    """Where a form refers to, at any depth."""
+    parts = form.values() if isinstance(form, dict) else form if isinstance(form, list) else ()
+    found = {form["$ref"]} if isinstance(form, dict) and "$ref" in form else set[str]()
+    return found.union(*(_references(part) for part in parts))
+
+
+def _definition(spec: type[Spec]) -> Form:
+    fields = fields_of(spec)
+    required = [field.name for field in fields if field.required]
+    return {
+        "type": "object",
+        "description": described(spec),
+        "properties": {field.name: field.form for field in fields},
+        "additionalProperties": False,
+        **({"required": required} if required else {}),
+    }

@@ -17,13 +17,13 @@ def linear(model, name, factors, constant=0.0):
     model.add_coupler(name, "linear", terms=terms, constant=constant)
 
 
-def test_a_circle_whose_ratios_disagree_is_told():
+def test_a_loop_whose_ratios_disagree_is_told():
     model = planetary()
     model.add_coupler("belt", "gear", joints=["sun_pin", "arm_pin"], ratio=0.5)
     (problem,) = model.problems()
     assert problem.where == "couplers.belt"
     assert problem.what == (
-        'closes a circle with "sun" and "ring" in which "sun_pin.angle", "pin.angle" and '
+        'closes a loop with "sun" and "ring" in which "sun_pin.angle", "pin.angle" and '
         '"arm_pin.angle" cannot move, for its ratios multiply to -1 instead of 1; leave one of '
         "these couplers out, or make their ratios agree"
     )
@@ -34,11 +34,11 @@ def test_two_gears_between_the_same_wheels():
     for k, teeth in enumerate(([20, 10], [30, 10])):
         model.add_coupler(f"g{k}", "gear", joints=["pin_a", "pin_b"], teeth=teeth)
     (problem,) = model.problems()
-    assert problem.what.startswith('closes a circle with "g0" in which "pin_a.angle" and "pin_b')
+    assert problem.what.startswith('closes a loop with "g0" in which "pin_a.angle" and "pin_b')
     assert "multiply to 1.5 instead of 1" in problem.what
 
 
-def test_a_circle_whose_ratios_agree_is_warned_of():
+def test_a_loop_whose_ratios_agree_is_warned_of():
     model = planetary(2)
     assert model.problems() == []
     with pytest.warns(FlexmbWarning) as told:
@@ -57,7 +57,7 @@ def test_a_thread_counts_as_a_coupler_of_its_own():
     ]
     model.add_coupler("other", "linear", terms=terms)
     (problem,) = model.problems()
-    assert problem.what.startswith('closes a circle with "joints.thread" in which "thread.angle"')
+    assert problem.what.startswith('closes a loop with "joints.thread" in which "thread.angle"')
 
 
 def test_equal_equations_with_different_constants_contradict():
@@ -71,7 +71,7 @@ def test_equal_equations_with_different_constants_contradict():
     assert problem.what.startswith('contradicts "one": they demand the same but for another')
 
 
-def test_three_couplers_of_three_coordinates_are_no_circle_unless_one_is_held():
+def test_three_couplers_of_three_coordinates_are_no_loop_unless_one_is_held():
     """x1 + x2 + x3 = 0 and x1 = x2 leave one motion; with x1 + x2 = x3 as well there is none."""
     model = planetary()
     model.couplers.clear()
@@ -90,7 +90,7 @@ def test_three_couplers_of_three_coordinates_are_no_circle_unless_one_is_held():
     assert model.problems() == []
     add("other", 1, 1, -1)
     (problem,) = model.problems()
-    assert 'closes a circle with "sum" and "equal" in which' in problem.what
+    assert 'closes a loop with "sum" and "equal" in which' in problem.what
 
 
 def test_a_long_train_with_an_open_end_is_no_circle():

@@ -1,27 +1,33 @@
-"""Laws of springs and dampers: a force as a function of a deflection or a speed.
+"""Force characteristics of springs and dampers: a force over a deflection or a speed.
 
 In: an expression in its own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
 ``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or
-``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`Law`, which keeps what was
-given (of a file its points) and holds programs in SI. Beyond its ends a tabulated law goes on
-straight.
+``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`ForceCharacteristic`, which
+stores the input (of a file its points) and programs in SI. Beyond its ends a tabulated
+characteristic is a straight line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.functions import splines
 from flexmb.model.functions.expression import Expression, Ops, parse
-from flexmb.model.functions.piecewise import Piecewise
+from flexmb.model.functions.piecewise import (
+    Piecewise,
+    akima_curve,
+    cubic_spline,
+    linear_curve,
+    monotone_curve,
+    straight_beyond,
+)
 from flexmb.model.values.columns import Columns, read_columns
-from flexmb.model.values.quantities import plain, read_number
+from flexmb.model.values.quantities import expression_and_factor, plain, read_number
 from flexmb.model.values.reading import (
     Names,
     Spec,
@@ -32,14 +38,11 @@ from flexmb.model.values.reading import (
     read_entry,
     units_of,
 )
-from flexmb.model.values.unit_texts import expression_and_factor
-
-__all__ = ["Law", "LawOf", "LawTable"]
 
 Points = tuple[tuple[float, float], ...]
 
 
-class LawTable(Spec):
+class CharacteristicTable(Spec):
     """Points [x, force] with x increasing, or a file of two columns; straight beyond its ends.
 
     ``monotone`` (Fritsch and Carlson) makes no new extremes, ``akima`` hardly any, ``cubic`` has a
@@ -52,28 +55,28 @@ class LawTable(Spec):
 
 
 _CURVES: dict[str, Callable[[Any, Any, str], Piecewise]] = {
-    "monotone": splines.monotone,
-    "akima": splines.akima,
-    "cubic": lambda x, y, beyond: splines.cubic(x, y, "natural", beyond),
-    "linear": splines.linear,
+    "monotone": monotone_curve,
+    "akima": akima_curve,
+    "cubic": lambda x, y, beyond: cubic_spline(x, y, "natural", beyond),
+    "linear": linear_curve,
 }
 
 
 @dataclass(frozen=True)
-class Law:
-    """A law: what the user gave, and its program in SI, over its variable in place of time.
+class ForceCharacteristic:
+    """What the user wrote, and its program in SI, over its variable in place of time.
 
-    Of a tabulated law also its antiderivative, counted from 0.
+    Of a tabulated characteristic also its antiderivative, counted from 0: the stored energy.
     """
 
-    given: Any
+    source: Any
     expression: Expression
     stored: Expression | None = None
 
 
 @dataclass(frozen=True)
-class LawOf:
-    """Annotation of a :class:`Law`: its variable with its SI unit, and that of the force."""
+class CharacteristicOf:
+    """Annotation of a :class:`ForceCharacteristic`: variable, its SI unit, that of the force."""
 
     variable: str
     unit: str
@@ -82,28 +85,28 @@ class LawOf:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        def read(value: Any, info: ValidationInfo) -> Law:
+        def read(value: Any, info: ValidationInfo) -> ForceCharacteristic:
             try:
                 return self.read(value, names_of(info))
             except SceneError as error:
                 raise fail(*error.problems) from None
 
-        written = core_schema.plain_serializer_function_ser_schema(lambda law: law.given)
+        written = core_schema.plain_serializer_function_ser_schema(lambda value: value.source)
         return core_schema.with_info_plain_validator_function(read, serialization=written)
 
-    def read(self, value: Any, names: Names) -> Law:
-        """The law from any of the ways to say it.
+    def read(self, value: Any, names: Names) -> ForceCharacteristic:
+        """The characteristic from any of its notations.
 
         Raises
         ------
         SceneError
             All that is wrong with it.
         """
-        if isinstance(value, Law):
+        if isinstance(value, ForceCharacteristic):
             return value
         value = plain(value)
         if isinstance(value, str):
-            return Law(value, self._expression(value, names))
+            return ForceCharacteristic(value, self._expression(value, names))
         if isinstance(value, list):
             return _tabulated(value, self._points(value, names), "monotone")
         if not isinstance(value, Mapping):
@@ -111,7 +114,7 @@ class LawOf:
                 f"an expression in {self.variable}, a list of points [{self.variable}, force] or "
                 f"a table with points or file is expected, given {given(value)}"
             )
-        table, problems = read_entry(LawTable, value, names)
+        table, problems = read_entry(CharacteristicTable, value, names)
         if table is None:
             raise SceneError.from_problems(problems)
         if (table.points is None) == (table.file is None):
@@ -121,13 +124,13 @@ class LawOf:
         points = self._from_file(table.file, names)
         units = units_of(names)
         written = [[units.written(x, self.unit), units.written(y, self.force)] for x, y in points]
-        told = {"points": written, "interpolation": table.interpolation}
-        return _tabulated(told, points, table.interpolation)
+        table_of_points = {"points": written, "interpolation": table.interpolation}
+        return _tabulated(table_of_points, points, table.interpolation)
 
     def _expression(self, text: str, names: Names) -> Expression:
         """The program in SI."""
         if self.variable in names:
-            what = f'"{self.variable}" is the variable of this law and a parameter'
+            what = f'"{self.variable}" is the variable of this force characteristic and a parameter'
             raise SceneError(f"{what}: rename the parameter")
         units = units_of(names)
         front, factor = expression_and_factor(text, names, self.force)
@@ -148,7 +151,7 @@ class LawOf:
     def _points(self, rows: list[Any], names: Names) -> Points:
         """Points in SI, their variable increasing."""
         units = units_of(names)
-        found, problems = [], []
+        points, problems = [], []
         for i, row in enumerate(rows):
             if not isinstance(row, list) or len(row) != 2:
                 what = f"a point [{self.variable}, force] is expected, given {given(row)}"
@@ -159,21 +162,19 @@ class LawOf:
                     read_number(item, names, unit) * units.scale(unit)
                     for item, unit in zip(row, (self.unit, self.force), strict=True)
                 )
-                found.append((x, y))
+                points.append((x, y))
             except SceneError as error:
-                problems += [
-                    Problem(f"[{i}]", p.what, p.allowed, p.nearest) for p in error.problems
-                ]
+                problems += [replace(problem, where=f"[{i}]") for problem in error.problems]
         if problems:
             raise SceneError.from_problems(problems)
-        _refuse_disorder([x / units.scale(self.unit) for x, _ in found])
-        return tuple(found)
+        _refuse_disorder([x / units.scale(self.unit) for x, _ in points])
+        return tuple(points)
 
 
-def _tabulated(told: Any, points: Points, interpolation: str) -> Law:
-    """The law through points, going on straight beyond them."""
+def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacteristic:
+    """The characteristic through points, straight beyond them."""
     x, y = zip(*points, strict=True)
-    curve = splines.straight_beyond(_CURVES[interpolation](x, y, "hold"))
+    curve = straight_beyond(_CURVES[interpolation](x, y, "hold"))
     whole = curve.antiderivative()
     rows = whole.coefficients.copy()
     rows[:, 0] -= whole.jet(0.0)[0]
@@ -182,7 +183,7 @@ def _tabulated(told: Any, points: Points, interpolation: str) -> Law:
         Expression(f"a {interpolation} table", (("t", 0.0), ("piecewise", one)))
         for one in (curve, stored)
     )
-    return Law(told, force, energy)
+    return ForceCharacteristic(source, force, energy)
 
 
 def _scaled(ops: Ops, x: float, y: float) -> Ops:

@@ -7,19 +7,25 @@ sections 1.4 and 2.4.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
+import numpy as np
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.joints.joint import COORDINATES
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import across, keeps_plane
+from flexmb.model.references import Component, Scope
+from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number
-from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, under, units_of
-
-__all__ = ["DRIVEN", "DriverSpec", "Motion"]
+from flexmb.model.values.reading import Reader, fail, fail_if, given, names_of, under, units_of
 
 DRIVEN: dict[str, tuple[str, ...]] = {
     "joint": COORDINATES,
@@ -69,15 +75,14 @@ def _start(value: Any, info: ValidationInfo) -> Start:
         unit += "/s"
     value = plain(value)
     items = value if isinstance(value, list) else [value]
-    found, problems = [], []
+    numbers, problems = [], []
     for i, item in enumerate(items):
         try:
-            found.append(read_number(item, names, unit) * units_of(names).scale(unit))
+            numbers.append(read_number(item, names, unit) * units_of(names).scale(unit))
         except SceneError as error:
             problems += under(f"[{i}]" if isinstance(value, list) else "", error.problems)
-    if problems:
-        raise fail(*problems)
-    return Start(tuple(found), unit)
+    fail_if(problems)
+    return Start(tuple(numbers), unit)
 
 
 def _write_start(start: Start, info: SerializationInfo) -> Any:
@@ -91,7 +96,7 @@ _Angle = Annotated[Function, _Driven("rad")]
 _Length = Annotated[Function, _Driven("m")]
 
 
-class DriverSpec(Spec):
+class DriverSpec(Component):
     """Prescribes coordinates of a ``joint``, of a ``marker``, or the distance ``between`` two.
 
     Of a joint its ``angle``, ``second_angle`` or ``stroke``. Of a marker ``x``, ``y``, ``z`` or
@@ -119,40 +124,39 @@ class DriverSpec(Spec):
 
     @model_validator(mode="after")
     def _one_target(self) -> Self:
-        told = [name for name in DRIVEN if getattr(self, name) is not None]
-        if not told:
+        targets = [name for name in DRIVEN if getattr(self, name) is not None]
+        if not targets:
             what = 'is missing: say what is driven by "joint", "marker" or "between"'
             raise fail(Problem("joint", what))
-        if len(told) > 1:
-            raise fail(Problem("", f"drives one thing; given: {', '.join(told)}"))
-        problems = self._coordinates() or [*self._words(), *self._starts()]
-        if problems:
-            raise fail(*problems)
+        if len(targets) > 1:
+            what = 'exactly one of "joint", "marker" and "between" must be given, given'
+            raise fail(Problem("", f"{what} {' and '.join(targets)}"))
+        fail_if(self._coordinates() or [*self._words(), *self._starts()])
         return self
 
     def _coordinates(self) -> list[Problem]:
         """What the target has, and as many of it as may be."""
-        known = DRIVEN[self.target]
+        allowed = DRIVEN[self.target]
         names = {name for names in DRIVEN.values() for name in names}
-        told = sorted(name for name in names if getattr(self, name) is not None)
+        present = sorted(name for name in names if getattr(self, name) is not None)
         problems = [
-            Problem(name, f'a driver of "{self.target}" has no {name}', known)
-            for name in told
-            if name not in known
+            Problem(name, f'a driver of "{self.target}" has no {name}', allowed)
+            for name in present
+            if name not in allowed
         ]
         if problems:
             return problems
-        if self.joint is not None and len(told) != 1:
+        if self.joint is not None and len(present) != 1:
             one_of = '"angle", "second_angle" and "stroke"'
-            shown = " and ".join(told) or "none"
+            shown = " and ".join(present) or "none"
             return [Problem("", f"give exactly one of {one_of}, given {shown}")]
-        if not told:
-            return [Problem("", "prescribes nothing; give one of these", known)]
+        if not present:
+            return [Problem("", "prescribes no coordinate; give one of these", allowed)]
         if self.position is not None:
             if len(self.position) not in (2, 3):
                 what = "a point has 3 coordinates, 2 in a plane, given"
                 return [Problem("position", f"{what} {len(self.position)}")]
-            if any(name in told for name in _AXES):
+            if any(name in present for name in _AXES):
                 return [Problem("position", "and x, y, z are the same; give one of them")]
         return []
 
@@ -183,6 +187,34 @@ class DriverSpec(Spec):
                 problems.append(Problem(name, f"{what} coordinate, given {given(start.values)}"))
         return problems
 
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from _target(scope, where, self)
+        for coordinate, function in self.motions(scope.model.plane):
+            yield from function.problems(f"{where}.{coordinate}", max(0, 2 - self.order))
+        if self.distance is not None and self.order == 0:
+            what = closing_problem(scope.model, self.distance.expression)
+            if what is not None:
+                yield Problem(f"{where}.distance", what)
+
+    def planar_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        """Coordinates of a marker: along the plane, and about its normal."""
+        if self.marker is None:
+            return
+        if self.axis is not None and not across(self.axis, plane):
+            yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+        if self.position is not None and len(self.position) != 2:
+            what = f"a point has 2 coordinates in the plane {plane}, given {len(self.position)}"
+            yield Problem(f"{where}.position", what)
+            return
+        axes = lookup.global_axes(model, lookup.place_marker(model, self.ends[0], flexbodies))
+        for coordinate, _ in self.motions(plane):
+            if coordinate in "xyz" and not keeps_plane(axes[:, "xyz".index(coordinate)], plane):
+                name = f"{coordinate} of {self.relative_to}" if self.relative_to else coordinate
+                what = f"{name} has a component normal to the plane {plane}"
+                yield Problem(f"{where}.{coordinate}", what)
+
     @property
     def target(self) -> str:
         """``"joint"``, ``"marker"`` or ``"between"``."""
@@ -203,15 +235,15 @@ class DriverSpec(Spec):
 
     def motions(self, plane: str | None = None) -> tuple[Motion, ...]:
         """Every coordinate with its function; a position of two is one in the plane."""
-        found = [
+        motions = [
             Motion(name, getattr(self, name))
             for name in (*COORDINATES, *_AXES, "distance")
             if getattr(self, name) is not None
         ]
         if self.position is not None:
             names = _AXES if len(self.position) == 3 else _IN_PLANE[plane or "xy"]
-            found += [Motion(*pair) for pair in zip(names, self.position, strict=True)]
-        return tuple(found)
+            motions += [Motion(*pair) for pair in zip(names, self.position, strict=True)]
+        return tuple(motions)
 
     @property
     def coordinate(self) -> str:
@@ -222,3 +254,63 @@ class DriverSpec(Spec):
     def function(self) -> Function:
         """What is prescribed over time, of a driver of one coordinate."""
         return self.motions()[0].function
+
+
+_SAMPLES = 201  # of a distance over the run
+
+
+def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
+    """A coordinate that the joint has, or markers that move."""
+    if spec.joint is not None:
+        yield from scope.coordinate(where, spec.joint, spec.coordinate)
+        return
+    if spec.position is not None and scope.model.plane is None and len(spec.position) != 3:
+        yield Problem(f"{where}.position", "a point has 3 coordinates, given 2")
+    if spec.between is not None:
+        yield from scope.pair(where, spec.between, "a driver")
+        return
+    first, second = spec.ends
+    yield from scope.material(f"{where}.marker", second)
+    if spec.relative_to is not None:
+        yield from scope.material(f"{where}.relative_to", first)
+    bodies = split_reference(first)[0], split_reference(second)[0]
+    if bodies[1] == GROUND:
+        yield Problem(f"{where}.marker", "a marker of ground does not move")
+    elif bodies[0] == bodies[1]:
+        what = f'both markers are on "{bodies[0]}": they do not move against each other'
+        yield Problem(f"{where}.relative_to", what)
+
+
+def twice_driven(scope: Scope) -> Iterator[Problem]:
+    """Coordinates that two drivers of a model prescribe."""
+    driven: dict[tuple[str, ...], str] = {}
+    for name, spec in scope.model.drivers.items():
+        for coordinate, _ in spec.motions(scope.model.plane):
+            target, key = _key(spec, coordinate)
+            if key in driven:
+                what = f'the {coordinate} {target} is driven by "{driven[key]}" already'
+                yield Problem(f"drivers.{name}", what)
+            driven.setdefault(key, name)
+
+
+def _key(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
+    """What is driven, in words and so that equal coordinates have equal keys."""
+    if spec.joint is not None:
+        return f'of joint "{spec.joint}"', ("joint", spec.joint, coordinate)
+    if spec.between is not None:
+        first, second = sorted(spec.between)
+        return f'between "{first}" and "{second}"', ("between", first, second)
+    first, second = spec.ends
+    frame = f' relative to "{first}"' if spec.relative_to else ""
+    return f'of marker "{second}"{frame}', ("marker", first, second, coordinate)
+
+
+def closing_problem(model: ModelData, distance: Expression) -> str | None:
+    """The sentence for a distance that does not stay above zero over the run, as far as seen."""
+    end, units = model.dynamics.duration if model.dynamics is not None else 0.0, model.units
+    for t in np.linspace(0.0, end, _SAMPLES if end > 0.0 else 1):
+        value = distance.value(float(t))[0]
+        if value <= 0.0:
+            what = f"the distance is {units.say(value, 'm')} at {units.say(float(t), 's')}"
+            return f"{what}; at zero the line between the markers has no direction: keep it above"
+    return None
