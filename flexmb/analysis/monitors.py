@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
 from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec

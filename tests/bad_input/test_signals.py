@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.monitors import SingularOrientationMonitor, algebraic_loop_notes
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.results import OutputBlock

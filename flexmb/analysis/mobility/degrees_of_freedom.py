@@ -197,7 +197,7 @@ def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> s
 def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
     """The closed pose, and what had to move for it; or the reason why there is none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
     weights = assembly_weights(model)
     start = length_corrector(compiled, state, weights)
     start.evaluate()
