@@ -174,7 +174,7 @@ def _show_run(report: Any) -> None:
 
 def show_result(result: Any) -> None:
     """Show how a run ended, its statistics, times, energies and drift."""
-    from flexmb.model.scenes.head import gravity_in_words
+    from flexmb.model.scenes.conversion import gravity_in_words
 
     screen.heading(result.title or str(result.path))
     rows, statistics = len(result.time), result.statistics

@@ -187,7 +187,7 @@ def prepare_task(
         Called for every phase.
     """
     from flexmb.analysis.dynamics.analysis import integrate, prepare
-    from flexmb.analysis.kinematics.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)

@@ -1,10 +1,10 @@
 """Constraint rows at any positions: values, gradients, markers, and the Jacobian with its rank.
 
-The rows are those of the engine's units (`engine.constraint_rows`). Nothing is compiled for them:
-where units are missing in the cache they run as plain Python, from the same source. Ranks are those
-of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise, so
-that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those of
-the bodies; each takes one equation for itself.
+The rows are those of the engine's units (`engine.initial_conditions`). Nothing is compiled for
+them: where units are missing in the cache they run as plain Python, from the same source. Ranks are
+those of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise,
+so that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those
+of the bodies; each takes one equation for itself.
 """
 
 from __future__ import annotations
@@ -117,7 +117,12 @@ class WeightedJacobian:
 
     def rows_of(self, owner: str) -> Mask:
         """Which rows belong to a scene path."""
-        return np.array([name == owner for name in self.owners], dtype=bool)
+        return self._rows_by_owner[owner]
+
+    @cached_property
+    def _rows_by_owner(self) -> dict[str, Mask]:
+        owners = np.array(self.owners)
+        return {name: owners == name for name in dict.fromkeys(self.owners)}
 
 
 @dataclass(frozen=True)
