@@ -9,15 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile import bodies as body_tables
+from flexmb.engine.bodies.flexible_body import modal_reach
+from flexmb.engine.bodies.rigid_body import mass_properties
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
+from flexmb.model.bodies.body import RigidBodySpec
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix
 
 Array = NDArray[np.float64]
+
 Ends = tuple[PlacedMarker, PlacedMarker]
 """Markers I and J."""
 
@@ -31,7 +34,7 @@ class Geometry:
 
     def marker(self, reference: str) -> PlacedMarker:
         """The marker of a scene path."""
-        return lookup.placed(self.model, reference, self.flexbodies)
+        return lookup.place_marker(self.model, reference, self.flexbodies)
 
     def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
         """Two markers with z along an axis."""
@@ -68,8 +71,8 @@ def model_length(
     """
     points = np.concatenate([_points(model, flexbodies), ground])
     spread = float(np.linalg.norm(np.ptp(points, axis=0)))
-    rigid = [spec for spec in model.bodies.values() if not spec.flexible]
-    mass, _, inertia = body_tables.mass_properties(rigid)
+    rigid = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
+    mass, _, inertia = mass_properties(rigid)
     gyration = np.sqrt(np.trace(inertia, axis1=1, axis2=2) / mass)
     reach = [body.characteristic_length for body in flexbodies.values()]
     return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
@@ -97,5 +100,13 @@ def body_weights(
     for name in model.bodies:
         parts.append(rigid)
         if name in flexbodies:
-            parts.append(body_tables.modal_reach(flexbodies[name]) / length)
+            parts.append(modal_reach(flexbodies[name]) / length)
     return np.concatenate(parts)
+
+
+def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
+    """q of the initial, undeformed pose."""
+    q = np.zeros(int((7 + bodies["m"]).sum()))
+    pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
+    q[bodies["iq"][:, None] + np.arange(7)] = pose
+    return q

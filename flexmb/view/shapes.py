@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.values.names import GROUND, split_reference

@@ -10,7 +10,7 @@ from flexmb.engine.kernels.forces.action_reaction_load import (
     ActionReactionLoads,
 )
 from flexmb.engine.lowering import Action, Element, Lowering
-from flexmb.model.forces.force import LoadSpec
+from flexmb.model.forces.load import LoadSpec
 
 __all__ = ["lower_action_reaction_loads"]
 

@@ -22,7 +22,7 @@ from flexmb.engine.kernels.forces.force_characteristic import (
 )
 from flexmb.engine.lowering import Action, Element, Lowering
 from flexmb.model import lookup
-from flexmb.model.forces.force import JointSpringSpec, SpringDamperSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.forces.stops import AnyStop, JointStopSpec, StopSpec
 from flexmb.model.functions.expression import Expression
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmb.engine.kernels.forces.load import LOAD, LOADS, Loads
 from flexmb.engine.lowering import Action, Element, Lowering
-from flexmb.model.forces.force import LoadSpec
+from flexmb.model.forces.load import LoadSpec
 
 __all__ = ["lower_loads"]
 

@@ -25,7 +25,7 @@ from flexmb.engine.sensor_tables import (
 )
 from flexmb.engine.symbolic import Symbolic
 from flexmb.engine.tables import Functions
-from flexmb.model.sensors.signals import State
+from flexmb.model.sensors.control import State
 
 __all__ = ["FeedbackTables", "Start", "feedback_tables", "starts"]
 

@@ -38,7 +38,7 @@ from flexmb.engine.sensor_tables import CHANNEL, TERM, Sensors
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
-from flexmb.model.sensors import signals
+from flexmb.model.sensors.channels import channel_program
 from flexmb.model.sensors.sensor import (
     DistanceSensorSpec,
     EnergySensorSpec,
@@ -141,7 +141,7 @@ class Channels:
             else:
                 self.add(BODY_ENERGY, number, self.lowering.markers.numbers[body])
         else:
-            self.add_program(signals.channel_program(self.model, name))
+            self.add_program(channel_program(self.model, name))
 
     def _motion(self, spec: MarkerSensorSpec) -> None:
         j, motion = self.marker(spec.of), _MOTIONS[spec.type]
@@ -231,7 +231,7 @@ def sensor_tables(
         if name in states:
             made.add(STATE, states[name])
         else:
-            made.add_program(signals.channel_program(model, name))
+            made.add_program(channel_program(model, name))
     names = list(model.channels())
     hidden = [name for name in states if name not in names]
     for name in hidden:
