@@ -22,7 +22,7 @@ from flexmb.engine.kernels.bodies.tangent import marker_jacobian
 from flexmb.engine.kernels.joints import constraint
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.sensors.sensor import read_channels
+from flexmb.engine.sensors.sensor import read_channels
 from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_state, new_work
 

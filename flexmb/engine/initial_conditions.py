@@ -11,7 +11,6 @@ from flexmb.engine.kernels.algebra.vector import copy, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
-from flexmb.engine.kernels.sensors.sensor import count_turns
 from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
@@ -24,6 +23,7 @@ from flexmb.engine.kernels.stages import (
     residual,
     velocity_stage,
 )
+from flexmb.engine.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5

@@ -20,7 +20,6 @@ from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
@@ -37,6 +36,7 @@ from flexmb.engine.kernels.stages import (
 from flexmb.engine.kinematics_state import MOVED, NEXT, KinematicsSettings, Path
 from flexmb.engine.method import FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS
 from flexmb.engine.point import solve_positions, solve_velocities_accelerations
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
 # What the loop is asked for.

@@ -18,7 +18,6 @@ from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.kernels.algebra.vector import copy, largest, store
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
-from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_run,
     constraint_stage,
@@ -42,6 +41,7 @@ from flexmb.engine.method import (
     STEPS,
     TOO_SMALL,
 )
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 from flexmb.engine.time_events import cross_time_event
 

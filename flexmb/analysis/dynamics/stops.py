@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.kernels.forces.characteristic import COORDINATE_OF, DISTANCE_OF
-from flexmb.engine.kernels.forces.force_characteristic import FORCE_CHARACTERISTICS
+from flexmb.engine.forces.force_characteristic import (
+    COORDINATE_OF,
+    DISTANCE_OF,
+    FORCE_CHARACTERISTICS,
+)
 from flexmb.engine.state import State, Work
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model

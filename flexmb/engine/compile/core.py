@@ -6,21 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.engine.functions.function import TimeFunctions
 from flexmb.engine.kernels.bodies.inertia import Bodies
 from flexmb.engine.kernels.bodies.kinematics import Markers
 from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
-from flexmb.engine.kernels.functions.function import FunctionTable
-from flexmb.engine.kernels.functions.time_function import TimeFunctions
 from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.kernels.joints.coordinate import Coordinates
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
 from flexmb.engine.kernels.joints.point_joint import PointJoints
-from flexmb.engine.kernels.sensors.row_measure import JointAngles
-from flexmb.engine.kernels.sensors.turning import TurningAngles
 from flexmb.engine.row_kinds import POINT
-from flexmb.engine.sensor_kinds import JOINT_ANGLE, TURNING_CHANNEL
-from flexmb.engine.sensor_tables import Sensors
-from flexmb.engine.tables import Parts, System
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS
+from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLE, JointAngles
+from flexmb.engine.sensors.orientation_angles import TURNING_CHANNEL, TurningAngles
+from flexmb.engine.tables import FunctionTable, Parts, Sensors, System
 
 __all__ = ["core_tables", "with_markers"]
 
@@ -46,8 +44,9 @@ def core_tables(
     coincident = rows["kind"] == POINT
     others = coincident & ~np.repeat(points, groups["n"])
     channels = sensors.channels
-    angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
-    turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
+    angles = np.flatnonzero(channels["what"] == CHANNEL_KINDS.index(JOINT_ANGLE))
+    turning = channels["what"] == CHANNEL_KINDS.index(TURNING_CHANNEL)
+    turning = np.flatnonzero(turning & (channels["a"] == 0))
     tables = {
         "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
         "coordinates": (Coordinates(), len(parts.coordinates)),

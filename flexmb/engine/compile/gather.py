@@ -16,10 +16,11 @@ from flexmb.engine.compile.joints.joint import joint_groups
 from flexmb.engine.compile.lowering import Lowering
 from flexmb.engine.compile.markers import Markers
 from flexmb.engine.compile.pool import Functions, Pool
-from flexmb.engine.compile.sensors import feedback, sensor
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.sensor_kinds import WRENCH
-from flexmb.engine.sensor_tables import Feedback, Sensors
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS, SENSOR_KINDS
+from flexmb.engine.sensors import feedback
+from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
+from flexmb.engine.tables import Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
@@ -111,7 +112,8 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
-    sensors, numbers = sensor.sensor_tables(lowering, reading, ivs, (nq + before, nv + before))
+    channels = Channels(lowering, SENSOR_KINDS, reading, (nq + before, nv + before))
+    sensors, numbers = sensor_tables(channels, ivs)
     acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
     if signals is not None:
@@ -120,10 +122,12 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
     return Gathered(model, flexbodies, bodies, lowering, before, table, kinds, ground, measured)
 
 
-def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:
+def _frame_reactions(
+    lowering: Lowering, sensors: Sensors, acting: feedback.Feedback, joints: int
+) -> None:
     """The axes of joints matter whose reactions act, in their axes, while the model moves."""
     for channel in sensors.channels[acting.channels]:
-        if channel["what"] == WRENCH and channel["kind"] == joints:
+        if CHANNEL_KINDS[channel["what"]] is WRENCH and channel["kind"] == joints:
             for row in lowering.groups.in_group(int(channel["first"])):
                 lowering.markers.framed |= {row.I, row.J}
 

@@ -18,18 +18,18 @@ from flexmb.engine.compile.joints.groups import row_table, row_weights
 from flexmb.engine.compile.lowering import Element
 from flexmb.engine.compile.ordering import Ordered, put_in_order
 from flexmb.engine.compile.planar import normal_axis
-from flexmb.engine.compile.sensors import feedback
 from flexmb.engine.compile.sizes import body_weights, model_length
-from flexmb.engine.compile.time_events import time_event_table
-from flexmb.engine.functions import lower
-from flexmb.engine.kernels.functions.function import PIECEWISE
+from flexmb.engine.functions.function import PIECEWISE, lower
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
+from flexmb.engine.sensors.feedback import Start
 from flexmb.engine.tables import Parts, System
+from flexmb.engine.time_events import time_event_table
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
+from flexmb.model.functions.kinks import kinks_of
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
 
@@ -51,7 +51,7 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
-    starts: tuple[feedback.Start, ...] = ()  # of the states
+    starts: tuple[Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
 
@@ -131,7 +131,7 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
         weights=np.append(body_weights(model, of.flexbodies, length), scalar_weights),
         row_weights=row_weights(of.groups, length),
         functions=functions,
-        time_events=time_event_table(of.functions.programs, model.dynamics),
+        time_events=_time_events(of),
         sensors=measured.sensors,
         implicit_feedback=0 if signals is None else signals.feedback.implicit,
         history=lowering.history if lowering.history > 1 else 0,
@@ -139,6 +139,17 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
         program_depth=lowering.program_depth,
         kinds=kinds,
     )
+
+
+def _time_events(of: Gathered) -> np.ndarray:
+    """Jumps of functions of time; none with fixed steps, which fall where they fall."""
+    spec = of.model.dynamics
+    if spec is None or spec.step is not None:
+        return np.zeros((0, 2))
+    end = spec.duration
+    programs = of.functions.programs
+    jumps = {t for program in programs for t in kinks_of(program.ops, end)}
+    return time_event_table(jumps, end)
 
 
 def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:

@@ -14,7 +14,6 @@ K by Hertz needs round shapes and their materials.
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ValidationInfo, model_validator
@@ -33,7 +32,6 @@ __all__ = [
     "PlaneSide",
     "PointsSide",
     "SphereSide",
-    "damping_factor",
 ]
 
 
@@ -186,26 +184,3 @@ class ContactSpec(Spec):
     def round_side(self) -> int:
         """The side that is a sphere or points, 0 or 1; of two spheres the first."""
         return 0 if self.kinds in PAIRS else 1
-
-
-def damping_factor(restitution: float, law: str) -> float:
-    """chi of a coefficient of restitution in [0, 1].
-
-    >>> damping_factor(1.0, "exact")
-    0.0
-    """
-    e = restitution
-    if e == 1.0:
-        return 0.0
-    if law == "flores":
-        return 8.0 * (1.0 - e) / (5.0 * e)
-    if law == "lankarani-nikravesh":
-        return 0.75 * (1.0 - e * e)
-    low, high = 0.0, 1.0 / e
-    for _ in range(
-        200
-    ):  # bisection: the left side grows slower than the right one from its root on
-        chi = 0.5 * (low + high)
-        more = math.log1p(chi) - math.log1p(-chi * e) if chi * e < 1.0 else math.inf
-        low, high = (chi, high) if chi * (1.0 + e) > more else (low, chi)
-    return 0.5 * (low + high)

@@ -18,10 +18,10 @@ from generators import Mechanism
 
 from flexmb.engine import compilation, unit_cache, units
 from flexmb.engine.entries import all_units
+from flexmb.engine.functions import function
 from flexmb.engine.jit import UNITS
 from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.bodies import motion
-from flexmb.engine.kernels.functions import time_function
 from flexmb.engine.units import call, missing_units, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 
@@ -189,7 +189,7 @@ print(numba.config.CACHE_DIR)
 
 def test_units_in_the_registry_are_found_by_their_names():
     assert UNITS[SOLVE] is ldl.solve
-    assert UNITS[time_function.evaluate_functions.name] is time_function.evaluate_functions
+    assert UNITS[function.evaluate_functions.name] is function.evaluate_functions
     assert len({unit.symbol for unit in UNITS.values()}) == len(UNITS)
 
 

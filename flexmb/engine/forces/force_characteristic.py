@@ -1,32 +1,37 @@
-"""Nonlinear spring–dampers, actuators and stops: forces by a characteristic of one measure.
+"""Nonlinear spring-dampers, actuators and stops: forces by a characteristic of one measure.
 
-The measure is the distance of two markers, a component of their separation, or a scalar coordinate.
-With the gradient g (12) of a measure between markers and the resistance R of `characteristic` the
-wrench pair is −R g, as for a constraint row whose multiplier is R.
+The measure s is the distance of two markers, a component of their separation, or a scalar
+coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper` and `stop`. With
+the gradient g (12) of a measure between markers the wrench pair is −R g, as for a constraint row
+whose multiplier is R.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
+from flexmb.engine.forces.load import pull_back
+from flexmb.engine.forces.spring_damper import (
+    damper_power,
+    line_ends,
+    spring_energy,
+    spring_resistance,
+)
+from flexmb.engine.forces.stop import (
+    stop_energy,
+    stop_parameters,
+    stop_power,
+    stop_resistance,
+)
+from flexmb.engine.functions.function import FunctionTable, lower
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
 from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
-from flexmb.engine.kernels.forces.characteristic import (
-    COORDINATE_OF,
-    DISTANCE_OF,
-    FORCE_CHARACTERISTIC,
-    dissipation,
-    resistance,
-    stored_energy,
-)
-from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
-from flexmb.engine.kernels.forces.unit_force import pull_back
-from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kernels.joints.point_rows import (
     distance_gradient,
@@ -40,6 +45,38 @@ from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Integers, Vector, array_of
 from flexmb.engine.state import Point, Run
 
+if TYPE_CHECKING:
+    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.model.forces.force import SpringDamperSpec
+    from flexmb.model.functions.expression import Expression
+
+# A force by a characteristic of one measure s and its rate: the distance of two markers, the
+# component of their separation along z of I, or a scalar coordinate.
+FORCE_CHARACTERISTIC = np.dtype(
+    [
+        ("measure", "i8"),  # DISTANCE_OF, COMPONENT_OF, COORDINATE_OF
+        ("I", "i8"),
+        ("J", "i8"),
+        ("coordinate", "i8"),  # the scalar coordinate, or -1
+        ("couple", "i8"),
+        ("stop", "i8"),  # 1: a stop; then k, c are at full depth, free is not used
+        ("k", "f8"),
+        ("c", "f8"),
+        ("free", "f8"),
+        ("fun", "i8"),  # u(t), or -1
+        ("spring", "i8"),  # program, or -1
+        ("stored", "i8"),  # program of the integral of the spring, or -1: by Gauss's rule
+        ("damper", "i8"),  # program, or -1
+        ("exponent", "f8"),
+        ("depth", "f8"),
+        ("lower", "f8"),
+        ("upper", "f8"),
+    ],
+    align=True,
+)
+# Measures; the first two are those of rows of joints.
+DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
+
 _Z = 2
 
 
@@ -52,7 +89,7 @@ class Scratch(NamedTuple):
 
 
 class ForceCharacteristics(NamedTuple):
-    """Nonlinear spring–dampers, actuators and stops."""
+    """Nonlinear spring-dampers, actuators and stops."""
 
     rows: array_of(FORCE_CHARACTERISTIC)
     programs: FunctionTable  # of springs and dampers, their variable in place of time
@@ -63,6 +100,90 @@ class ForceCharacteristics(NamedTuple):
 
 def _scratch(forces: ForceCharacteristics) -> Scratch:
     return Scratch(*(np.full(n, np.nan) for n in (2, 3, 12)))
+
+
+_TYPES = (
+    "spring-damper", "rotational-spring-damper", "translational-spring-damper",
+    "stop", "rotational-stop", "translational-stop",
+)  # fmt: skip
+_NONE = dict.fromkeys(("I", "J", "coordinate", "couple", "fun", "spring", "stored", "damper"), -1)
+
+
+def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | None:
+    """FORCE_CHARACTERISTIC rows with their programs; None if the model has none."""
+    rows: list[dict[str, float]] = []
+    expressions: list[Expression] = []
+    for name, spec in lowering.forces(*_TYPES):
+        if spec.type.endswith("stop"):
+            row = _stop_row(lowering, name, spec)
+        elif spec.type == "spring-damper" and not spec.linear:
+            row = _line_row(lowering, spec) | _program_numbers(spec, expressions)
+        elif spec.type != "spring-damper" and (spec.spring_force or spec.damper_force):
+            k = lowering.coordinate(f"forces.{name}")  # which has its stiffness, damping and value
+            row = {"measure": COORDINATE_OF, "coordinate": k, "free": spec.free}
+            row |= _program_numbers(spec, expressions)
+        else:
+            continue
+        k, row = len(rows), _NONE | row
+        lowering.add_element(name, "force_characteristics", k)
+        for on, end in enumerate("JI" if row["fun"] >= 0 else ""):
+            marker = int(row[end])
+            lowering.add_action(int(row["fun"]), "force_characteristics", k, on, 0, marker)
+        rows.append(row)
+    if not rows:
+        return None
+    table = np.zeros(len(rows), FORCE_CHARACTERISTIC)
+    for k, row in enumerate(rows):
+        for field, value in row.items():
+            table[field][k] = value
+    programs, stops = lower(expressions), np.flatnonzero(table["stop"])
+    lowering.program_depth = max(lowering.program_depth, programs.depth)
+    return ForceCharacteristics(table, programs, stops, lowering.watch(2 * len(stops)))
+
+
+def _line_row(lowering: Lowering, spec: SpringDamperSpec) -> dict[str, float]:
+    """Row of a nonlinear spring-damper, or of one with an actuator, along a line."""
+    i, j, length = line_ends(lowering, spec)
+    row: dict[str, float] = {"measure": DISTANCE_OF, "I": i, "J": j, "free": length}
+    if spec.value is not None:
+        row["fun"] = lowering.functions.add(spec.value.expression)
+    return row | {"k": spec.stiffness, "c": spec.damping}
+
+
+def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
+    """Row of a stop between markers or on a joint."""
+    unit = lowering.model.units.scale("m")
+    if spec.type == "stop":
+        i, j = (lowering.markers.add(m) for m in lowering.frames(spec.between, spec.axis))
+        measure = DISTANCE_OF if spec.axis is None else COMPONENT_OF
+        return {"measure": measure, "I": i, "J": j} | stop_parameters(spec, unit)
+    k = lowering.coordinate(f"forces.{name}")
+    unit = 1.0 if lowering.scalars[k].angular else unit
+    return {"measure": COORDINATE_OF, "coordinate": k} | stop_parameters(spec, unit)
+
+
+def _program_numbers(spec: Any, expressions: list[Expression]) -> dict[str, float]:
+    """Numbers of the programs of a force, which are appended to the expressions."""
+    spring, damper = spec.spring_force, spec.damper_force
+    programs = {
+        "spring": spring and spring.expression,
+        "stored": spring and spring.stored,
+        "damper": damper and damper.expression,
+    }
+    numbers: dict[str, float] = {}
+    for word, expression in programs.items():
+        if expression is not None:
+            numbers[word] = len(expressions)
+            expressions.append(expression)
+    return numbers
+
+
+@kernel
+def _resistance(row, programs, stack, s, v, u):
+    """R, ∂R/∂s, ∂R/∂ṡ; u the present value of its function of time."""
+    if row["stop"] == 1:
+        return stop_resistance(row, s, v)
+    return spring_resistance(row, programs, stack, s, v, u)
 
 
 @kernel
@@ -111,7 +232,7 @@ def _put_resistance(run: Run, forces: ForceCharacteristics, at: Point, k: int) -
     row, s, R, stack = forces.rows[k], forces.scratch.s, forces.scratch.R, run.work.trial.stack
     status = _put_measure(run, forces, at, k)
     u = _function_value(row, run.work.con.fun)
-    R[0], R[1], R[2] = resistance(row, forces.programs, stack, s[0], s[1], u)
+    R[0], R[1], R[2] = _resistance(row, forces.programs, stack, s[0], s[1], u)
     return status
 
 
@@ -146,10 +267,13 @@ def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> 
 @unit
 def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Energy that the elastic parts store."""
-    rows, stack, out = forces.rows, run.work.trial.stack, run.work.energies
+    rows, s, out = forces.rows, forces.scratch.s, run.work.energies
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
-        out[3] += stored_energy(rows[k], forces.programs, stack, forces.scratch.s[0])
+        if rows[k]["stop"] == 1:
+            out[3] += stop_energy(rows[k], s[0])
+        else:
+            out[3] += spring_energy(rows[k], forces.programs, run.work.trial.stack, s[0])
     return FINE
 
 
@@ -157,10 +281,12 @@ def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Power of dissipation, and of functions of time."""
     rows, s, fun, out = forces.rows, forces.scratch.s, run.work.con.fun, run.work.powers
-    stack = run.work.trial.stack
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
-        out[1] += dissipation(rows[k], forces.programs, stack, s[0], s[1])
+        if rows[k]["stop"] == 1:
+            out[1] += stop_power(rows[k], s[0], s[1])
+        else:
+            out[1] += damper_power(rows[k], forces.programs, run.work.trial.stack, s[1])
         out[2] += _function_value(rows[k], fun) * s[1]
     return FINE
 
@@ -281,6 +407,7 @@ FORCE_CHARACTERISTICS = Kind(
         "wrenches": put_wrench,
         "unit_force": put_unit_force,
     },
+    lower=lower_force_characteristics,
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,

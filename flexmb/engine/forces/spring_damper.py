@@ -1,21 +1,31 @@
-"""Linear spring–dampers: attraction f = k (d − d0) + c ḋ along the line between two markers."""
+"""Spring-dampers: linear ones along lines, and the characteristic of nonlinear ones.
+
+A linear one along the line between two markers attracts them with f = k (d − d0) + c ḋ. One that is
+nonlinear, acts on a joint or has an actuator is a row of `force_characteristic`: with x = s − free
+it resists with R = k x + c ṡ + S(x) + D(ṡ) − u(t), S and D as programs.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.forces.damping_tangent import add_rate_arms
+from flexmb.engine.functions.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.algebra.blocks import clear
 from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
-from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
-from flexmb.engine.records import array_of
+from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.model.forces.force import SpringDamperSpec
 
 SPRING = np.dtype(
     [
@@ -31,9 +41,30 @@ SPRING = np.dtype(
 
 
 class Springs(NamedTuple):
-    """Linear spring–dampers along lines."""
+    """Linear spring-dampers along lines."""
 
     rows: array_of(SPRING)
+
+
+def lower_springs(lowering: Lowering) -> Springs | None:
+    """SPRING rows of all linear spring-dampers; None if the model has none."""
+    rows: list[tuple[object, ...]] = []
+    for name, spec in lowering.forces("spring-damper"):
+        if spec.linear:
+            lowering.add_element(name, "springs", len(rows))
+            i, j, length = line_ends(lowering, spec)
+            rows.append((i, j, spec.stiffness, spec.damping, length, -1))
+    return Springs(np.array(rows, SPRING)) if rows else None
+
+
+def line_ends(lowering: Lowering, spec: SpringDamperSpec) -> tuple[int, int, float]:
+    """Markers and free length [m] of a spring-damper along a line."""
+    ends = [lowering.placed(reference) for reference in spec.between]
+    length = spec.free_length
+    if length == "placed":
+        length = np.linalg.norm(lowering.position(ends[1]) - lowering.position(ends[0]))
+    i, j = (lowering.markers.add(marker) for marker in ends)
+    return i, j, float(length)
 
 
 @kernel
@@ -53,7 +84,7 @@ def _rate(mi, mj, nx, ny, nz):
 
 @kernel
 def _attraction(spring, mi, mj, d, nx, ny, nz):
-    """Attraction of one spring–damper, N."""
+    """Attraction of one spring-damper, N."""
     f = spring["k"] * (d - spring["d0"])
     if spring["c"] != 0.0:
         f += spring["c"] * _rate(mi, mj, nx, ny, nz)
@@ -73,7 +104,7 @@ def _add_forces(wi, wj, x, y, z):
 
 @unit
 def add_wrenches(run: Run, springs: Springs, at: Point) -> int:
-    """Wrenches on the markers of all spring–dampers; ZERO_LENGTH at one that has no length."""
+    """Wrenches on the markers of all spring-dampers; ZERO_LENGTH at one that has no length."""
     rows, markers = springs.rows, run.work.now.marker
     for k in range(rows.shape[0]):
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
@@ -109,7 +140,7 @@ def add_powers(run: Run, springs: Springs, at: Point) -> int:
 
 @unit
 def put_wrench(run: Run, springs: Springs, at: Point, c: int) -> float:
-    """Wrench pair of the spring–damper that channel c reads."""
+    """Wrench pair of the spring-damper that channel c reads."""
     row, markers = springs.rows[run.system.sensors.channels[c]["first"]], run.work.now.marker
     w, pair = run.work.dense.g[1], run.work.dense.pair
     mi, mj = markers[row["I"]], markers[row["J"]]
@@ -124,7 +155,7 @@ def put_wrench(run: Run, springs: Springs, at: Point, c: int) -> float:
 
 @unit
 def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) -> int:
-    """−(cv ∂Q/∂v + cp ∂Q/∂q) of all spring–dampers."""
+    """−(cv ∂Q/∂v + cp ∂Q/∂q) of all spring-dampers."""
     if cv == 0.0 and cp == 0.0:
         return FINE
     rows, markers, H, w = springs.rows, run.work.now.marker, run.work.dense.H, run.work.dense.g[1]
@@ -153,7 +184,7 @@ def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) ->
 
 @kernel
 def _add_tangent(spring, mi, mj, d, n, f, cv, cp, H):
-    """Add −(cp ∂w/∂position + cv ∂w/∂velocity) of one spring–damper to H (12, 12)."""
+    """Add −(cp ∂w/∂position + cv ∂w/∂velocity) of one spring-damper to H (12, 12)."""
     r = _rate(mi, mj, n[0], n[1], n[2])
     along = cp * spring["k"] + cv * spring["c"]
     for a in range(3):
@@ -178,8 +209,69 @@ SPRINGS = Kind(
         "power": add_powers,
         "wrenches": put_wrench,
     },
+    lower=lower_springs,
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,
     stiff=True,
 )
+
+
+_PANELS = 16
+# Points and half weights of Gauss–Legendre's rule of eight points on (0, 1), the lower four.
+_GAUSS = (
+    (0.019855071751231884, 0.05061426814518813),
+    (0.10166676129318664, 0.11119051722668724),
+    (0.2372337950418355, 0.15685332293894364),
+    (0.4082826787521751, 0.18134189168918100),
+)
+
+
+@kernel
+def spring_resistance(row, programs, stack, s, v, u):
+    """R, ∂R/∂s, ∂R/∂ṡ of a FORCE_CHARACTERISTIC row; u its actuator's present value."""
+    x = s - row["free"]
+    f, k, c = row["k"] * x - u, row["k"], 0.0
+    if row["spring"] >= 0:
+        a, b, _ = evaluate(programs, row["spring"], x, stack, stack)
+        f, k = f + a, k + b
+    if row["c"] != 0.0:
+        f, c = f + row["c"] * v, row["c"]
+    if row["damper"] >= 0:
+        a, b, _ = evaluate(programs, row["damper"], v, stack, stack)
+        f, c = f + a, c + b
+    return f, k, c
+
+
+@kernel
+def spring_energy(row, programs, stack, s):
+    """Stored energy, J; zero at x = 0."""
+    x = s - row["free"]
+    stored = 0.5 * row["k"] * x * x
+    if row["stored"] >= 0:
+        stored += run_program(programs, row["stored"], x, stack, stack)
+    elif row["spring"] >= 0:
+        stored += integral(programs, row["spring"], stack, x)
+    return stored
+
+
+@unit
+def integral(programs: FunctionTable, k: int, stack: Matrix, x: float) -> float:
+    """Integral of program k from 0 to x by Gauss's rule, exact to the 15th power of x."""
+    total = 0.0
+    h = x / _PANELS
+    for n in range(_PANELS):
+        for place, weight in _GAUSS:
+            f = run_program(programs, k, h * (n + place), stack, stack)
+            g = run_program(programs, k, h * (n + 1.0 - place), stack, stack)
+            total += weight * (f + g)
+    return h * total
+
+
+@kernel
+def damper_power(row, programs, stack, v):
+    """Power of the damper on the system, W."""
+    f = row["c"] * v if row["c"] != 0.0 else 0.0
+    if row["damper"] >= 0:
+        f += run_program(programs, row["damper"], v, stack, stack)
+    return -f * v
