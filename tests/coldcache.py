@@ -7,8 +7,8 @@ import functools
 import pytest
 
 from flexmb.engine import unit_cache, units
-from flexmb.engine.kernels.algebra import ldl
-from flexmb.engine.kernels.bodies import motion
+from flexmb.engine.algebra import ldl
+from flexmb.engine.bodies import motion
 from flexmb.engine.units import prepare_units
 
 SOLVE, MOVE = ldl.solve.name, motion.move.name

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from flexmb.engine.algebra.ldl import solve_refined
+from flexmb.engine.bodies.motion import move, position_rate
+from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.core import with_markers
 from flexmb.engine.kernels import stages
-from flexmb.engine.kernels.algebra.ldl import solve_refined
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
-from flexmb.engine.kernels.bodies.motion import move, position_rate
-from flexmb.engine.kernels.bodies.tangent import marker_jacobian
 from flexmb.engine.kernels.joints import constraint
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from flexmb.fe import Mesh, assemble
-from flexmb.fe.sections.shell import Layer, layered, shell
+from flexmb.fe.sections.shell_section import Layer, layered, shell
 from flexmb.materials import Material, OrthotropicMaterial
 
 KINDS = ("quad", "triangle")

@@ -10,7 +10,7 @@ import numpy as np
 from enginekit import Bench
 from scipy.spatial.transform import Rotation
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system

@@ -8,6 +8,7 @@ an exit code: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check o
 from __future__ import annotations
 
 from flexmb.cli import discover as discover  # adds its commands to the app
+from flexmb.cli import help as help
 from flexmb.cli import study as study
 from flexmb.cli.app import app, main
 

@@ -70,9 +70,9 @@ Overrides = Annotated[
 
 def _show_version(given: bool) -> None:
     if given:
-        from flexmb.cli.versions import flexmb_version
+        from flexmb import __version__
 
-        typer.echo(f"flexmb {flexmb_version()}")
+        typer.echo(f"flexmb {__version__}")
         raise typer.Exit
 
 

@@ -70,7 +70,9 @@ def export(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="CSV file to write; <result>.csv beside it by default."
+            "--output",
+            "-o",
+            help="File to write, its format by its ending; <result>.csv by default.",
         ),
     ] = None,
     channels: Annotated[
@@ -90,7 +92,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write channels over time to a table (CSV), with their units in the header.
+    """Write channels over time to a table (.csv), with their units in the header.
 
     Reactions are forces and moments on the named body, in the joint's axes there (z: its axis).
 
@@ -104,7 +106,7 @@ def export(
     run = Result(result)
     names = [name.strip() for name in (channels or "").split(",") if name.strip()]
     kind = what or "sensors"
-    written = run.to_csv(output or run.path.with_suffix(".csv"), names, what=kind)
+    written = run.export(output or run.path.with_suffix(".csv"), names, what=kind)
     columns = len(names) or len(run.channels(kind))
     of = "1 channel" if columns == 1 else f"{columns} channels"
     show.line(f"written: {written} ({len(run.time)} rows of {of})")

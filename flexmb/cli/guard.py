@@ -61,10 +61,10 @@ def _leave(message: str, code: int) -> None:
 
 
 def _fault(error: Exception) -> str:
-    from flexmb.cli.versions import flexmb_version
+    from flexmb import __version__
 
     return (
-        f"error: flexmb {flexmb_version()} failed unexpectedly "
+        f"error: flexmb {__version__} failed unexpectedly "
         f"({type(error).__name__}: {error}).\n"
         "This is a fault of flexmb, not of your input. Please report it with the scene and what\n"
         f"`flexmb --debug {' '.join(sys.argv[1:])}` prints."

@@ -148,7 +148,7 @@ def flexible_body(body: Any) -> None:
 
 def quality(report: Any) -> None:
     """The tables of a quality report."""
-    from flexmb.fe.checks.quality_text import report_tables
+    from flexmb.fe.reduction.quality_report import report_tables
 
     for part in report_tables(report):
         heading(part.title)
@@ -182,7 +182,7 @@ def checks(outcomes: Sequence[Any], unit: str) -> None:
 
 def _energies(run: Any) -> None:
     """Energies and works that are not zero all along, and what is left of their balance."""
-    balance = {"stored less works, change": run.balance} if run.is_kept("balance") else {}
+    balance = {"stored less works, change": run.balance} if run.has_columns("balance") else {}
     rows = [
         (name.replace("_", " "), _energy(values[-1]), _energy(values.min()), _energy(values.max()))
         for name, values in {**run.energy, **balance}.items()

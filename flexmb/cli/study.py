@@ -61,8 +61,8 @@ def study(
 
     Example: flexmb study cases/pendulum/scene.toml --vary step=1e-2..1e-4:5
     """
-    judged = {"repeats": repeats, "target": target, "sensors": sensor}
-    options = {"output": output, "workers": workers, "fresh": fresh, **judged}
+    criteria = {"repeats": repeats, "target": target, "sensors": sensor}
+    options = {"output": output, "workers": workers, "fresh": fresh, **criteria}
     knobs = words.pairs(vary or [], "--vary")
     _run(scene, knobs, words.pairs(overrides or [], "--set"), options)
 

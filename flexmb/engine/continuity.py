@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import copy
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy
 from flexmb.engine.kinematics_state import SINGULAR_POSES, Path
 from flexmb.engine.method import FINE, JUMP, LEAP
 from flexmb.engine.state import Run

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import weighted_size
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import weighted_size
 from flexmb.engine.method import (
     AGE,
     CALM,

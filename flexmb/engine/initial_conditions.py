@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.ldl import solve_refined
+from flexmb.engine.algebra.vector import copy, weighted_size
+from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.ldl import solve_refined
-from flexmb.engine.kernels.algebra.vector import copy, weighted_size
-from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.kernels.stages import (

@@ -6,8 +6,8 @@ repeat others, the least λ. What holds the shapes of flexible bodies takes the 
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.ldl import solve_refined
 from flexmb.engine.kernels.projection import depends_on_solution
 from flexmb.engine.kernels.stages import feedback_stage, forces, reaction_stage, walk
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
+from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
+from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
 from flexmb.engine.forces.bushing import SIX_COMPONENT_FORCES
 from flexmb.engine.forces.contact import CONTACTS
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -9,10 +12,6 @@ from flexmb.engine.forces.joint_friction import JOINT_FRICTIONS
 from flexmb.engine.forces.load import ACTION_REACTION_LOADS, LOADS
 from flexmb.engine.forces.spring_damper import SPRINGS
 from flexmb.engine.functions.function import TIME_FUNCTIONS
-from flexmb.engine.kernels.bodies.energy import FLEXIBLE_BODIES, RIGID_BODIES
-from flexmb.engine.kernels.bodies.kinematics import FLEXIBLE_MARKERS, RIGID_MARKERS
-from flexmb.engine.kernels.bodies.planar_body import PLANAR_BODIES
-from flexmb.engine.kernels.bodies.point_marker import POINT_MARKERS
 from flexmb.engine.kernels.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.kernels.joints.coordinate import COORDINATES
 from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS

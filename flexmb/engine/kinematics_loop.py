@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.engine import continuity
+from flexmb.engine.algebra.ldl import solve_refined
+from flexmb.engine.algebra.vector import copy, largest, weighted_size
+from flexmb.engine.bodies.motion import move
 from flexmb.engine.inverse import solve_reactions
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.ldl import solve_refined
-from flexmb.engine.kernels.algebra.vector import copy, largest, weighted_size
-from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.stages import (

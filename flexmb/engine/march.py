@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from flexmb.engine import control
+from flexmb.engine.algebra.vector import copy, largest, store
 from flexmb.engine.events import accept_events, begin_events, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy, largest, store
 from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import (

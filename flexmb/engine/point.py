@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.ldl import multiply, solve
+from flexmb.engine.algebra.vector import weighted_size
+from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.ldl import multiply, solve
-from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.constraint import constraint_right_side
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.stages import (

@@ -51,7 +51,7 @@ MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
-        ("point", _I),  # 1: only its place matters (`kernels.bodies.point_marker`)
+        ("point", _I),  # 1: only its place matters (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
         ("R", _F, (3, 3)),  # marker axes in body axes, undeformed

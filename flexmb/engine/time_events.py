@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexmb.engine.algebra.vector import copy, store
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy, store
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import (
     energies,

@@ -2,43 +2,50 @@
 
 from __future__ import annotations
 
-from flexmb.fe.assembly.assemble import FEMatrices, assemble
-from flexmb.fe.assembly.geometric import geometric_stiffness
+from flexmb.fe.assembly.assemble import FEMatrices, assemble, geometric_stiffness
+from flexmb.fe.assembly.interfaces import RigidInterface, WeightedInterface, make_interfaces
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
-from flexmb.fe.checks.mesh import Finding, mesh_report
-from flexmb.fe.checks.phases import Stopwatch
-from flexmb.fe.checks.quality import QualityReport, quality_report
-from flexmb.fe.checks.quality_text import report_tables, report_text
-from flexmb.fe.checks.survey import Survey, mesh_problems, survey
-from flexmb.fe.elements.registry import ELEMENTS
-from flexmb.fe.elements.select import Block
-from flexmb.fe.interfaces.make import make_interfaces
-from flexmb.fe.interfaces.rigid import RigidInterface
-from flexmb.fe.interfaces.weighted import WeightedInterface
-from flexmb.fe.key import reduction_key
+from flexmb.fe.displacements import node_modes, surface
+from flexmb.fe.elements.blocks import ELEMENTS, Block
 from flexmb.fe.material import resolve
-from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.meshes.reader import read_mesh
-from flexmb.fe.meshes.table import mesh_from
-from flexmb.fe.recovery.nodes import node_modes, surface
-from flexmb.fe.recovery.section_forces import SectionForces, section_force_modes
+from flexmb.fe.meshes.mesh import Mesh, read_mesh
+from flexmb.fe.meshes.mesh_checks import Finding, mesh_report
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.reduce import make_body, reduce
-from flexmb.fe.reduction.basis import ReducedBasis
-from flexmb.fe.reduction.choice import ModeChoice
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
 from flexmb.fe.reduction.free_interface import free_interface
-from flexmb.fe.reduction.integrals import Integrals, integrals
 from flexmb.fe.reduction.methods import METHODS, reduce_model
-from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.reduction.user import user_modes
-from flexmb.fe.sections.angle import angle_section
-from flexmb.fe.sections.beam import BeamSection, general
+from flexmb.fe.reduction.mode_selection import ModeSelection
+from flexmb.fe.reduction.quality_report import (
+    QualityReport,
+    Stopwatch,
+    quality_report,
+    report_tables,
+    report_text,
+)
+from flexmb.fe.reduction.reduced_basis import (
+    Integrals,
+    ReducedBasis,
+    ReducedModes,
+    integrals,
+    orthonormalise,
+)
+from flexmb.fe.reduction.user_modes import user_modes
+from flexmb.fe.reduction_key import reduction_key
+from flexmb.fe.sections.beam_chain import TaperedSection, tapered
+from flexmb.fe.sections.beam_section import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
-from flexmb.fe.sections.read import section_from
-from flexmb.fe.sections.shell import Layer, ShellSection, layered, shell
-from flexmb.fe.sections.solid import SolidSection
-from flexmb.fe.sections.taper import TaperedSection, tapered
-from flexmb.fe.sections.thin_walls import box_section, i_section
+from flexmb.fe.sections.section_tables import section_from
+from flexmb.fe.sections.shell_section import (
+    Layer,
+    ShellSection,
+    layered,
+    shell,
+)
+from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.stress import SectionForces, section_force_modes
+from flexmb.fe.survey import Survey, mesh_problems, survey
 
 __all__ = [
     "ELEMENTS",
@@ -51,7 +58,7 @@ __all__ = [
     "Layer",
     "LoadPattern",
     "Mesh",
-    "ModeChoice",
+    "ModeSelection",
     "QualityReport",
     "ReducedBasis",
     "ReducedModes",

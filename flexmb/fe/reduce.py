@@ -20,30 +20,24 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, assemble
+from flexmb.fe.assembly.interfaces import InterfaceLike, RigidInterface, make_interfaces
 from flexmb.fe.assembly.loads import make_loads
-from flexmb.fe.checks.hinges import require_hinges_held
-from flexmb.fe.checks.mass import point_mass
-from flexmb.fe.checks.mesh import Finding
-from flexmb.fe.checks.model import mode_infos, orphans, suspicions
-from flexmb.fe.interfaces.make import InterfaceLike, make_interfaces
-from flexmb.fe.interfaces.rigid import RigidInterface
-from flexmb.fe.key import mesh_hash, reduction_key
+from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.meshes.table import MeshLike, mesh_from
-from flexmb.fe.recovery.nodes import node_modes, surface
-from flexmb.fe.recovery.stress import stress_option, with_recovery
-from flexmb.fe.reduction.basis import ReducedBasis
-from flexmb.fe.reduction.integrals import integrals
-from flexmb.fe.reduction.methods import asked_modes, reduce_model
-from flexmb.fe.reduction.orthonormal import ReducedModes, orthonormalise
-from flexmb.fe.reduction.planar import Mirror, make_mirror
-from flexmb.fe.reduction.user import read_user_modes
-from flexmb.fe.sections.read import sections_from
+from flexmb.fe.meshes.mesh_checks import Finding
+from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
+from flexmb.fe.model_checks import check_releases, mode_infos, orphans, point_mass, suspicions
+from flexmb.fe.reduction.methods import reduce_model, requested_modes
+from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes, integrals, orthonormalise
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
+from flexmb.fe.reduction.user_modes import read_user_modes
+from flexmb.fe.reduction_key import mesh_hash, reduction_key
+from flexmb.fe.sections.section_tables import sections_from
+from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface, LoadVector
-from flexmb.flexbody.planar import check_shares, flattened
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 
@@ -137,12 +131,12 @@ def reduce(
     given = given.scaled(scale)
     fe = assemble(given, matter, chosen, progress, **joints, mass_matrix=mass_matrix)
     held = make_interfaces(fe, interfaces or {})
-    require_hinges_held(fe, [part.nodes for part in held])
+    check_releases(fe, [part.nodes for part in held])
     found = suspicions(fe, held, point_mass(masses))
     for finding in found:
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
-    mirror = None if plane is None else make_mirror(fe, plane)
+    mirror = None if plane is None else make_symmetry_plane(fe, plane)
     patterns = make_loads(fe, loads or {})
     if reduction == "user":
         asked = read_user_modes(asked, scale)
@@ -165,11 +159,13 @@ def reduce(
     return replace(body, provenance=told)
 
 
-def _in_plane(body: FlexBody, fe: FEMatrices, mirror: Mirror, elastic: ReducedModes) -> FlexBody:
+def _in_plane(
+    body: FlexBody, fe: FEMatrices, mirror: SymmetryPlane, elastic: ReducedModes
+) -> FlexBody:
     """The body without what rounding and mesh leave of motion out of the plane, if it is little."""
     shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
     check_shares(body.name, shares, elastic.frequencies, normal)
-    return flattened(body, normal, float(shares.max(initial=0.0)))
+    return flatten_body(body, normal, float(shares.max(initial=0.0)))
 
 
 def make_body(
@@ -225,7 +221,7 @@ def _check_options(reduction: str, modes: Any, damping: float) -> Any:
     problems: list[Problem] = []
     asked = None
     try:
-        asked = asked_modes(reduction, modes)
+        asked = requested_modes(reduction, modes)
     except ReductionError as error:
         problems += error.problems
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:

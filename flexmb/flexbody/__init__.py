@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.file import load, save
-from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
-from flexmb.flexbody.recovery import (
+from flexmb.flexbody.body import MODE_COLUMNS, FlexBody, mode_table, rigid_body
+from flexmb.flexbody.body_file import load, save
+from flexmb.flexbody.parts import (
     SECTION_FORCES,
     STRESS,
+    Interface,
+    LoadVector,
+    ModeInfo,
+    NodeModes,
     SectionForceModes,
     StressModes,
+    Surface,
     von_mises,
 )
-from flexmb.flexbody.rigid import rigid_body
-from flexmb.flexbody.table import MODE_COLUMNS, mode_table
 
 __all__ = [
     "MODE_COLUMNS",

@@ -6,22 +6,32 @@ position, N the displacement interpolation, Phi the modes and a, b in x, y, z: S
 int rho s s^T, p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T (int rho N_a^T N_b) Phi. A
 rigid body has zero modes. Source of the integrals: Shabana, Dynamics of Multibody Systems, ch. 5,
 in second-moment form.
+
+In: mass [kg], centre of mass [m] in body axes, inertia about it [kg m^2] in body axes. Out: a
+:class:`FlexBody`, whose second moment of mass is S0 = tr(J)/2 I - J + m c c^T.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray
-from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
-from flexmb.flexbody.recovery import SectionForceModes, StressModes
-
-__all__ = ["FlexBody"]
+from flexmb.flexbody.parts import (
+    Interface,
+    LoadVector,
+    ModeInfo,
+    NodeModes,
+    SectionForceModes,
+    StressModes,
+    Surface,
+)
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must be left beside rigid motion
@@ -258,3 +268,88 @@ def _symmetric(matrix: FloatArray) -> bool:
     return bool(
         np.abs(matrix - matrix.T).max(initial=0) <= _SYMMETRY * np.abs(matrix).max(initial=0)
     )
+
+
+_ROUNDING = 1e-9  # relative room for a rod or a plate, whose triangle inequality is an equality
+
+
+def rigid_body(
+    mass: float, center: ArrayLike = (0, 0, 0), inertia: ArrayLike = 0.0, name: str = "rigid"
+) -> FlexBody:
+    """Build a rigid body from its mass properties.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    center : (3,) float
+        Centre of mass, body frame [m].
+    inertia : (3, 3), (3,) or float
+        About the centre of mass, body axes [kg m^2]; three numbers are the diagonal.
+    name : str
+        Name of the body.
+
+    Raises
+    ------
+    ReductionError
+        Mass that is not positive, or an inertia no body can have.
+    """
+    check = Checker(f"body {name}")
+    c = check.floats("center", center, (3,))
+    given = np.asarray(inertia, dtype=float)
+    J = check.floats("inertia", given if given.ndim == 2 else np.diag(given * np.ones(3)), (3, 3))
+    if not mass > 0:
+        check.add("mass", f"must be positive, is {mass:g} kg")
+    check.raise_problems()
+    if np.abs(J - J.T).max() > _ROUNDING * np.abs(J).max():
+        check.add("inertia", "is not symmetric")
+        check.raise_problems()
+    moments = np.linalg.eigvalsh(J)
+    if moments[0] < -_ROUNDING * moments[2]:
+        check.add("inertia", f"has a negative principal moment {moments[0]:g} kg m^2")
+    elif moments[2] > (1 + _ROUNDING) * (moments[0] + moments[1]):
+        text = ", ".join(f"{moment:g}" for moment in moments)
+        check.add("inertia", f"is impossible: of {text} kg m^2 the largest exceeds the others' sum")
+    check.raise_problems()
+    S0 = 0.5 * np.trace(J) * np.eye(3) - 0.5 * (J + J.T) + mass * np.outer(c, c)
+    none = np.zeros
+    return FlexBody(
+        name, mass, mass * c, S0, none((3, 0)), none((3, 3, 0)), none((3, 3, 0, 0)), none((0, 0))
+    )
+
+
+MODE_COLUMNS = (
+    "mode",
+    "kind",
+    "f [Hz]",
+    "mostly",
+    "interfaces",
+    "x/y/z",
+    "kept or why dropped",
+)
+
+
+def mode_table(body: FlexBody) -> list[tuple[str, ...]]:
+    """Rows of text under ``MODE_COLUMNS``: all candidates in the order of the body."""
+    return [_mode_row(mode) for mode in body.modes]
+
+
+def _mode_row(mode: ModeInfo) -> tuple[str, ...]:
+    return (
+        str(mode.index) if mode.kept else "-",
+        mode.kind,
+        f"{mode.frequency:.1f}" if mode.frequency >= 100.0 else f"{mode.frequency:.3g}",
+        mode.mostly,
+        _share_text(mode.interface_share),
+        _along_axes(mode.kinetic_share),
+        f"{'kept' if mode.kept else 'dropped'}{': ' if mode.why else ''}{mode.why}",
+    )
+
+
+def _along_axes(shares: tuple[float, ...]) -> str:
+    known = bool(shares) and not any(math.isnan(value) for value in shares)
+    return "/".join(f"{round(100 * value):d}" for value in shares) + " %" if known else ""
+
+
+def _share_text(value: float) -> str:
+    return "" if math.isnan(value) else f"{round(100 * value):d} %"

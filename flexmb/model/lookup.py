@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec
 from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.forces.force import JointSpringSpec, LoadSpec

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from flexmb.results.extend import extend_file
-from flexmb.results.file import OutputBlock, ResultWriter
-from flexmb.results.keep import kept_columns, row_bytes
-from flexmb.results.layout import BodyColumns, Columns
+from flexmb.engine.layout import BodyColumns
+from flexmb.results.columns import Columns
+from flexmb.results.output_request import row_bytes, stored_columns
 from flexmb.results.reactions import NOT_UNIQUE, Reaction
-from flexmb.results.read import file_format
-from flexmb.results.recovered import PeakStress, SectionForces, Stress
+from flexmb.results.recovery import PeakStress, SectionForces, Stress
 from flexmb.results.result import Pose, Result, load_result
+from flexmb.results.result_file import extend_file, file_format
+from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
     "NOT_UNIQUE",
@@ -25,7 +25,7 @@ __all__ = [
     "Stress",
     "extend_file",
     "file_format",
-    "kept_columns",
     "load_result",
     "row_bytes",
+    "stored_columns",
 ]

@@ -1,4 +1,4 @@
-"""Everything of a result that is one number over time, by name and unit.
+"""Channels: every number over time of a result, by name and unit.
 
 In: the columns of a result and its scene. Out: names such as ``slider.x`` (a sensor's),
 ``crank_pin.rod.force.x`` (what the joint does to that body), ``energy.kinetic``, ``drift.position``
@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.model.sensors.sensor import channel_unit
-from flexmb.results.layout import Columns
-from flexmb.results.reactions import Sides, sides
-from flexmb.results.schema import DRIFT
+from flexmb.results.columns import DRIFT, Columns
+from flexmb.results.reactions import MarkerPair, marker_pairs
 
-__all__ = ["BALANCE", "GROUPS", "Channel", "all_channels", "channels"]
-
-GROUPS = ("sensors", "reactions", "energy", "drift", "coordinates", "accelerations")
-BALANCE = "energy.balance"
+CHANNEL_KINDS = ("sensors", "reactions", "energy", "drift", "coordinates", "accelerations")
+_BALANCE = "energy.balance"
 
 
 class Channel(NamedTuple):
@@ -31,41 +31,50 @@ class Channel(NamedTuple):
     unit: str  # that of SI
 
 
+class HistoryTable(NamedTuple):
+    """Channels over time, in the scene's units."""
+
+    title: str  # of the scene
+    names: tuple[str, ...]  # of the columns; the first is "time"
+    units: tuple[str, ...]  # of the columns, such as "m/s^2"; empty for none
+    values: NDArray[np.float64]  # (n, k)
+
+
 def all_channels(columns: Columns, scene: Mapping[str, Any]) -> dict[str, Channel]:
     """All channels by name; a sensor's name goes before any other that is equal."""
-    found: dict[str, Channel] = {}
-    for group in GROUPS:
-        for channel in channels(columns, scene, group):
-            found.setdefault(channel.name, channel)
-    return found
+    by_name: dict[str, Channel] = {}
+    for kind in CHANNEL_KINDS:
+        for channel in list_channels(columns, scene, kind):
+            by_name.setdefault(channel.name, channel)
+    return by_name
 
 
-def channels(columns: Columns, scene: Mapping[str, Any], group: str) -> tuple[Channel, ...]:
-    """The channels of one of `GROUPS`, in order.
+def list_channels(columns: Columns, scene: Mapping[str, Any], kind: str) -> tuple[Channel, ...]:
+    """The channels of one of `CHANNEL_KINDS`, in order.
 
     Raises
     ------
     ResultFileError
-        No such group.
+        No such kind.
     """
-    if group == "sensors":
+    if kind == "sensors":
         return tuple(_sensors(columns, scene))
-    if group == "reactions":
-        return tuple(_reactions(sides(columns, scene)))
-    if group == "energy":
+    if kind == "reactions":
+        return tuple(_reactions(marker_pairs(columns, scene)))
+    if kind == "energy":
         energies = [
             Channel(f"energy.{name}", "energy", i, "J") for i, name in enumerate(columns.energies)
         ]
-        return (*energies, Channel(BALANCE, "balance", 0, "J"))
-    if group == "drift":
+        return (*energies, Channel(_BALANCE, "balance", 0, "J"))
+    if kind == "drift":
         return tuple(Channel(f"drift.{name}", "drift", i, "") for i, name in enumerate(DRIFT))
-    if group == "coordinates":
+    if kind == "coordinates":
         return tuple(_coordinates(columns))
-    if group == "accelerations":
+    if kind == "accelerations":
         return tuple(_accelerations(columns))
-    what = f'a result has no channels of the kind "{group}"'
-    allowed = (*GROUPS, "stress")
-    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(group, allowed))])
+    what = f'a result has no channels of the kind "{kind}"'
+    allowed = (*CHANNEL_KINDS, "stress")
+    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(kind, allowed))])
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
@@ -75,14 +84,14 @@ def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
         yield Channel(name, "sensors", i, channel_unit(tables, name) or "")
 
 
-def _reactions(found: tuple[Sides, ...]) -> Iterator[Channel]:
-    for i, pair in enumerate(found):
+def _reactions(pairs: tuple[MarkerPair, ...]) -> Iterator[Channel]:
+    for i, pair in enumerate(pairs):
         for side, body in zip("JI", (pair.body_J, pair.body_I), strict=True):
-            at = 12 * i + (0 if side == "J" else 6)
+            first = 12 * i + (0 if side == "J" else 6)
             for k, (what, unit) in enumerate((("force", "N"), ("moment", "N m"))):
                 for c, axis in enumerate("xyz"):
                     name = f"{pair.name}.{body}.{what}.{axis}"
-                    yield Channel(name, "reactions", at + 3 * k + c, unit)
+                    yield Channel(name, "reactions", first + 3 * k + c, unit)
 
 
 def _coordinates(columns: Columns) -> Iterator[Channel]:

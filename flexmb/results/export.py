@@ -1,70 +1,137 @@
-"""Channels as a table of text (CSV): one row per output time, units in the header.
+"""Output formats: histories as tables of other programs, HTML for notebooks, copies of results.
 
-In: a result and names of channels. Out: a file as spreadsheets and other programs read it: commas,
-decimal points, every number with all its digits, in the scene's units.
+A table format is one function that takes a `HistoryTable` and a path, and one line in `FORMATS`,
+by the ending of its files; `Result.export` and ``flexmb export`` choose it by that ending.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import filecmp
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexmb.errors import OutputError, Problem, ResultFileError, nearest
-from flexmb.results.channels import GROUPS, all_channels, channels
+from flexmb.errors import OutputError, Problem, nearest
+from flexmb.results.channels import HistoryTable
+from flexmb.results.kill_safe_file import WriteLock
 
-if TYPE_CHECKING:
-    from flexmb.results.result import Result
+Array = NDArray[np.float64]
 
-__all__ = ["write_csv"]
+_WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
+_POINTS = 400  # per line
+_COLORS = ("#2f6db5", "#c8552b", "#3c8d4f")
 
 
-def write_csv(result: Result, path: str | Path, names: Sequence[str], what: str) -> Path:
-    """Write channels to a file; see `Result.to_csv`."""
-    target = Path(path)
-    chosen = tuple(names) or result.channels(what)
-    _refuse_unknown(result, chosen)
-    if not chosen:
-        lacks = f"has no channels of the kind {what}"
-        if what in GROUPS and channels(result.layout, result.model, what):
-            lacks = (
-                f'kept no channels of the kind {what}; keep = ["{what}"] in [results] keeps them'
-            )
-        raise ResultFileError(f"{result.path}: {lacks}")
-    if not len(result.time):
-        raise ResultFileError(f"{result.path}: holds no output rows")
-    header = [_titled("time", result.units.label("s"))]
-    header += [_titled(name, result.unit(name)) for name in chosen]
-    table = np.column_stack([result.time, *(result[name] for name in chosen)])
+def export_table(table: HistoryTable, path: Path, ending: str | None = None) -> Path:
+    """Write a table in the format of the file's ending, or of another one.
+
+    Raises
+    ------
+    OutputError
+        No format has this ending, or the file cannot be written.
+    """
+    key = (path.suffix if ending is None else ending).lower()
+    if key not in FORMATS:
+        what = f'{path}: no output format has the ending "{key}"'
+        raise OutputError.from_problems([Problem("", what, tuple(FORMATS), nearest(key, FORMATS))])
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            writer.writerows(table.tolist())  # the shortest text that reads back as the number
+        path.parent.mkdir(parents=True, exist_ok=True)
+        FORMATS[key](table, path)
     except OSError as error:
-        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path
+
+
+def write_csv(table: HistoryTable, path: Path) -> None:
+    """Text with commas, one row per output time, units in the header, all digits of a number."""
+    columns = zip(table.names, table.units, strict=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([f"{name} [{unit}]" if unit else name for name, unit in columns])
+        writer.writerows(table.values.tolist())  # the shortest text that reads back as the number
+
+
+FORMATS: Final[Mapping[str, Callable[[HistoryTable, Path], None]]] = {
+    ".csv": write_csv,
+    ".txt": write_csv,
+}
+"""Writers of tables by the ending of their files."""
+
+
+def copy_result(source: Path, flexbodies: Iterable[Path], place: Path) -> Path:
+    """Copy a result file and the files of its flexible bodies; see `Result.save`.
+
+    Returns the path of the new result file.
+    """
+    target = place if place.suffix == ".h5" else place / "result.h5"
+    bodies = {file: target.parent / file.name for file in flexbodies}
+    with ExitStack() as stack:
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with suppress(PermissionError):  # no run writes in a folder that is read-only
+                stack.callback(WriteLock(source).release)
+            if not _same(source, target):
+                stack.callback(WriteLock(target).release)
+            for file, copy in bodies.items():
+                if copy.exists() and not filecmp.cmp(file, copy, shallow=False):
+                    what = "belongs to another result; save this one in a folder of its own"
+                    raise OutputError(f"{copy}: {what}")
+            for file, copy in {source: target, **bodies}.items():
+                if not _same(file, copy):
+                    shutil.copyfile(file, copy)
+        except BlockingIOError as error:
+            what = "a run is writing it; save the result when it has ended"
+            raise OutputError(f"{source}: {what}") from error
+        except OSError as error:
+            what = f"the result cannot be saved at {target} ({error.strerror or error})"
+            raise OutputError(f"{error.filename or target}: {what}") from error
     return target
 
 
-def _refuse_unknown(result: Result, names: Sequence[str]) -> None:
-    """All names that are none at once; the first one that was not kept."""
-    there = all_channels(result.layout, result.model)
-    for name in names:
-        if name in there and name not in result:
-            _ = result[name]  # says what keeps it
-    known = [name for kind in ("sensors", "reactions", "energy") for name in result.channels(kind)]
-    problems = [
-        Problem("", f'the result has no channel "{name}"', tuple(known), nearest(name, known))
-        for name in names
-        if name not in result
-    ]
-    if problems:
-        raise ResultFileError.from_problems(problems)
+def notebook_html(
+    title: str, facts: Iterable[tuple[str, str]], t: Array, lines: Sequence[tuple[str, str, Array]]
+) -> str:
+    """HTML of a result with an inline SVG, without any plotting library.
+
+    Parameters
+    ----------
+    title : str
+        Its heading.
+    facts : iterable of (str, str)
+        Rows of its table.
+    t : (n,) array
+        Output times.
+    lines : sequence of (str, str, array)
+        Name, unit and values (n,) of up to three channels that change.
+    """
+    rows = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th>'
+        f'<td style="text-align:left">{escape(value)}</td></tr>'
+        for name, value in facts
+    )
+    polylines, legend = [], []
+    every = max(1, len(t) // _POINTS)
+    for (name, unit, values), color in zip(lines, _COLORS, strict=False):
+        low, high = float(values.min()), float(values.max())
+        x = _WIDTH * (t[::every] - t[0]) / (t[::every][-1] - t[0])
+        y = _HEIGHT * (0.05 + 0.9 * (high - values[::every]) / (high - low))
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        polylines.append(f'<polyline points="{points}" fill="none" stroke="{color}"/>')
+        span = f"{escape(name)}: {low:.4g} to {high:.4g} {escape(unit)}"
+        legend.append(f'<span style="color:{color}">{span}</span>')
+    box = f'width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}"'
+    frame = f'<rect width="{_WIDTH}" height="{_HEIGHT}" fill="white" stroke="#d9dbe0"/>'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>{frame}{"".join(polylines)}</svg>'
+    history = f"{svg}<br>{' &nbsp; '.join(legend)}" if polylines else ""
+    return f"<div><strong>{escape(title)}</strong><table>{rows}</table>{history}</div>"
 
 
-def _titled(name: str, unit: str) -> str:
-    return f"{name} [{unit.replace('²', '^2')}]" if unit else name
+def _same(one: Path, other: Path) -> bool:
+    return other.exists() and other.samefile(one)

@@ -1,13 +1,12 @@
 """Reactions of joints, couplers and drivers: which two markers, which columns, on which body.
 
-In: the columns of a result, its scene, the name of a joint or driver and a side. Out: force and
-moment over time. The table holds per joint or driver twelve columns: force and moment on marker J
-in the axes of marker J, then those on marker I in the axes of marker I (z: the joint's axis, on J
-the second one of a joint with two; of what slides in a planar scene x is the axis, z the normal).
-The two are action and reaction: equal and opposite as forces; the moments differ by the arm between
-the markers. Those of drivers and couplers are beside those of their joints, not in them; a coupler
-has one for each of its joints, named ``coupler.joint``. What acts on the second angle of a
-universal joint is told on J in axes that are turned by half a turn about y: z against the axis.
+The table holds per joint or driver twelve columns: force and moment on marker J in the axes of
+marker J, then those on marker I in the axes of marker I (z: the joint's axis, on J the second one
+of a joint with two; of what slides in a planar scene x is the axis, z the normal). The two are
+action and reaction: equal and opposite as forces; the moments differ by the arm between the
+markers. Those of drivers and couplers are not included in those of their joints; a coupler has one
+for each of its joints, named ``coupler.joint``. What acts on the second angle of a universal joint
+is reported on J in axes that are turned by half a turn about y: z against the axis.
 """
 
 from __future__ import annotations
@@ -19,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ResultFileError, nearest
-from flexmb.results.layout import Columns
-
-__all__ = ["NOT_UNIQUE", "Reaction", "Sides", "find_side", "sides"]
+from flexmb.results.columns import Columns
 
 Array = NDArray[np.float64]
 NOT_UNIQUE = "reactions_not_unique"
@@ -35,10 +32,10 @@ class Reaction(NamedTuple):
     moment: Array  # (n, 3) about the marker
     on: str  # the marker, such as "rod.big_end"
     by: str  # the marker on the other side
-    unique: bool = True  # False: redundant equations share it, and the least share is given
+    unique: bool = True  # False: constraints are redundant, the minimum-norm reaction is reported
 
 
-class Sides(NamedTuple):
+class MarkerPair(NamedTuple):
     """The two markers of a joint or driver."""
 
     path: str  # such as "joints.crank_pin"
@@ -57,39 +54,31 @@ class Sides(NamedTuple):
         return self.J.partition(".")[0]
 
 
-def sides(columns: Columns, scene: Mapping[str, Any]) -> tuple[Sides, ...]:
+def marker_pairs(columns: Columns, scene: Mapping[str, Any]) -> tuple[MarkerPair, ...]:
     """Both markers of all that has a reaction, in the order of the table."""
-    joints = scene.get("joints", {})
-    drivers = scene.get("drivers", {})
-    found = []
+    joints, drivers = scene.get("joints", {}), scene.get("drivers", {})
+    pairs = []
     for path in columns.reactions:
         section, _, name = path.partition(".")
-        joint = _acts_on(section, name, scene)
-        table = scene.get(section, {}).get(name, {}) if section in ("drivers", "forces") else {}
+        table = scene.get(section, {}).get(name, {})
+        joint = str(table.get("joint", ""))
+        if section in ("joints", "couplers"):
+            joint, table = (name if section == "joints" else name.split(".")[1]), {}
         between = table.get("between") or joints.get(joint, {}).get("between", ("", ""))
         if "marker" in table:
             between = table.get("relative_to", "ground.origin"), table["marker"]
         shown = path if name in joints and name in drivers else name
-        found.append(Sides(path, shown, str(between[0]), str(between[1])))
-    return tuple(found)
+        pairs.append(MarkerPair(path, shown, str(between[0]), str(between[1])))
+    return tuple(pairs)
 
 
-def _acts_on(section: str, name: str, scene: Mapping[str, Any]) -> str:
-    """The joint of a reaction."""
-    if section == "joints":
-        return name
-    if section == "couplers":
-        return name.split(".")[1]
-    return str(scene.get(section, {}).get(name, {}).get("joint", ""))
-
-
-def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, Sides]:
+def find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, str, MarkerPair]:
     """Number of the joint or driver, side ``"I"`` or ``"J"``, and its markers.
 
     Parameters
     ----------
-    found : tuple of Sides
-        From `sides`.
+    pairs : tuple of MarkerPair
+        From `marker_pairs`.
     name : str
         A joint or driver: ``crank_pin`` or ``joints.crank_pin``.
     on : str
@@ -100,12 +89,12 @@ def find_side(found: tuple[Sides, ...], name: str, on: str) -> tuple[int, str, S
     ResultFileError
         No such joint or driver, or it is not on that body.
     """
-    number = next((i for i, pair in enumerate(found) if name in (pair.name, pair.path)), None)
+    number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
     if number is None:
-        names = tuple(pair.name for pair in found)
+        names = tuple(pair.name for pair in pairs)
         what = f'the result has no reaction of "{name}"'
         raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
-    pair = found[number]
+    pair = pairs[number]
     for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):
         if on in (side, marker, body):
             return number, side, pair

@@ -1,14 +1,15 @@
-"""A result, as its file holds it: times, channels, reactions, energies, poses, statistics.
+"""A result: times, channels, reactions, energies, poses, stress and statistics of one run.
 
 In: the path of a ``result.h5``, also of one that is still being written or was cut off by a kill.
-Out: arrays over time by name, read when asked for. Times, channels, reactions and energies are in
-the unit system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in the
-file. The file is not held open.
+Out: arrays over time by name, read when they are used. Times, channels, reactions and energies are
+in the unit system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in
+the file. The file does not stay open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ResultFileError, nearest
-from flexmb.model.values.orientation import rotation_matrix
-from flexmb.results.channels import Channel, all_channels, channels
-from flexmb.results.copying import copy_result
-from flexmb.results.export import write_csv
-from flexmb.results.notebook import html
-from flexmb.results.pose import locate, slerp
-from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, sides
-from flexmb.results.recovered import Recovered
-from flexmb.results.recovered_channels import asked, largest_stress_names, values_of
-
-__all__ = ["Pose", "Result", "load_result"]
+from flexmb.results.channels import (
+    CHANNEL_KINDS,
+    Channel,
+    HistoryTable,
+    all_channels,
+    list_channels,
+)
+from flexmb.results.export import copy_result, export_table, notebook_html
+from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, marker_pairs
+from flexmb.results.recovery import Recovery
 
 Array = NDArray[np.float64]
+_LINES = 3  # of the history that notebooks show
+_LISTED = 12  # names in the table that notebooks show
 
 
 class Pose(NamedTuple):
@@ -39,7 +41,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Recovered):
+class Result(Recovery):
     """The result of one run.
 
     Parameters
@@ -75,26 +77,26 @@ class Result(Recovered):
         No such file, not HDF5, not a flexmb result, another version, or damaged.
     """
 
-    _channels: dict[str, Channel] | None = None
-
     @property
     def reactions(self) -> tuple[str, ...]:
         """Names of the joints and drivers that have reactions."""
-        return tuple(pair.name for pair in sides(self.layout, self.model))
+        return tuple(pair.name for pair in marker_pairs(self.layout, self.model))
 
     @property
     def reactions_not_unique(self) -> tuple[str, ...]:
-        """Names of those that redundant equations share: their least values are reported."""
+        """Names of those with redundant constraints: their minimum-norm values are reported."""
         paths = str(self.statistics.get(NOT_UNIQUE, "")).split(", ")
-        return tuple(pair.name for pair in sides(self.layout, self.model) if pair.path in paths)
+        return tuple(
+            pair.name for pair in marker_pairs(self.layout, self.model) if pair.path in paths
+        )
 
     def reaction(self, name: str, on: str = "J") -> Reaction:
         """What a joint or driver does to one of its two bodies, over time.
 
         Action and reaction: ``on="I"`` and ``on="J"`` give opposite forces, each in the axes of its
         own marker (z: the joint's axis, on J the second one of a joint with two; of what slides in
-        a planar scene x is the axis, z the normal), and moments about its own marker. A driver's
-        are beside those of its joint, not in them.
+        a planar scene x is the axis, z the normal), and moments about its own marker. Those of a
+        joint do not include those of its driver.
 
         Parameters
         ----------
@@ -115,12 +117,15 @@ class Result(Recovered):
         ResultFileError
             No such joint or driver, or it does not act there.
         """
-        number, side, pair = find_side(sides(self.layout, self.model), name, on)
-        at = 12 * number + (0 if side == "J" else 6)
-        table = self.part("reactions", slice(at, at + 6))
-        there = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
-        force, moment = self.told(table[:, :3], "N"), self.told(table[:, 3:], "N m")
-        return Reaction(force, moment, *there, pair.name not in self.reactions_not_unique)
+        number, side, pair = find_side(marker_pairs(self.layout, self.model), name, on)
+        first = 12 * number + (0 if side == "J" else 6)
+        table = self.part("reactions", slice(first, first + 6))
+        markers = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
+        force, moment = (
+            self.in_scene_units(table[:, :3], "N"),
+            self.in_scene_units(table[:, 3:], "N m"),
+        )
+        return Reaction(force, moment, *markers, pair.name not in self.reactions_not_unique)
 
     def channels(self, what: str = "sensors") -> tuple[str, ...]:
         """Names that ``result[name]`` knows.
@@ -133,7 +138,7 @@ class Result(Recovered):
             ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x) or
             ``"stress"`` (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of
             mesh node 17, rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at
-            its first end). What the run did not keep is not among them.
+            its first end). What the run did not store is not among them.
 
         Raises
         ------
@@ -141,9 +146,10 @@ class Result(Recovered):
             No such kind.
         """
         if what == "stress":
-            return largest_stress_names(self)
-        found = channels(self.layout, self.model, what)
-        return tuple(c.name for c in found if self.is_kept(c.table, [c.column]))
+            bodies = (b for b in self.flexbodies if self.flexbody(b).stress is not None)
+            return tuple(f"{name}.von_mises" for name in bodies)
+        named = list_channels(self.layout, self.model, what)
+        return tuple(c.name for c in named if self.has_columns(c.table, [c.column]))
 
     def __getitem__(self, channel: str) -> Array:
         """A channel over time (n,) in the scene's units: ``result["slider.x"]``; see `channels`.
@@ -153,20 +159,20 @@ class Result(Recovered):
         ResultFileError
             No such channel; lists those there are, nearest first.
         """
-        recovered = asked(self, channel)
-        if recovered is not None and channel not in self._known():
-            return values_of(self, recovered)
-        found = self._channel(channel)
-        if found.table == "balance":
+        stress = self._stress_channel(channel)
+        if stress is not None and channel not in self._by_name:
+            return self._stress_values(stress)
+        stored = self._channel(channel)
+        if stored.table == "balance":
             return self.balance
-        return self.told(self.part(found.table, [found.column])[:, 0], found.unit)
+        return self.in_scene_units(self.part(stored.table, [stored.column])[:, 0], stored.unit)
 
     def __contains__(self, channel: object) -> bool:
         """Whether there is a channel of that name."""
-        if channel in self._known():
-            found = self._known()[str(channel)]
-            return self.is_kept(found.table, [found.column])
-        return asked(self, str(channel)) is not None
+        if channel in self._by_name:
+            stored = self._by_name[str(channel)]
+            return self.has_columns(stored.table, [stored.column])
+        return self._stress_channel(str(channel)) is not None
 
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
@@ -176,9 +182,9 @@ class Result(Recovered):
         ResultFileError
             No such channel.
         """
-        recovered = asked(self, channel)
-        if recovered is not None and channel not in self._known():
-            return self.units.label(recovered.unit, raised=True)
+        stress = self._stress_channel(channel)
+        if stress is not None and channel not in self._by_name:
+            return self.units.label(stress.unit, raised=True)
         return self.units.label(self._channel(channel).unit, raised=True)
 
     def pose(self, body: str, time: float) -> Pose:
@@ -201,13 +207,17 @@ class Result(Recovered):
         ResultFileError
             No such body, or a time outside the run.
         """
+        from scipy.spatial.transform import Rotation  # takes 0.2 s
+
         columns = self.layout.body(body)
-        i, s = locate(self.time, time, self.path, self.units.label("s"))
-        wanted = slice(columns.iq, columns.iq + 7 + columns.m)
-        rows = self.part("q", wanted)[[i, min(i + 1, len(self.time) - 1)]]
-        mixed = (1.0 - s) * rows[0] + s * rows[1]
-        A = rotation_matrix(slerp(rows[0, 3:7], rows[1, 3:7], s))
-        return Pose(r=mixed[:3], A=A, eta=mixed[7 : 7 + columns.m])
+        i, s = self._row_at(time)
+        own = slice(columns.iq, columns.iq + 7 + columns.m)
+        rows = self.part("q", own)[[i, min(i + 1, len(self.time) - 1)]]
+        between = (1.0 - s) * rows[0] + s * rows[1]
+        ends = Rotation.from_quat(np.roll(rows[:, 3:7], -1, axis=1))  # SciPy's scalar part is last
+        turn = (ends[0].inv() * ends[1]).as_rotvec()  # along the shorter arc
+        A = (ends[0] * Rotation.from_rotvec(s * turn)).as_matrix()
+        return Pose(r=between[:3], A=A, eta=between[7:])
 
     def plot(self, *channels: str, output: str | Path | None = None) -> Any:
         """Draw channels over time: a matplotlib ``Figure``, also written to `output` if given.
@@ -254,7 +264,16 @@ class Result(Recovered):
         OutputError
             The file cannot be written.
         """
-        return write_csv(self, path, channels, what)
+        return export_table(self._table(channels, what), Path(path), ".csv")
+
+    def export(
+        self, path: str | Path, channels: Sequence[str] = (), *, what: str = "sensors"
+    ) -> Path:
+        """Write channels over time in the format that the file's ending names, such as .csv.
+
+        Parameters and errors are those of `to_csv`; an ending without a format is refused.
+        """
+        return export_table(self._table(channels, what), Path(path))
 
     def save(self, path: str | Path) -> Result:
         """Copy the result and the files of its flexible bodies; the copy needs nothing else.
@@ -273,10 +292,10 @@ class Result(Recovered):
         Raises
         ------
         OutputError
-            The run still goes on, another flexible body of the same name is there, or the place
+            The run is not complete, another flexible body of the same name is there, or the place
             cannot be written.
         """
-        return Result(copy_result(self, Path(path)))
+        return Result(copy_result(self.path, self.flexbodies.values(), Path(path)))
 
     def __repr__(self) -> str:
         t = self.time
@@ -284,22 +303,63 @@ class Result(Recovered):
         return f'<Result "{self.title}" {self.status}: {self._contents.rows} rows, {span}>'
 
     def _repr_html_(self) -> str:
-        """What notebooks show: how the run went, and its history."""
-        return html(self)
+        """What notebooks show: facts of the run, and up to three channels that change."""
+        facts, names = list(self._facts()), self.channels()
+        if names:
+            rest = len(names) - _LISTED
+            more = f" and {rest} more" if rest > 0 else ""
+            facts.append(("channels", ", ".join(names[:_LISTED]) + more))
+        if self.reactions:
+            facts.append(("reactions", ", ".join(self.reactions[:_LISTED])))
+        facts.append(("file", str(self.path)))
+        lines = [] if len(self.time) < 2 else self.model.get("view", {}).get("history") or names
+        lines = [name for name in lines if name in self and np.ptp(self[name]) > 0.0][:_LINES]
+        histories = [(name, self.unit(name), self[name]) for name in lines]
+        return notebook_html(self.title or str(self.path), facts, self.time, histories)
 
-    def _known(self) -> dict[str, Channel]:
-        if self._channels is None:
-            self._channels = all_channels(self.layout, self.model)
-        return self._channels
+    def _table(self, names: Sequence[str], what: str) -> HistoryTable:
+        """The channels of these names, else of a kind, as a table for output formats."""
+        names = tuple(names) or self.channels(what)
+        self._refuse_unknown(names)
+        if not names:
+            lacks = f"has no channels of the kind {what}"
+            if what in CHANNEL_KINDS and list_channels(self.layout, self.model, what):
+                cure = f'keep = ["{what}"] in [results] keeps them'
+                lacks = f"kept no channels of the kind {what}; {cure}"
+            raise ResultFileError(f"{self.path}: {lacks}")
+        if not len(self.time):
+            raise ResultFileError(f"{self.path}: holds no output rows")
+        units = (self.units.label("s"), *(self.unit(name).replace("²", "^2") for name in names))
+        values = np.column_stack([self.time, *(self[name] for name in names)])
+        return HistoryTable(self.title, ("time", *names), units, values)
+
+    def _refuse_unknown(self, names: Sequence[str]) -> None:
+        """Report all unknown names at once; or the first one that was not stored."""
+        for name in names:
+            if name in self._by_name and name not in self:
+                _ = self[name]  # says what stores it
+        allowed = [c for kind in ("sensors", "reactions", "energy") for c in self.channels(kind)]
+        problems = [
+            Problem(
+                "", f'the result has no channel "{name}"', tuple(allowed), nearest(name, allowed)
+            )
+            for name in names
+            if name not in self
+        ]
+        if problems:
+            raise ResultFileError.from_problems(problems)
+
+    @cached_property
+    def _by_name(self) -> dict[str, Channel]:
+        return all_channels(self.layout, self.model)
 
     def _channel(self, name: str) -> Channel:
-        known = self._known()
-        if name not in known:
-            likely = nearest(name, known)
+        if name not in self._by_name:
+            likely = nearest(name, self._by_name)
             allowed = self.layout.channels or ("energy.kinetic", "drift.position")
             what = f'the result has no channel "{name}"'
             raise ResultFileError.from_problems([Problem("", what, allowed, likely)])
-        return known[name]
+        return self._by_name[name]
 
 
 def load_result(path: str | Path) -> Result:

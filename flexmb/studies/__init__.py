@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flexmb.studies.report import Row, Study
+from flexmb.studies.report import Study
+from flexmb.studies.rows import Row
 from flexmb.studies.study import study
 
 __all__ = ["Row", "Study", "study"]

@@ -1,234 +1,131 @@
-"""What a study has found: errors and times of all settings, and what to conclude from them.
-
-In: one row per setting. Out: tables, files, plots, and the cheapest setting that is good enough.
-"""
+"""A finished study: its table as text, Markdown, HTML and CSV, its sentences, its plots."""
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import csv
+import html
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.studies.measure import COMPARED
-from flexmb.studies.words import headings
+from flexmb.errors import OutputError, ViewError
+from flexmb.studies.channel_errors import error_text
+from flexmb.studies.rows import Error, Row, StudyRows
+from flexmb.studies.settings import is_numerical, label, value_text
+from flexmb.studies.summary import seconds_text, series, series_knob, summarise
+from flexmb.workflow import machine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ALL", "Error", "Row", "Study"]
+    from flexmb.view import Curve
 
-Array = NDArray[np.float64]
-ALL = "all"
-"""All quantities that are compared with the reference, taken together."""
-
-
-@dataclass(frozen=True)
-class Error:
-    """An error over the peak-to-peak; one below `floor` cannot be told from the reference's own."""
-
-    value: float
-    floor: float
-    where: str
-    shown: bool
-
-    @property
-    def bound(self) -> float:
-        """What the error is at most; NaN where nothing is known."""
-        return max(self.value, self.floor) if self.shown else float("nan")
+_FAILED = "✗"
+_COUNTS = ("steps", "rejected_steps", "failed_steps", "newton_iterations", "factorisations")
+_PHASES = ("seconds_compile", "seconds_load", "seconds_assemble")
 
 
-@dataclass(frozen=True)
-class Row:
-    """One setting of a study.
-
-    Attributes
-    ----------
-    values : dict
-        Knob to value.
-    status, reason : str
-        ``"finished"``, ``"failed"`` or ``"refused"`` (by the model), and why.
-    group, physics : str
-        Equal for settings of the same machine, and of the same model.
-    finest : bool
-        Whether its model is the finest of the group, the one that the reference has.
-    errors : dict of str to Error
-        Positions, velocities, reactions, energy (its balance), drift (of the constraints).
-    seconds : tuple of float
-        Wall times of the integration, one per repeat.
-    cpu_seconds : tuple of float
-        Processor times of the same: less where the run had to wait for a core or for the disk.
-    duration : float
-        Simulated time [s].
-    reduction : float
-        One-off wall time of making the flexible bodies from their meshes [s].
-    statistics : dict
-        Steps, iterations and so on.
-    folder : str
-        Where the run's result is.
-    """
-
-    values: dict[str, Any]
-    status: str
-    reason: str = ""
-    group: str = ""
-    physics: str = ""
-    finest: bool = True
-    errors: dict[str, Error] = field(default_factory=dict)
-    seconds: tuple[float, ...] = ()
-    cpu_seconds: tuple[float, ...] = ()
-    duration: float = 0.0
-    reduction: float = 0.0
-    statistics: dict[str, Any] = field(default_factory=dict)
-    folder: str = ""
-
-    @property
-    def time(self) -> float:
-        """Median wall time of the integration [s]; NaN for a run that failed."""
-        return statistics.median(self.seconds) if self.seconds else float("nan")
-
-    @property
-    def cpu_time(self) -> float:
-        """Median processor time of the integration [s]; NaN for a run that failed."""
-        return statistics.median(self.cpu_seconds) if self.cpu_seconds else float("nan")
-
-
-@dataclass(frozen=True)
-class Study:
+class Study(StudyRows):
     """A finished study.
 
-    Attributes
-    ----------
-    title, source : str
-        Of the scene; the scene file is empty for a model from Python.
-    folder : Path
-        Where everything is kept.
-    rows : list of Row
-        All settings, also those that failed.
-    target : float
-        The error that the cheapest setting must meet.
-    repeats, workers, reused : int
-        Repeats of each run, runs at the same time, runs that were there already.
-    references : dict
-        What errors are measured against, one sentence per group of settings.
-    reductions : list
-        Label and wall time [s] of making the flexible bodies, one-off.
+    Its data are the attributes of `StudyRows`: `rows`, `quantities`, `errors(quantity)`, `seconds`,
+    `cheapest(quantity, target)`; the methods here write tables and draw.
     """
 
-    title: str
-    source: str
-    folder: Path
-    rows: list[Row]
-    target: float
-    repeats: int
-    workers: int
-    reused: int
-    references: dict[str, str]
-    reductions: list[tuple[str, float]]
-
-    @property
-    def knobs(self) -> dict[str, str]:
-        """The knobs that were varied, with the headings of their columns."""
-        return headings(tuple(self.rows[0].values))
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """The quantities that errors are known of."""
-        found = {name for row in self.rows for name in row.errors}
-        return tuple(name for name in (*COMPARED, "energy", "drift") if name in found)
-
-    @property
-    def compared(self) -> tuple[str, ...]:
-        """The quantities that are compared with the reference."""
-        return tuple(name for name in self.quantities if name in COMPARED)
-
-    @property
-    def seconds(self) -> Array:
-        """Median wall time of each row (n,) [s]; NaN where a run failed."""
-        return np.array([row.time for row in self.rows])
-
-    def errors(self, quantity: str) -> Array:
-        """Error of each row (n,) over the peak-to-peak, at most; NaN where nothing is known.
-
-        Parameters
-        ----------
-        quantity : str
-            One of `quantities`, or ``"all"``: the largest of those that are compared.
-
-        Raises
-        ------
-        FlexmbError
-            The study knows no such quantity.
-        """
-        if quantity == ALL:
-            worst: Array = np.max([self.errors(name) for name in self.compared], axis=0)
-            return worst
-        if quantity not in self.quantities:
-            names = (*self.quantities, ALL)
-            what = f'the study has no errors of "{quantity}"'
-            raise FlexmbError.from_problems([Problem("", what, names, nearest(quantity, names))])
-        missing = float("nan")
-        return np.array(
-            [row.errors[quantity].bound if quantity in row.errors else missing for row in self.rows]
-        )
-
-    def cheapest(
-        self, quantity: str = "positions", target: float | None = None, group: str | None = None
-    ) -> Row | None:
-        """The setting with the shortest integration whose error meets the target, if any does.
-
-        Parameters
-        ----------
-        quantity : str
-            One of `quantities`, or ``"all"``.
-        target : float, optional
-            Error over the peak-to-peak; the study's own by default.
-        group : str, optional
-            Only settings of this machine.
-        """
-        limit = self.target if target is None else target
-        errors = self.errors(quantity)
-        good = [
-            row
-            for row, error in zip(self.rows, errors, strict=True)
-            if error <= limit and group in (None, row.group)
-        ]
-        return min(good, key=lambda row: row.time, default=None)
-
-    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-        """Headings and rows of the table, as text."""
-        from flexmb.studies.tables import table
-
-        return table(self)
+    def __repr__(self) -> str:
+        failed = sum(row.status != "finished" for row in self.rows)
+        return f'<Study "{self.title}": {len(self.rows)} settings, {failed} failed>'
 
     def summary(self) -> list[str]:
-        """What the study says in sentences."""
-        from flexmb.studies.conclusions import sentences
+        """References, cheapest settings and costs in sentences."""
+        return summarise(self)
 
-        return sentences(self)
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Headings and rows of the table as text, failed settings included."""
+        columns = (*self.knobs.values(), *self.quantities, "time [s]", "per sim. s")
+        return columns, [self._cells(row) for row in self.rows]
+
+    def _cells(self, row: Row) -> tuple[str, ...]:
+        values = [value_text(value) for value in row.values.values()]
+        if row.status != "finished":
+            return (*values, *[_FAILED] * (len(self.quantities) + 2))
+        errors = [_error_cell(row.errors.get(name)) for name in self.quantities]
+        return (*values, *errors, seconds_text(row.time), seconds_text(row.time / row.duration))
 
     def markdown(self) -> str:
-        """Table and sentences in Markdown, ready to paste."""
-        from flexmb.studies.tables import markdown
+        """Table and sentences in Markdown."""
+        columns, rows = self.table()
+        n = len(self.knobs)
+        lines = [
+            f"### {self.title}: what accuracy costs",
+            "",
+            f"| {' | '.join(columns)} |",
+            f"|{'|'.join('---:' if i >= n else '---' for i in range(len(columns)))}|",
+            *(f"| {' | '.join(cell.replace('|', ' ') for cell in row)} |" for row in rows),
+            "",
+            "Errors: the largest over the outputs, over the peak-to-peak; "
+            "drift: of the constraints.",
+            "",
+            *(f"- {sentence}" for sentence in (*self.summary(), machine())),
+        ]
+        return "\n".join(lines) + "\n"
 
-        return markdown(self)
+    def _repr_html_(self) -> str:
+        columns, rows = self.table()
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+        )
+        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.summary())
+        title = html.escape(self.title)
+        return f"<table><caption>{title}</caption><tr>{head}</tr>{body}</table><ul>{items}</ul>"
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write everything that is known of each setting to a CSV file.
+        """Write errors, times, counts and files of each setting to a CSV file.
 
         Raises
         ------
         OutputError
             The file cannot be written.
         """
-        from flexmb.studies.tables import write_csv
+        path = Path(path)
+        records = [self._record(row) for row in self.rows]
+        columns = list(dict.fromkeys(name for record in records for name in record))
+        try:
+            with path.open("w", encoding="utf-8", newline="") as file:
+                writer = csv.DictWriter(file, columns, restval="")
+                writer.writeheader()
+                writer.writerows(records)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+        return path
 
-        return write_csv(self, Path(path))
+    def _record(self, row: Row) -> dict[str, Any]:
+        record: dict[str, Any] = {**row.values, "status": row.status, "reason": row.reason}
+        for name in self.quantities:
+            error = row.errors.get(name)
+            shown = error if error is not None and error.shown else None
+            record[f"error_{name}"] = shown.value if shown else ""
+            if name in self.compared:
+                record[f"smallest_error_{name}"] = error.floor if error is not None else ""
+                record[f"worst_{name}"] = shown.where if shown else ""
+        if not row.seconds:
+            return record
+        record |= {
+            "seconds_integrate": row.time,
+            "seconds_integrate_least": min(row.seconds),
+            "seconds_integrate_greatest": max(row.seconds),
+            "seconds_per_simulated_second": row.time / row.duration,
+            "repeats": len(row.seconds),
+            "workers": self.workers,
+            "cpu_seconds_integrate": row.cpu_time,
+            "seconds_flexible_bodies": row.reduction,
+        }
+        record |= {
+            name: row.statistics[name] for name in (*_PHASES, *_COUNTS) if name in row.statistics
+        }
+        return record | {"folder": row.folder}
 
     def plot(self, output: str | Path | None = None) -> Figure:
         """Error against wall time, one panel per quantity and one line per series of settings.
@@ -238,42 +135,108 @@ class Study:
         ViewError
             No run has an error to draw, or the file cannot be written.
         """
-        from flexmb.studies.drawing import work_precision
+        from flexmb.view import work_precision_figure
 
-        return work_precision(self, output)
+        lines = series(self)
+        panels = {name: _curves(lines, name) for name in self.quantities}
+        note = self._note(f"along each line: {self.knobs[series_knob(self)]}")
+        figure = work_precision_figure(
+            panels, self._floors(), target=self.target, title=self.title, note=note
+        )
+        return _save(figure, output)
 
     def plot_pareto(self, output: str | Path | None = None) -> Figure:
-        """Error against wall time over models: modes, meshes; the front that no other beats.
+        """Error against wall time over models (modes, meshes), with the Pareto front.
 
         Raises
         ------
         ViewError
             No run has an error to draw, or the file cannot be written.
         """
-        from flexmb.studies.drawing import pareto
+        from flexmb.view import pareto_figure
 
-        return pareto(self, output)
+        models: dict[str, list[Row]] = {}
+        for row in self.rows:
+            values = {k: v for k, v in row.values.items() if not is_numerical(k)}
+            models.setdefault(label(values), []).append(row)
+        panels = {name: _curves(models, name) for name in self.compared}
+        note = self._note("the front: no other setting is cheaper and better")
+        figure = pareto_figure(
+            panels, self._floors(), target=self.target, title=self.title, note=note
+        )
+        return _save(figure, output)
 
     def save(self) -> list[Path]:
-        """Write table (CSV, Markdown) and plots into the folder of the study; their paths."""
-        from flexmb.studies.drawing import save_plots
-        from flexmb.studies.tables import save_tables
+        """Write tables and plots into the folder of the study; their paths.
 
-        return [*save_tables(self), *save_plots(self)]
+        study.csv and study.md; work_precision.png if a run has ended; pareto.png where models
+        differ.
 
-    def __repr__(self) -> str:
-        failed = sum(row.status != "finished" for row in self.rows)
-        return f'<Study "{self.title}": {len(self.rows)} settings, {failed} failed>'
+        Raises
+        ------
+        OutputError
+            A file cannot be written.
+        """
+        text = self.folder / "study.md"
+        try:
+            text.write_text(self.markdown(), encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"{text}: cannot be written ({error.strerror or error})") from None
+        files = [self.to_csv(self.folder / "study.csv"), text]
+        if any(math.isfinite(row.time) for row in self.rows):
+            files.append(self.folder / "work_precision.png")
+            self.plot(files[-1])
+        if self.compared and any(_has_several_models(rows) for rows in self.groups().values()):
+            files.append(self.folder / "pareto.png")
+            self.plot_pareto(files[-1])
+        return files
 
-    def _repr_html_(self) -> str:
-        from flexmb.studies.tables import html
-
-        return html(self)
-
-    def groups(self) -> Mapping[str, Sequence[Row]]:
-        """The settings by machine, those that the model refuses left out."""
-        found: dict[str, list[Row]] = {}
+    def _floors(self) -> dict[str, float]:
+        """Errors below these are not shown, whatever the machine."""
+        floors: dict[str, float] = {}
         for row in self.rows:
-            if row.group:
-                found.setdefault(row.group, []).append(row)
-        return found
+            for name in self.compared:
+                if name in row.errors and row.errors[name].shown:
+                    floors[name] = max(floors.get(name, 0.0), row.errors[name].floor)
+        return floors
+
+    def _note(self, first: str) -> str:
+        failed = sum(row.status != "finished" for row in self.rows)
+        failures = f"; {_FAILED} {failed} of {len(self.rows)} settings failed" if failed else ""
+        times = f"median of {self.repeats}, {self.workers} at a time"
+        return f"{first}; wall time: {times}{failures}\n{machine()}"
+
+
+def _error_cell(error: Error | None) -> str:
+    if error is None:
+        return "-"
+    if not error.shown:
+        return "?"
+    return f"< {error_text(error.floor)}" if error.value < error.floor else error_text(error.value)
+
+
+def _has_several_models(rows: Sequence[Row]) -> bool:
+    return len({row.physics for row in rows if row.physics}) > 1
+
+
+def _curves(lines: dict[str, list[Row]], quantity: str) -> list[Curve]:
+    from flexmb.view import Curve
+
+    curves = []
+    for name, rows in lines.items():
+        shown = [row for row in rows if quantity in row.errors and row.errors[quantity].shown]
+        times = [row.time for row in shown]
+        errors = [row.errors[quantity].bound for row in shown]
+        texts = [label({k: v for k, v in row.values.items() if is_numerical(k)}) for row in shown]
+        curves.append(Curve(name, times, errors, texts))
+    return curves
+
+
+def _save(figure: Figure, output: str | Path | None) -> Figure:
+    from flexmb.view import save_figure
+
+    if not figure.axes:
+        raise ViewError("no run has an error to draw")
+    if output is not None:
+        save_figure(figure, output)
+    return figure

@@ -1,4 +1,4 @@
-"""A study from end to end: plan, reduce bodies, run, find the truth, measure.
+"""A study from end to end: settings, reduction of bodies, runs, reference, errors.
 
 In: a scene or a model, and knobs with values. Out: a :class:`Study`. Runs that an earlier call left
 in the same folder are used again.
@@ -15,18 +15,15 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.tasks.study import StudySpec
 from flexmb.model.tasks.sweep import sweep_values
 from flexmb.progress import Progress, silent
-from flexmb.studies.base import Base, base_of_model, base_of_scene
-from flexmb.studies.course import Course
-from flexmb.studies.plan import settings_of
-from flexmb.studies.pool import workers_of
+from flexmb.studies.channel_errors import check_sensors
 from flexmb.studies.report import Study
-from flexmb.studies.sensing import check_sensors
-from flexmb.studies.store import Store
+from flexmb.studies.runner import StudyRunner
+from flexmb.studies.settings import StudySource, make_settings
+from flexmb.studies.workers import open_workers
+from flexmb.workflow import writable_folder
 
 if TYPE_CHECKING:
     from flexmb.model import Model
-
-__all__ = ["study"]
 
 
 def study(
@@ -38,7 +35,7 @@ def study(
     workers: int = 2,
     fresh: bool = False,
     progress: Progress = silent,
-    **judged: Any,
+    **criteria: Any,
 ) -> Study:
     """Run all combinations of some knobs and say what accuracy costs.
 
@@ -62,7 +59,7 @@ def study(
         Run anew what is there already.
     progress : Progress
         Told the phases `reduce`, `study` and `reference`.
-    **judged
+    **criteria
         ``repeats`` of each run (3), ``target`` error (0.01), ``sensors`` (all), in place of those
         of ``[study]``.
 
@@ -78,58 +75,53 @@ def study(
     OutputError
         The folder cannot be written.
     """
-    base = _base(scene, overrides, output)
-    spec = _spec(base, vary, judged)
+    source = _source(scene, overrides, output)
+    spec = _spec(source.model, vary, criteria)
     if workers < 1:
         raise SceneError(f"workers: at least one is needed, given {workers}")
-    settings = settings_of(base, spec.vary)
+    settings = make_settings(source, spec.vary)
     good = [setting for setting in settings if setting.model is not None]
-    assert good[0].model is not None  # `settings_of` refuses a study without any
+    assert good[0].model is not None  # `make_settings` refuses a study without any
     check_sensors(good[0].model, spec.sensors)
-    store = Store(base.output)
-    store.make()
-    with workers_of(workers, fresh) as pool:
-        return Course(base, spec, store, pool, progress).study(settings)
+    writable_folder(source.output)
+    with open_workers(workers, fresh) as pool:
+        return StudyRunner(source, spec, pool, progress).run(settings)
 
 
-def _base(
+def _source(
     scene: str | Path | Model, overrides: Mapping[str, Any] | None, output: str | Path | None
-) -> Base:
+) -> StudySource:
     if isinstance(scene, str | Path):
-        return base_of_scene(scene, overrides, output)
+        return StudySource.of_scene(scene, overrides, output)
     if overrides:
         raise SceneError("overrides are for scene files; change the model itself")
-    return base_of_model(scene, output)
+    return StudySource.of_model(scene, output)
 
 
-def _spec(base: Base, vary: Mapping[str, Any] | None, judged: Mapping[str, Any]) -> StudySpec:
+def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, Any]) -> StudySpec:
     """What the scene says of its study, with what is given here in place of it."""
-    known = tuple(name for name in StudySpec.model_fields if name != "vary")
-    unknown = [name for name in judged if name not in known]
-    problems = [Problem(name, "unknown", known, nearest(name, known)) for name in unknown]
+    allowed = tuple(name for name in StudySpec.model_fields if name != "vary")
+    unknown = [name for name in criteria if name not in allowed]
+    problems = [Problem(name, "unknown", allowed, nearest(name, allowed)) for name in unknown]
     if vary is not None and not isinstance(vary, Mapping):
         problems.append(Problem("vary", "knobs with their values are expected"))
-    given: dict[str, Any] = {} if base.model.study is None else base.model.study.model_dump()
-    given |= {name: value for name, value in judged.items() if value is not None}
+    fields: dict[str, Any] = {} if model.study is None else model.study.model_dump()
+    fields |= {name: value for name, value in criteria.items() if value is not None}
     if vary:
-        given["vary"] = {}
+        fields["vary"] = {}
         for knob, values in vary.items():
             try:
-                given["vary"][knob] = sweep_values(values)
+                fields["vary"][knob] = sweep_values(values)
             except SceneError as error:
-                problems += [Problem(f"vary {knob}", found.what) for found in error.problems]
+                problems += [Problem(f"vary {knob}", problem.what) for problem in error.problems]
     if problems:
         raise SceneError.from_problems(problems)
-    if "vary" not in given:
+    if "vary" not in fields:
         what = 'no knob to vary: give some, or [study] with vary = { accuracy = "1e-2..1e-6" }'
         raise SceneError(what)
-    return _checked(base.model, given)
-
-
-def _checked(model: Model, given: Mapping[str, Any]) -> StudySpec:
-    tried = copy.copy(model)
-    spec = tried.set_study(**given)
-    problems = [found for found in tried.problems() if found.where.startswith("study")]
+    changed = copy.copy(model)
+    spec = changed.set_study(**fields)
+    problems = [problem for problem in changed.problems() if problem.where.startswith("study")]
     if problems:
         raise SceneError.from_problems(problems)
     return spec

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
-from flexmb.flexbody.held import held_modes
+from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.view.camera import body_camera
 from flexmb.view.content import Camera, Content, Deformed, Scale
 from flexmb.view.files import writable_file
@@ -115,7 +115,7 @@ def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    found = held_modes(body, held)
+    found = natural_modes(body, held)
     return found.frequencies, found.shapes(points, shapes)
 
 

@@ -6,28 +6,31 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.bodies import flexible_bodies
 from flexmb.workflow.catalog import TOPICS, Listing, listing
 from flexmb.workflow.check import check_scene
+from flexmb.workflow.installation import Installation, Warmup, examine_installation, machine, warmup
 from flexmb.workflow.mobility import mobility
-from flexmb.workflow.place import output_folder
+from flexmb.workflow.place import output_folder, writable_folder
 from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
 from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
 from flexmb.workflow.templates import new_scene, templates
-from flexmb.workflow.warmup import Warmed, warmup
 
 __all__ = [
     "TOPICS",
     "CheckOutcome",
     "CheckReport",
+    "Installation",
     "Listing",
     "Reduced",
     "ReducedScene",
     "RunReport",
-    "Warmed",
+    "Warmup",
     "check_scene",
+    "examine_installation",
     "flexible_bodies",
     "kinematics",
     "listing",
+    "machine",
     "mobility",
     "new_scene",
     "output_folder",
@@ -40,4 +43,5 @@ __all__ = [
     "simulate",
     "templates",
     "warmup",
+    "writable_folder",
 ]

@@ -18,7 +18,7 @@ from flexmb.errors import Problem, ResultFileError
 from flexmb.workflow.origin import body_hash, origin
 
 if TYPE_CHECKING:
-    from flexmb.analysis.assembly.analysis import Begin
+    from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.engine.compile import Compiled
     from flexmb.engine.layout import BodyColumns
     from flexmb.engine.state import State
@@ -38,7 +38,7 @@ class Beginning:
     """The end of another run as the start of this one."""
 
     source: Path
-    begin: Begin
+    begin: StartValues
     matched: tuple[BodyColumns, ...]
     notes: tuple[str, ...]
 
@@ -86,7 +86,7 @@ def beginning(
         The result cannot be read, holds no rows, has no body of a name of this model, or is not
         in the plane of a planar model.
     """
-    from flexmb.analysis.assembly.analysis import Begin
+    from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.results import Result
 
     other = given if isinstance(given, Result) else Result(given)
@@ -124,7 +124,7 @@ def beginning(
         notes.append(
             f"begins without deformation, being reduced otherwise: {', '.join(undeformed)}"
         )
-    return Beginning(other.path, Begin(q, v), matched, tuple(notes))
+    return Beginning(other.path, StartValues(q, v), matched, tuple(notes))
 
 
 def _same_modes(body: FlexBody, known: Mapping[str, str]) -> bool:

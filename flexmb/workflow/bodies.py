@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.bodies.body import FlexbodySpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.mesh_body import MeshBodySpec
 
 __all__ = ["bodies_of_surveys", "flexible_bodies", "surveyed_bodies"]
 
@@ -71,7 +71,7 @@ def flexible_bodies(
     """
     from flexmb.flexbody import save
     from flexmb.model.bodies.body import FlexbodySpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.mesh_body import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -122,7 +122,7 @@ def _file_names(bodies: Iterable[str]) -> dict[str, str]:
 def surveyed_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     """What the reduction of each mesh will find, by body, and the problems of all bodies."""
     from flexmb.model.bodies.body import FlexbodySpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.mesh_body import MeshBodySpec
 
     problems: list[Problem] = []
     surveys: dict[str, Survey] = {}
@@ -152,7 +152,7 @@ def bodies_of_surveys(
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
     from flexmb.model.bodies.body import FlexbodySpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.mesh_body import MeshBodySpec
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
@@ -179,7 +179,7 @@ def bodies_of_surveys(
 def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
     """A body given by its file or as an object; with its modes in the plane of a planar scene."""
     from flexmb.flexbody import load
-    from flexmb.flexbody.planar import planar_body
+    from flexmb.flexbody.planar_body import planar_body
     from flexmb.model.plane import normal_in_body
 
     held = spec.flexbody
@@ -189,7 +189,7 @@ def _held(model: Model, spec: FlexbodySpec) -> FlexBody:
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
-    from flexmb.model.bodies.meshbody import MeshBodySpec
+    from flexmb.model.bodies.mesh_body import MeshBodySpec
 
     told = []
     for problem in problems:

@@ -35,8 +35,7 @@ def meshes() -> Listing:
 
 def sections() -> Listing:
     """Sections of beams, shells and solids."""
-    from flexmb.model.bodies.beam_sections import ReleasesSpec
-    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec
+    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
 
     about = "The section of each element group of a mesh; all takes what no other names:"
     kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
@@ -48,11 +47,15 @@ def sections() -> Listing:
 
 def reductions() -> Listing:
     """How meshes become modes."""
-    from flexmb.model.bodies.interfaces import InterfaceSpec, MassSpec, NodeSpringSpec, TieSpec
-    from flexmb.model.bodies.meshbody import MeshBodySpec
-    from flexmb.model.bodies.meshloads import LOAD_TYPES
-    from flexmb.model.bodies.reduction import METHODS as REDUCTIONS
-    from flexmb.model.bodies.reduction import ModesSpec
+    from flexmb.model.bodies.interfaces import (
+        LOAD_TYPES,
+        InterfaceSpec,
+        MassSpec,
+        NodeSpringSpec,
+        TieSpec,
+    )
+    from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
+    from flexmb.model.bodies.mesh_body import MeshBodySpec, ModesSpec
 
     kinds = {
         "a body": MeshBodySpec,

@@ -116,7 +116,7 @@ def _controllers() -> Listing:
 
 
 def _shapes() -> Listing:
-    from flexmb.model.bodies.shapes import SHAPES
+    from flexmb.model.bodies.mass_properties import SHAPES
 
     return Listing("shapes of rigid bodies: [bodies.name] shape = { ... }", fields_tables(SHAPES))
 

@@ -11,7 +11,7 @@ from flexmb.units import SI, UnitSystem
 from flexmb.workflow.reports import CheckReport
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility.report import Mobility
+    from flexmb.analysis.mobility.degrees_of_freedom import Mobility
     from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
@@ -41,7 +41,7 @@ def check_scene(
     AssemblyError
         It cannot be assembled, or its drivers contradict each other or the joints.
     """
-    from flexmb.analysis.mobility.report import LARGEST
+    from flexmb.analysis.assembly.rank import MAX_COORDINATES
     from flexmb.model import load_scene
     from flexmb.model.counts import count
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
@@ -60,8 +60,10 @@ def check_scene(
     known, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
     _check_results(model, known, rigid)
     moves = None
-    if counts.rigid_coordinates > LARGEST:
-        notes.append(f"more than {LARGEST} coordinates: equations are counted, not their rank")
+    if counts.rigid_coordinates > MAX_COORDINATES:
+        notes.append(
+            f"more than {MAX_COORDINATES} coordinates: equations are counted, not their rank"
+        )
     elif model.joints or model.dynamics is not None:
         moves, told = _mobility(model, known, rigid)
         notes += told
@@ -78,11 +80,11 @@ def check_scene(
 def _check_results(model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
     """Refuse names of nothing in what is to be stored."""
     from flexmb.engine.compile import compile_system
-    from flexmb.results import Columns, kept_columns
+    from flexmb.results import Columns, stored_columns
 
     if model.results is not None and model.results.keep:
         scene = {"results": {"keep": model.results.keep}, **_reacting(model)}
-        kept_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
+        stored_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
 
 
 def _reacting(model: Model) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def finish(
     folder = run.path.parent
     told = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
     picture, history = _draw(run, folder, progress) if pictures else (None, None)
-    if pictures and len(run.time) and not run.is_kept("q"):
+    if pictures and len(run.time) and not run.has_columns("q"):
         told.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
     if outcome.status == "failed":
         kept = f"{run.path} keeps the {len(run.time)} outputs until then"
@@ -72,7 +72,7 @@ def _draw(run: Result, folder: Path, progress: Progress) -> tuple[Path | None, P
     if not len(run.time):
         return None, None
     picture = history = None
-    if run.is_kept("q"):
+    if run.has_columns("q"):
         progress("picture", 0.0)
         picture = render(run, output=folder / "picture.png")
         progress("picture", 1.0)

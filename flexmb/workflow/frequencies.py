@@ -17,13 +17,13 @@ __all__ = ["frequency_outcomes"]
 
 def frequency_outcomes(model: Model, bodies: Mapping[str, FlexBody]) -> list[CheckOutcome]:
     """One outcome for each known frequency of these bodies; a mode that is not there gives NaN."""
-    from flexmb.flexbody.held import held_frequencies
+    from flexmb.flexbody.natural_modes import natural_frequencies
 
     outcomes = []
     for check in model.frequency_checks:
         if check.body not in bodies:
             continue
-        found = held_frequencies(bodies[check.body], check.held)
+        found = natural_frequencies(bodies[check.body], check.held)
         value = float(found[check.mode - 1]) if check.mode <= len(found) else math.nan
         held = f"{', '.join(check.held)} held" if check.held else "free"
         outcomes.append(

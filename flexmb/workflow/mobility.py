@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flexmb.errors import FlexmbError, SceneError
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility.report import Mobility
+    from flexmb.analysis.mobility.degrees_of_freedom import Mobility
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
@@ -40,7 +40,8 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
     FlexmbError
         It has too many coordinates.
     """
-    from flexmb.analysis.mobility.report import LARGEST, examine
+    from flexmb.analysis.assembly.rank import MAX_COORDINATES
+    from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
     from flexmb.engine.compile import compile_system
     from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
 
@@ -52,7 +53,7 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
             raise SceneError.from_problems(problems)
         known = {**bodies_of_surveys(model, surveys)[0], **known}
     compiled = compile_system(model, known)
-    if compiled.layout.nv > LARGEST:
+    if compiled.layout.nv > MAX_COORDINATES:
         what = f"the model has {compiled.layout.nv} coordinates; the rank of its equations is "
-        raise FlexmbError(f"{what}found for up to {LARGEST}")
-    return examine(compiled, model)
+        raise FlexmbError(f"{what}found for up to {MAX_COORDINATES}")
+    return mobility_of(compiled, model)

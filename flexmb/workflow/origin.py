@@ -63,7 +63,7 @@ def origin(result: Result) -> dict[str, Any]:
 
 def body_hash(body: FlexBody) -> str:
     """Hash of all that a flexible body is, but for its provenance."""
-    from flexmb.flexbody.schema import to_datasets
+    from flexmb.flexbody.body_file import to_datasets
 
     digest = hashlib.sha256(repr((body.name, body.mass)).encode())
     for path, value in sorted(to_datasets(body).items()):

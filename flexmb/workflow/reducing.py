@@ -169,7 +169,7 @@ def _judge(found: dict[str, Any], up_to: float | None, watch: Stopwatch) -> Any:
     """What :func:`flexmb.reduce` calls with all that it made: keeps a report by body name."""
 
     def judge(fe: Any, basis: Any, modes: Any, body: Any, mirror: Any) -> None:
-        from flexmb.fe.checks.quality import quality_report
+        from flexmb.fe.reduction.quality_report import quality_report
 
         phases = watch.lap()
         found[body.name] = quality_report(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from flexmb.analysis.mobility.report import Mobility
+    from flexmb.analysis.mobility.degrees_of_freedom import Mobility
     from flexmb.workflow.listings import Table
 
 __all__ = ["CheckOutcome", "CheckReport", "RunReport"]

@@ -130,12 +130,12 @@ def run_model(
 
 def _stored_part(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
     """A note where a scene keeps part of the results; its mistakes before anything is run."""
-    from flexmb.results import Columns, kept_columns, row_bytes
+    from flexmb.results import Columns, row_bytes, stored_columns
 
     if not scene.get("results", {}).get("keep"):
         return []
     columns = Columns.of(compiled.layout)
-    stored, whole = (row_bytes(kept_columns(columns, s)) for s in (scene, {}))
+    stored, whole = (row_bytes(stored_columns(columns, s)) for s in (scene, {}))
     return [f"[results] keeps {stored} of {whole} bytes of each row"]
 
 
@@ -228,9 +228,9 @@ def _opened(
 ) -> Result:
     """Run a model without pictures and open its result; notes become warnings."""
     from flexmb.results import Result
-    from flexmb.results.scratch import Scratch
+    from flexmb.results.reader import TemporaryFolder
 
-    scratch = None if output is not None else Scratch()
+    scratch = None if output is not None else TemporaryFolder()
     folder = scratch.path if scratch is not None else Path(output or ".")
     try:
         report = run_model(
@@ -239,7 +239,7 @@ def _opened(
         )  # fmt: skip
     except SolverError:  # its sentence says where the rows until then are
         if scratch is not None:
-            scratch.keep_until_the_end()
+            scratch.preserve()
         raise
     unit = model.units.label("s")
     failed = [

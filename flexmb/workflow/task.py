@@ -86,12 +86,12 @@ def prepared_task(
         Told every phase.
     """
     from flexmb.analysis.dynamics.analysis import integrate, prepare
-    from flexmb.analysis.kinematics.analysis import prepare_sweep, run_sweep
+    from flexmb.analysis.kinematics.kinematics import prepare_kinematics, run_kinematics
 
     if analysis == "kinematics":
-        ready = prepare_sweep(compiled, model, progress=progress)
+        ready = prepare_kinematics(compiled, model, progress=progress)
         return Task(
-            analysis, ready.spec.outputs + 1, lambda sink: run_sweep(ready, sink, progress=progress)
+            analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
         )
     begin = other.begin if other is not None else None
     prepared = prepare(compiled, model, begin=begin, progress=progress)

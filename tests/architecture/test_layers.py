@@ -15,7 +15,7 @@ HEAVY = (
     "numpy", "scipy", "skfem", "meshio", "pyvista", "vtkmodules", "matplotlib", "numba", "h5py",
     "pydantic", "typer", "rich",
 )  # fmt: skip
-MOST_LINES = 400
+MOST_LINES = 450
 TOP_LEVEL = {"pyproject.toml", "README.md", "LICENSE", "flexmb", "meshes", "cases", "tests"}
 
 
@@ -67,13 +67,12 @@ def test_kernels_import_numpy_the_tables_and_each_other(project: Path) -> None:
         "flexmb.engine.jit",
     )
     registries = ("flexmb.engine.row_kinds", "flexmb.engine.sensor_kinds")
-    folders = ("kernels", "forces", "sensors", "functions")
-    engine = (*tables, *registries, *(f"flexmb.engine.{folder}" for folder in folders))
-    for folder in folders:
-        kernels = _sources(project, f"flexmb/engine/{folder}")
-        assert kernels
-        for path in kernels:
-            assert _strangers(path, (*outside, *engine)) == [], path.name
+    rooms = ("kernels", "algebra", "bodies", "forces", "sensors", "functions")
+    engine = (*tables, *registries, *(f"flexmb.engine.{room}" for room in rooms))
+    kernels = [path for room in rooms for path in _sources(project, f"flexmb/engine/{room}")]
+    assert kernels
+    for path in kernels:
+        assert _strangers(path, (*outside, *engine)) == [], path.name
     for table in tables:
         path = project / (table.replace(".", "/") + ".py")
         assert _strangers(path, (*outside, *tables, "functools", "types")) == [], table
@@ -89,12 +88,18 @@ def _strangers(path: Path, allowed: tuple[str, ...]) -> list[str]:
 
 
 def _imported(path: Path) -> list[str]:
+    """Modules that a file imports, but for types alone."""
     modules: list[str] = []
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for branch in [node for node in ast.walk(tree) if isinstance(node, ast.If)]:
-        if getattr(branch.test, "id", "") == "TYPE_CHECKING":
-            branch.body = [ast.Pass()]
+    for_types = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
     for node in ast.walk(tree):
+        if node in for_types:
+            continue
         if isinstance(node, ast.Import):
             modules += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import dynamics as dynamics_of
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SceneError

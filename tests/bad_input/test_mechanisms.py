@@ -46,8 +46,8 @@ def of_no_direction() -> Model:
 CASES = {
     "locked": (
         lambda: four_bar(tilt=0.2, driven=True),
-        "drivers.motor: has nothing to drive: the mechanism is locked, its joints A, B, C, D hold "
-        "every motion; to free one motion exchange B: revolute -> spherical and C: revolute -> "
+        "drivers.motor: has nothing to drive: the mechanism is locked, its joints A, B, C, D "
+        "prevent every motion; to free one motion exchange B: revolute -> spherical and C: revolute -> "
         "cylindrical",
     ),
     "conflicting drivers": (

@@ -44,7 +44,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             ("--vary", "step=1.0..2.0:1000", "--vary", "r=1.0..2.0:11"),
             "11000 combinations; 10000 are",
         ),
-        (("--vary", "step=1e-3", "-o", "scene.toml/x"), "cannot write to the folder"),
+        (("--vary", "step=1e-3", "-o", "scene.toml/x"), "cannot write to the output folder"),
         (("--vary", "step=1e-3", "--set", "rr=1"), 'override rr: unknown parameter "rr"'),
     ],
 )

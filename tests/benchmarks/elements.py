@@ -16,10 +16,10 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning
 from flexmb.fe import assemble, reduce, resolve
-from flexmb.fe.meshes.table import mesh_from
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.sections.beam_shapes import rectangle
-from flexmb.fe.sections.shell import shell
-from flexmb.flexbody.held import held_modes
+from flexmb.fe.sections.shell_section import shell
+from flexmb.flexbody.natural_modes import natural_modes
 from tests.solidkit import clamped_block
 
 _L, _B, _H = 1.0, 0.1, 0.02
@@ -120,7 +120,7 @@ def unknowns(mesh, section):
 
 def shaped(body):
     """Frequencies of the clamped body by what its tip does: up and down, or turning about x."""
-    modes, tip = held_modes(body, ["root"]), body.interface("tip")
+    modes, tip = natural_modes(body, ["root"]), body.interface("tip")
     frame, eta = modes.frame, modes.eta
     moved = frame[:3] + np.cross(frame[3:].T, tip.position).T + tip.Phi_t @ eta
     turned = frame[3:] + tip.Phi_r @ eta

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from flexmb.analysis.kinematics.analysis import prepare_sweep
+from flexmb.analysis.kinematics.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import POINTS, analyse_kinematics
@@ -21,20 +21,20 @@ def per_point(model):
     compiled = compile_system(model)
     seconds = []
     for _ in range(_REPEATS):
-        ready = prepare_sweep(compiled, model)
-        n = ready.settings.outputs + 1
+        ready = prepare_kinematics(compiled, model)
+        n = ready.points
         output = new_output(compiled.system, n, len(compiled.layout.channels))
-        run = new_run(compiled.system, ready.state, ready.work, output=output)
+        run = new_run(compiled.system, ready.pose.state, ready.pose.work, output=output)
         begin = time.process_time()
-        status = analyse_kinematics(run, ready.path, ready.settings, POINTS, n)
+        status = analyse_kinematics(run, ready.pose.path, ready.settings, POINTS, n)
         seconds.append((time.process_time() - begin) / n)
         assert status == method.FINE, status
-    return median(seconds), ready.path.count / n
+    return median(seconds), ready.pose.path.count / n
 
 
 def main():
     begin = time.perf_counter()
-    prepare_sweep(compile_system(quick_return()), quick_return())
+    prepare_kinematics(compile_system(quick_return()), quick_return())
     print(f"ready after {time.perf_counter() - begin:.1f} s (units compiled or loaded)")
     print("\nQuick-return, positions, velocities, accelerations, reactions, energies of all points")
     print(f"{'model':>24} {'points/turn':>12} {'us/point':>9} {'iterations':>11} {'factors':>8}")

@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system

@@ -7,7 +7,7 @@ import pytest
 from femeshes import held_frequencies, slope
 from shellkit import KINDS, REFERENCE, SIMPLE, bending_frequencies, held, model, sheet
 
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -10,7 +10,7 @@ from solidkit import held, nodal_stress, pressure, solve
 from truthkit import reference
 
 from flexmb.fe import assemble, reduce, resolve
-from flexmb.flexbody.held import held_frequencies as natural_frequencies
+from flexmb.flexbody.natural_modes import natural_frequencies as natural_frequencies
 
 STEEL = resolve("steel")
 SECOND_ORDER = ("tetra10", "hexahedron20", "hexahedron27", "wedge15")

@@ -10,8 +10,8 @@ from solidkit import clamped_block, held, nodal_stress, solve
 from truthkit import reference
 
 from flexmb.fe import SolidSection, assemble, geometric_stiffness, resolve
-from flexmb.fe.elements.registry import FAMILIES
-from flexmb.fe.elements.solid import Solid
+from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.solid_elements import Solid
 
 STEEL = resolve("steel")
 NO_POISSON = resolve({"E": 200e9, "nu": 0.0, "density": 8000})

@@ -12,7 +12,7 @@ import pytest
 from femeshes import block, line
 
 from flexmb.fe import assemble, craig_bampton, make_interfaces, orthonormalise, rectangle, resolve
-from flexmb.fe.reduction.integrals import integrals
+from flexmb.fe.reduction.reduced_basis import integrals
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 1500.0})
 

@@ -15,8 +15,8 @@ from generators import cloud, interface, random_rotation
 from jointfields import special_fields
 from rowmeasures import placed_markers
 
-from flexmb.analysis.mobility.poses import close
-from flexmb.analysis.mobility.rows import ConstraintRows
+from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.analysis.assembly.positions import close_rows
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
@@ -132,10 +132,10 @@ class Pair:
                     i, angle = int(row["iq"]), self.rng.uniform(-1, 1)
                     bench.q[i + 2 : i + 7] = 0, np.cos(angle), 0, 0, np.sin(angle)
                 bench.v[bench.sys.kkt.column < 0] = 0.0
-            closed = close(ConstraintRows(bench.compiled), bench.q.copy())
-            if closed.kept and self._right_way(bench, closed.rows):
+            pose = close_rows(ConstraintRows(bench.compiled), bench.q.copy())
+            if pose is not None and self._right_way(bench, pose):
                 break
-        bench.q[:] = closed.q
+        bench.q[:] = pose.q
         bench.project()
         bench.accelerations()
         return bench.at()

@@ -10,7 +10,7 @@ from jointfields import special_fields
 from mechanisms import excavator, quick_return
 from rowmeasures import MEASURES, moved, rows_at
 
-from flexmb.analysis.mobility.rows import ConstraintRows, dense_jacobian, gradient
+from flexmb.analysis.assembly.jacobian import ConstraintRows, dense_jacobian, row_gradient
 from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
 from flexmb.engine.constraint_rows import evaluate_rows
 from flexmb.engine.row_kinds import DISTANCE, RADIAL, ROW_KINDS
@@ -65,12 +65,12 @@ def test_values_and_jacobian_are_those_of_the_kernels(bench):
 
 def test_rows_of_the_mobility_analysis_are_those_in_numpy(bench):
     """In plain Python, and in machine code unless the tests run without."""
-    t, found = float(bench.state.t[0]), ConstraintRows(bench.compiled)
+    t, constraints = float(bench.state.t[0]), ConstraintRows(bench.compiled)
     wanted = rows_at(bench.compiled, bench.q, t)
     with interpretation():
-        plain = found.at(bench.q, t)
+        plain = constraints.evaluate(bench.q, t)
     prepare_units([evaluate_rows])  # all others were called at the random state
-    for rows in (plain, found.at(bench.q, t)):
+    for rows in (plain, constraints.evaluate(bench.q, t)):
         np.testing.assert_allclose(rows.C, wanted.C, rtol=0, atol=ROUND_OFF)
         np.testing.assert_allclose(rows.Cq, wanted.Cq, rtol=0, atol=ROUND_OFF)
         np.testing.assert_allclose(rows.g, wanted.g, rtol=0, atol=ROUND_OFF)
@@ -84,16 +84,16 @@ def test_positions_move_as_in_the_kernels():
     wanted = bench.moved(bench.q, d)
     np.testing.assert_allclose(moved(bench.compiled, bench.q, d), wanted, atol=1e-14)
     rows = ConstraintRows(bench.compiled)
-    np.testing.assert_allclose(rows.moved(bench.q, d), wanted, atol=1e-14)
+    np.testing.assert_allclose(rows.move(bench.q, d), wanted, atol=1e-14)
     with interpretation():
-        np.testing.assert_allclose(rows.moved(bench.q, d), wanted, atol=1e-14)
+        np.testing.assert_allclose(rows.move(bench.q, d), wanted, atol=1e-14)
 
 
 def test_a_row_without_a_gradient_is_not_finite():
     """A distance of zero has no direction, whether in Python or in machine code."""
     x, R = np.zeros(3), np.eye(3)
-    assert not np.any(np.isfinite(gradient((DISTANCE, 0, 0), x, R, x, R)[:3]))
-    assert not np.any(np.isfinite(gradient((RADIAL, 0, 0), x, R, x, R)[:3]))
+    assert not np.any(np.isfinite(row_gradient((DISTANCE, 0, 0), x, R, x, R)[:3]))
+    assert not np.any(np.isfinite(row_gradient((RADIAL, 0, 0), x, R, x, R)[:3]))
 
 
 def test_every_kind_of_row_has_its_measure():
@@ -108,5 +108,5 @@ def test_rows_are_evaluated_by_machine_code_where_it_is_there(monkeypatch):
     prepare_units([evaluate_rows])
     if not interpreted():
         monkeypatch.setattr(evaluate_rows, "function", pytest.fail)
-    rows = ConstraintRows(bench.compiled).at(bench.q)
+    rows = ConstraintRows(bench.compiled).evaluate(bench.q)
     np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=ROUND_OFF)

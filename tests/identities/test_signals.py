@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import BODIES, Mechanism
 
-from flexmb.analysis.mobility.report import examine
+from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
@@ -227,5 +227,5 @@ def test_states_are_no_freedoms():
     model.add_state("z", rate="x.x - z")
     model.add_controller("c", "pid", input="z", kp=1, ki=2, kd=3, filter=0.1)
     model.add_force("line", "line-force", between=["ground", "a"], value="c")
-    found = examine(compile_system(model), model)
+    found = mobility_of(compile_system(model), model)
     assert (found.coordinates, found.rank, found.delta, found.redundant) == (6, 5, 1, 0)

@@ -16,7 +16,7 @@ from flexmb.errors import BodyFileError, ReductionError, ViewError
 from flexmb.fe import Mesh, rectangle, reduce
 from flexmb.fe.sections.thin_walls import i_section
 from flexmb.flexbody import rigid_body, save
-from flexmb.flexbody.held import held_modes
+from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.view import modes
 
 
@@ -52,7 +52,7 @@ def test_a_grid_has_a_mode_in_every_panel(beam, tmp_path: Path, drawn_by: str) -
 
 
 def test_the_held_end_stays_and_the_bar_is_as_thick_as_its_section(beam) -> None:
-    found = held_modes(beam, ["root"])
+    found = natural_modes(beam, ["root"])
     shapes = found.shapes(beam.surface.points, beam.surface.modes)
     at_root = beam.surface.points[:, 0] < 1e-9
     largest = np.abs(shapes).max(axis=(0, 1))

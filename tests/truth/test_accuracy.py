@@ -8,6 +8,7 @@ when slow tests are run, and as a table by `python -m tests.benchmarks.accuracy`
 from __future__ import annotations
 
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -299,3 +300,20 @@ def test_a_jump_at_a_place_is_met_with_small_steps(method):
     assert error < 2e-5
     if error > 0.2e-5:
         assert found.statistics["measured_error_of_positions"] > error / 3
+
+
+@pytest.mark.parametrize("name", ["swing of 1 µm at 1 m", "sleeping top", "driven pendulum"])
+def test_the_floor_of_round_off_is_named_and_true(name):
+    """An accuracy that nothing reaches: the run tells its floor, and asked for that all is well."""
+    scene = SCENES[name]
+    knobs = {"duration": scene.duration, "outputs": scene.outputs}
+
+    def judge(accuracy):
+        return judged(scene.make(1.0), lambda t: truth_of(scene, t), accuracy=accuracy, **knobs)
+
+    found = judge(1e-12)
+    (sentence,) = [note for note in found.notes if "was asked for" in note]
+    assert "shorter steps do not help" in sentence and 1 / 3 <= found.share <= 3
+    floor = float(re.search(r"ask for accuracy = (\S+?)[,;]?$", sentence)[1])
+    found = judge(floor)
+    assert found.achieved <= floor and not any("was asked for" in note for note in found.notes)

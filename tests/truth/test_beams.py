@@ -11,7 +11,7 @@ from femeshes import held_frequencies, line
 from scipy.linalg import eigh
 
 from flexmb.fe import Mesh, assemble, circle, rectangle, resolve
-from flexmb.fe.assembly.geometric import geometric_stiffness
+from flexmb.fe.assembly.assemble import geometric_stiffness
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "references" / "beams.json").read_text())
 STEEL = resolve({"E": 210e9, "nu": 0.3, "density": 7850})

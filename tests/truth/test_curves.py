@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truthkit import order, run
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ellipk, gamma
 from truthkit import order, reference, run, stiffness_and_mass
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

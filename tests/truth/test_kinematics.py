@@ -181,7 +181,7 @@ made.add_joint("cross", "universal", between=["input", "output"], axis=[0, 0, 1]
 made.add_driver("motor", joint="first", angle="2*t")
 outcome, rows, _ = swept(made, duration=3.0, outputs=6)
 assert outcome.status == "finished", outcome.message
-assert any("repeat others" in note for note in outcome.notes)
+assert any("are redundant" in note for note in outcome.notes)
 found["hooke.t"], found["hooke.v"] = rows["t"], rows["v"]
 
 def crank_slider(rod):

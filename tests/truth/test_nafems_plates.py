@@ -23,7 +23,7 @@ from shellkit import (
     sheet,
 )
 
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material
 
 MATERIAL = Material("NAFEMS", 200e9, 0.3, 8000.0)

@@ -22,7 +22,7 @@ from shellkit import (
     static,
 )
 
-from flexmb.fe.sections.shell import Layer, layered, shell
+from flexmb.fe.sections.shell_section import Layer, layered, shell
 from flexmb.materials import Material, OrthotropicMaterial
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -17,7 +17,7 @@ from scipy.special import iv, jv
 
 from flexmb.fe import assemble, resolve, section_from
 from flexmb.fe.meshes.lattice import KINDS
-from flexmb.fe.meshes.table import mesh_from
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 
 STEEL = resolve("steel")
 

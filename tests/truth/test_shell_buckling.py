@@ -8,7 +8,7 @@ from scipy.sparse.linalg import eigsh
 from shellkit import KINDS, held, model, node_at, rectangle, sheet, static
 
 from flexmb.fe import geometric_stiffness
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -13,9 +13,9 @@ from scipy.sparse.linalg import eigsh
 from shellkit import KINDS, REFERENCE, held, model, node_at, sheet, static
 
 from flexmb.fe import Mesh, assemble, geometric_stiffness
-from flexmb.fe.assembly.inertia import component_masses
-from flexmb.fe.assembly.scatter import Accumulator
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.assembly.mass import component_masses
+from flexmb.fe.assembly.numbering import Accumulator
+from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material
 
 STATIC = REFERENCE["static"]

@@ -13,7 +13,7 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from truthkit import Memory, order, run
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError

@@ -1,4 +1,4 @@
-"""What does not close: the worst joints with their gaps, joints on the wrong branch."""
+"""What does not close: the worst joints with their gaps, joints and cams on the wrong branch."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.contacts import branch_problems
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compile.joints.joint_rows import signs_of_axes
 from flexmb.engine.layout import BodyColumns
@@ -18,107 +17,101 @@ from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem
 
-__all__ = ["Gap", "Moved", "check_branches", "gap_problems", "gaps", "moved_bodies", "opened"]
-
-_SHOWN = 3
-_SAME = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
-_STAYED = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
-_LITTLE = 0.1 * _STAYED  # of each coordinate: seven of them together make less than that
-
-
-@dataclass(frozen=True)
-class Gap:
-    """How far a joint or driver is open: its scene path, metres and radians."""
-
-    where: str
-    distance: float
-    angle: float
-
-    @property
-    def open(self) -> bool:
-        """Whether it is more than round-off."""
-        return self.distance > 0.0 or self.angle > 0.0
-
-    def said(self, units: UnitSystem) -> str:
-        """In the scene's unit of length and in degrees."""
-        return f"{units.say(self.distance, 'm', 4)} and {np.degrees(self.angle):.4g} deg"
+_MAX_SHOWN = 3
+_SAME_DIRECTION = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
+_ROUND_OFF = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
+_COORDINATE_ROUND_OFF = (
+    0.1 * _ROUND_OFF
+)  # of each coordinate: seven of them together make less than that
+_PENETRATION = 1e-6  # of the size of a curve that a follower may be inside of it
 
 
 @dataclass(frozen=True)
-class Moved:
-    """How far a body was moved and turned to close the gaps: metres and radians."""
+class Offset:
+    """How far a joint or driver is open, or a body was moved and turned: metres and radians.
+
+    `name` is a scene path, or the name of the body.
+    """
 
     name: str
     distance: float
     angle: float
 
-    def said(self, units: UnitSystem) -> str:
+    def text(self, units: UnitSystem) -> str:
         """In the scene's unit of length and in degrees."""
         return f"{units.say(self.distance, 'm', 4)} and {np.degrees(self.angle):.4g} deg"
 
+    def size(self, length: float) -> float:
+        """One number to sort by, with distances over a length."""
+        return self.distance / length + self.angle
 
-def gaps(compiled: Compiled, work: Work) -> list[Gap]:
+
+def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
     """The gaps of all joints and drivers at the last evaluated positions, worst first."""
     system, names = compiled.system, compiled.layout.rows
-    found: list[tuple[float, Gap]] = []
+    gaps = []
     for group in system.groups:
         rows = slice(int(group["row"]), int(group["row"] + group["n"]))
         C = np.where(np.isfinite(work.con.C[rows]), work.con.C[rows], np.inf)
-        turned = np.array([ROW_KINDS[kind].angular for kind in system.rows["kind"][rows]], bool)
-        gap, angle = float(np.linalg.norm(C[~turned])), float(np.linalg.norm(C[turned]))
-        where = names[rows.start].split(":")[0]
-        gap, angle = _without_round_off(compiled, gap, angle)
-        found.append((gap / compiled.length + angle, Gap(where, gap, angle)))
-    found.sort(key=lambda item: -item[0])
-    return [gap for _, gap in found]
+        angular = np.array([ROW_KINDS[kind].angular for kind in system.rows["kind"][rows]], bool)
+        distance, angle = float(np.linalg.norm(C[~angular])), float(np.linalg.norm(C[angular]))
+        name = names[rows.start].split(":")[0]
+        gaps.append(Offset(name, *_without_round_off(compiled, distance, angle)))
+    return sorted(gaps, key=lambda gap: -gap.size(compiled.length))
 
 
 def moved_bodies(
     compiled: Compiled, before: NDArray[np.float64], after: NDArray[np.float64]
-) -> tuple[Moved, ...]:
+) -> tuple[Offset, ...]:
     """The bodies that differ between two positions (nq), farthest first."""
-    found = []
+    moved = []
     for body in _changed(compiled, before, after):
         q, p = before[body.iq : body.iq + 7], after[body.iq : body.iq + 7]
         sine = np.linalg.norm(np.outer(q[3:], p[3:]) - np.outer(p[3:], q[3:])) / np.sqrt(2.0)
         angle = 2.0 * float(np.arctan2(sine, abs(q[3:] @ p[3:])))
-        far, angle = _without_round_off(compiled, float(np.linalg.norm(p[:3] - q[:3])), angle)
-        if not (far == 0.0 and angle == 0.0):
-            found.append((far / compiled.length + angle, Moved(body.name, far, angle)))
-    return tuple(moved for _, moved in sorted(found, key=lambda item: -item[0]))
+        distance = float(np.linalg.norm(p[:3] - q[:3]))
+        offset = Offset(body.name, *_without_round_off(compiled, distance, angle))
+        moved += [offset] if offset.distance > 0.0 or offset.angle > 0.0 else []
+    return tuple(sorted(moved, key=lambda body: -body.size(compiled.length)))
 
 
 def _changed(
     compiled: Compiled, before: NDArray[np.float64], after: NDArray[np.float64]
 ) -> Iterator[BodyColumns]:
     """The bodies that may have moved: a coordinate of theirs differs by more than a little."""
-    least = _LITTLE * np.repeat([compiled.length, 1.0], [3, 4])
+    least = _COORDINATE_ROUND_OFF * np.repeat([compiled.length, 1.0], [3, 4])
     columns = compiled.system.parts.bodies["iq"][:, None] + np.arange(7)
     little = (np.abs(after[columns] - before[columns]) <= least).all(axis=1)
     return (compiled.layout.bodies[k] for k in np.flatnonzero(~little))
 
 
-def opened(found: Sequence[Gap], moved: Sequence[Moved], units: UnitSystem) -> list[str]:
+def assembly_notes(gaps: Sequence[Offset], moved: Sequence[Offset], units: UnitSystem) -> list[str]:
     """What was open as placed, worst first, and which bodies moved for it, in the scene's units.
 
     Nothing if no body had to move.
     """
     if not moved:
         return []
-    wide = [f"{gap.where} by {gap.said(units)}" for gap in found if gap.open][:_SHOWN]
-    far = [f"{body.name} by {body.said(units)}" for body in moved[:_SHOWN]]
     return [
-        f"open as placed: {', '.join(wide)}",
-        f"closed with least change; moved: {', '.join(far)}",
+        f"position error before assembly: {_listing(gaps, units)}",
+        f"assembled with least change; moved: {_listing(moved, units)}",
     ]
 
 
+def _listing(offsets: Sequence[Offset], units: UnitSystem) -> str:
+    shown = [one for one in offsets[:_MAX_SHOWN] if one.distance > 0.0 or one.angle > 0.0]
+    return ", ".join(f"{one.name} by {one.text(units)}" for one in shown)
+
+
 def _without_round_off(compiled: Compiled, far: float, angle: float) -> tuple[float, float]:
-    return 0.0 if far <= _STAYED * compiled.length else far, 0.0 if angle <= _STAYED else angle
+    return (
+        0.0 if far <= _ROUND_OFF * compiled.length else far,
+        0.0 if angle <= _ROUND_OFF else angle,
+    )
 
 
 def gap_problems(
-    compiled: Compiled, model: Model, work: Work, moved: tuple[Moved, ...]
+    compiled: Compiled, model: Model, work: Work, moved: tuple[Offset, ...]
 ) -> list[Problem]:
     """The worst joints and drivers with their gaps, and the bodies that were moved most."""
     head = Problem(
@@ -128,14 +121,31 @@ def gap_problems(
         "(assembly.guess)",
     )
     worst = [
-        Problem(gap.where, f"stays open by {gap.said(model.units)}")
-        for gap in gaps(compiled, work)[:_SHOWN]
-        if gap.open
+        Problem(gap.name, f"stays open by {gap.text(model.units)}")
+        for gap in joint_gaps(compiled, work)[:_MAX_SHOWN]
+        if gap.distance > 0.0 or gap.angle > 0.0
     ]
     if not moved:
         return [head, *worst]
-    told = ", ".join(f"{body.name} by {body.said(model.units)}" for body in moved[:_SHOWN])
-    return [head, *worst, Problem("assembly", f"moved in vain: {told}")]
+    return [head, *worst, Problem("assembly", f"moved in vain: {_listing(moved, model.units)}")]
+
+
+def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
+    """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish.
+
+    Raises
+    ------
+    AssemblyError
+        Such joints, and cams that pass through their followers.
+    """
+    what = (
+        "assembles with its sides turned against each other; turn a marker or body, or "
+        "guess the angle of a joint near it (assembly.guess)"
+    )
+    problems = [Problem(path, what) for path in _turned_joints(compiled, model, work)]
+    problems += _cam_problems(compiled, model, state, work)
+    if problems:
+        raise AssemblyError.from_problems(problems)
 
 
 def _turned_joints(compiled: Compiled, model: Model, work: Work) -> Iterator[str]:
@@ -146,17 +156,57 @@ def _turned_joints(compiled: Compiled, model: Model, work: Work) -> Iterator[str
     for path, cosine in zip(compiled.layout.reactions, cosines.tolist(), strict=True):
         section, _, name = path.partition(".")
         signs = signs_of_axes(model.joints[name].type) if section == "joints" else ()
-        if any(cosine[a] < _SAME for a in signs):
+        if any(cosine[a] < _SAME_DIRECTION for a in signs):
             yield path
 
 
-def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
-    """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish."""
-    what = (
-        "assembles with its sides turned against each other; turn a marker or body, or "
-        "guess the angle of a joint near it (assembly.guess)"
-    )
-    problems = [Problem(path, what) for path in _turned_joints(compiled, model, work)]
-    problems += branch_problems(compiled, model, state, work)
-    if problems:
-        raise AssemblyError.from_problems(problems)
+def _cam_problems(compiled: Compiled, model: Model, state: State, work: Work) -> Iterator[Problem]:
+    """Followers that their cam passes through in the assembled pose: on a wrong branch."""
+    system = compiled.system
+    for curve in system.parts.curve_markers:
+        name = compiled.layout.coordinates[curve["coordinate"]].split(".")[1]
+        joint = model.joints[name]
+        if joint.type not in ("cam-flat", "cam-roller"):
+            continue
+        points, size = _curve_points(compiled, curve, state, work)
+        row = system.rows[system.groups[curve["group"]]["row"]]
+        follower = work.now.marker[int(row["I" if curve["side"] else "J"])]
+        if joint.type == "cam-flat":
+            height = (points - follower["x"]) @ follower["R"][:, 2]
+            cut = min(height.max(), -height.min())
+        else:
+            assert joint.radius is not None  # a roller has one
+            cut = joint.radius - np.linalg.norm(points - follower["x"], axis=1).min()
+        if cut > _PENETRATION * size:
+            deep = model.units.say(float(cut), "m", 3)
+            what = (
+                f"touches the curve, but another part of it reaches {deep} into the follower; "
+                "begin on the other side or at another place (start), or change the shape there"
+            )
+            yield Problem(f"joints.{name}", what)
+
+
+def _curve_points(
+    compiled: Compiled, curve: np.void, state: State, work: Work
+) -> tuple[NDArray[np.float64], float]:
+    """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
+    parts = compiled.system.parts
+    coordinates = parts.coordinates
+    at, n = int(curve["at"]), int(curve["n"])
+    ends = parts.pool[at : at + n + 1]
+    pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
+    t = np.linspace(0.0, 1.0, 5)[:, None] * np.diff(ends)
+    powers = t[:, :, None] ** np.arange(6)
+    local = np.einsum("tkp,kap->kta", powers, pieces).reshape(-1, 3)
+    now = work.now.marker[int(curve["marker"])]
+    s = state.q[coordinates[curve["coordinate"]]["iq"]]
+    if curve["closed"]:
+        s %= ends[-1]
+    k = min(max(int(np.searchsorted(ends, s, side="right")) - 1, 0), n - 1)
+    here = pieces[k] @ (s - ends[k]) ** np.arange(6)
+    slope = pieces[k][:, 1:] @ (np.arange(1, 6) * (s - ends[k]) ** np.arange(5))
+    turn = np.eye(3)
+    c, d = slope[:2] / np.linalg.norm(slope[:2])
+    turn[:2, :2] = [[c, -d], [d, c]]
+    R = now["R"] @ turn.T  # of the marker that carries the curve
+    return now["x"] + (local - here) @ R.T, float(np.linalg.norm(np.ptp(local, axis=0)))

@@ -1,9 +1,10 @@
-"""First velocities: as asked for at markers, and consistent with joints and drivers.
+"""Initial velocities: as prescribed at markers, and consistent with joints and drivers.
 
-Per body the rigid motion that suits what is asked of it is the first guess, flexible bodies without
-rates of deformation. It is then put on the constraints with least change δᵀ M δ, where a marker of
-given velocity carries a point mass, and a body of given angular velocity an inertia, 1e8 times that
-of the body: others adapt to it. What rates of deformation add at a marker is made good in rounds.
+Per body the rigid motion that fits its prescribed velocities best is the first guess, flexible
+bodies without rates of deformation. It is then put on the constraints with least change δᵀ M δ,
+where a marker of prescribed velocity carries a point mass, and a body of prescribed angular
+velocity an inertia, 1e8 times that of the body: others adapt to it. What rates of deformation add
+at a marker is corrected in rounds.
 """
 
 from __future__ import annotations
@@ -27,19 +28,17 @@ from flexmb.model.bodies.body import InitialVelocity
 from flexmb.model.model import Model
 from flexmb.model.values.orientation import rotation_matrix
 
-__all__ = ["AskedVelocities", "rigid_motion"]
-
 Array = NDArray[np.float64]
 
 _HEAVY = 1e8
-_ROUNDS = 5  # each shrinks what is missing by a factor of ten or more where it can be had
-_KEPT = 1e-6  # asked-for velocities may change by this share before it is said
-_APART = 1e-9  # of the model size: markers closer than this are one point
+_MAX_ROUNDS = 5  # each shrinks what is missing by a factor of ten or more where it can be had
+_CHANGED = 1e-6  # share by which prescribed velocities may change without a note
+_DISTINCT = 1e-9  # of the model size: markers closer than this are one point
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What is asked at one marker: its place in the scene, rows in the tables."""
+class _Prescribed:
+    """Velocities at one marker: their place in the scene, rows in the tables."""
 
     where: str
     body: int
@@ -48,19 +47,19 @@ class _Asked:
 
     def turned(self, values: Iterable[float], R: Array) -> Array:
         """Components in global axes; R (3, 3) the marker's axes now."""
-        given = np.array(tuple(values))
-        return R @ given if self.spec.axes == "body" else given
+        components = np.array(tuple(values))
+        return R @ components if self.spec.axes == "body" else components
 
 
-class AskedVelocities:
-    """The velocities a model asks for at its markers.
+class InitialVelocities:
+    """The velocities a scene prescribes at its markers.
 
     Parameters
     ----------
     compiled : Compiled
         The compiled model.
     model : Model
-        The model, for velocities asked for.
+        The model.
     metric : System
         The system whose mass matrix measures changes of velocities.
     """
@@ -70,24 +69,24 @@ class AskedVelocities:
         self._bodies = compiled.layout.bodies
         markers = Markers(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
         before = len(metric.parts.markers)
-        self._asked = [
-            _Asked(
+        self._prescribed = [
+            _Prescribed(
                 _place(name, marker, marker in spec.initial),
                 markers.numbers[name],
                 before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
-                asked,
+                one,
             )
             for name, spec in model.bodies.items()
-            for marker, asked in spec.asked_velocities.items()
+            for marker, one in spec.asked_velocities.items()
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()
         self._system = self._anchored(with_markers(metric, table, markers.pool.array()))
         self._work = new_work(self._system)
 
-    def start(self, state: State) -> None:
+    def set(self, state: State) -> None:
         """Set v of a state with closed positions."""
-        if not self._asked:
+        if not self._prescribed:
             state.v[:] = 0.0
             solve_level(self._system, state, self._work, VELOCITIES)
             return
@@ -95,12 +94,12 @@ class AskedVelocities:
         wanted = self._wanted()
         aim = wanted.copy()
         left = np.inf
-        for n in range(_ROUNDS):
+        for n in range(_MAX_ROUNDS):
             before, missed = state.v.copy(), left
             state.v[:] = self._guess(state, aim)
             solve_level(self._system, state, self._work, VELOCITIES)
             self._measure(state)
-            missing = wanted - self._found()
+            missing = wanted - self._present()
             left = self._size(missing)
             if n > 0 and not left < 0.5 * missed:
                 state.v[:] = before
@@ -109,37 +108,37 @@ class AskedVelocities:
         self._measure(state)
 
     def notes(self, state: State) -> list[str]:
-        """What was asked for and could not be kept."""
-        if not self._asked:
+        """Prescribed velocities that had to change."""
+        if not self._prescribed:
             return []
         self._measure(state)
-        wanted, found = self._wanted(), self._found()
-        scale = max(self._size(wanted), self._size(found), 1e-12)
-        told = []
-        for asked, change in zip(self._asked, np.abs(found - wanted).max(axis=2), strict=True):
+        wanted, present = self._wanted(), self._present()
+        scale = max(self._size(wanted), self._size(present), 1e-12)
+        notes = []
+        for one, change in zip(self._prescribed, np.abs(present - wanted).max(axis=2), strict=True):
             for word, off, reach, unit in (
                 ("velocity", change[0], 1.0, "m/s"),
                 ("angular_velocity", change[1], self._length, "rad/s"),
             ):
-                if off * reach > _KEPT * scale:
-                    told.append(
-                        f"{asked.where}{word} does not fit the joints, the drivers or what else "
-                        f"is asked; changed by up to {self._units.say(off, unit, 3)}"
+                if off * reach > _CHANGED * scale:
+                    notes.append(
+                        f"{one.where}{word} does not fit the joints, the drivers or other "
+                        f"prescribed velocities; changed by up to {self._units.say(off, unit, 3)}"
                     )
-        return told
+        return notes
 
     def _anchored(self, system: System) -> System:
-        """The system with heavy bodies where a velocity is asked."""
+        """The system with heavy bodies where a velocity is prescribed."""
         bodies = system.parts.bodies.copy()
-        for asked in self._asked:
-            row, light = bodies[asked.body], system.parts.bodies[asked.body]
-            marker = system.parts.markers[asked.marker]
-            if asked.spec.velocity is not None:
+        for one in self._prescribed:
+            row, light = bodies[one.body], system.parts.bodies[one.body]
+            marker = system.parts.markers[one.marker]
+            if one.spec.velocity is not None:
                 mass, s = _HEAVY * light["mass"], marker["rho"] + marker["arm"]
                 row["mass"] += mass
                 row["S1"] += mass * s
                 row["S0"] += mass * np.outer(s, s)
-            if asked.spec.angular_velocity is not None:
+            if one.spec.angular_velocity is not None:
                 row["S0"] += _HEAVY * np.trace(light["S0"]) * np.eye(3)
         return system._replace(parts=system.parts._replace(bodies=bodies))
 
@@ -149,18 +148,18 @@ class AskedVelocities:
         solve_level(self._system, aside, self._work, BEGIN)
 
     def _wanted(self) -> Array:
-        """(n, 2, 3) velocity and angular velocity asked at each marker, global; NaN: not asked."""
-        wanted = np.full((len(self._asked), 2, 3), np.nan)
-        for asked, row in zip(self._asked, wanted, strict=True):
-            R = self._work.now.marker[asked.marker]["R"]
-            for k, given in enumerate((asked.spec.velocity, asked.spec.angular_velocity)):
-                if given is not None:
-                    row[k] = asked.turned(given, R)
+        """(n, 2, 3) velocity and angular velocity of each marker as prescribed, global, or NaN."""
+        wanted = np.full((len(self._prescribed), 2, 3), np.nan)
+        for one, row in zip(self._prescribed, wanted, strict=True):
+            R = self._work.now.marker[one.marker]["R"]
+            for k, values in enumerate((one.spec.velocity, one.spec.angular_velocity)):
+                if values is not None:
+                    row[k] = one.turned(values, R)
         return wanted
 
-    def _found(self) -> Array:
+    def _present(self) -> Array:
         """(n, 2, 3) velocity and angular velocity of each marker now."""
-        which = np.array([asked.marker for asked in self._asked], dtype=np.int64)
+        which = np.array([one.marker for one in self._prescribed], dtype=np.int64)
         rows = self._work.now.marker[which]
         return np.stack([rows["vx"], rows["om"]], axis=1)
 
@@ -170,14 +169,14 @@ class AskedVelocities:
         return float(np.nanmax(sizes, initial=0.0))
 
     def _guess(self, state: State, aim: Array) -> Array:
-        """v (nv) of rigid motions that suit the velocities `aim` (n, 2, 3)."""
+        """v (nv) of rigid motions that fit the velocities `aim` (n, 2, 3)."""
         v: Array = np.zeros_like(state.v)
-        asked_of: dict[int, list[int]] = {}
-        for k, asked in enumerate(self._asked):
-            asked_of.setdefault(asked.body, []).append(k)
-        for index, mine in asked_of.items():
+        of_body: dict[int, list[int]] = {}
+        for k, one in enumerate(self._prescribed):
+            of_body.setdefault(one.body, []).append(k)
+        for index, mine in of_body.items():
             body = self._bodies[index]
-            x = self._work.now.marker["x"][[self._asked[k].marker for k in mine]]
+            x = self._work.now.marker["x"][[self._prescribed[k].marker for k in mine]]
             r = state.q[body.iq : body.iq + 3]
             velocity, spin = rigid_motion(x - r, aim[mine, 0], aim[mine, 1], self._length)
             A: Array = rotation_matrix(tuple(state.q[body.iq + 3 : body.iq + 7]))
@@ -187,15 +186,15 @@ class AskedVelocities:
 
 
 def rigid_motion(s: Array, velocities: Array, spins: Array, length: float) -> tuple[Array, Array]:
-    """The rigid motion that suits given velocities of points best, turning no more than needed.
+    """The rigid motion that fits velocities of points best, turning no more than needed.
 
     Parameters
     ----------
     s : (k, 3) float
         The points, from the origin of the body [m].
     velocities, spins : (k, 3) float
-        Velocity [m/s] and angular velocity [rad/s] asked of each, one set of axes for all; NaN
-        where nothing is asked. If no velocity is asked, the points are wanted at rest.
+        Velocity [m/s] and angular velocity [rad/s] of each, one set of axes for all; NaN where
+        none is prescribed. If no velocity is prescribed, the points are wanted at rest.
     length : float
         What an angular velocity is multiplied by to compare it with a velocity [m].
 
@@ -204,25 +203,25 @@ def rigid_motion(s: Array, velocities: Array, spins: Array, length: float) -> tu
     (3,), (3,) float
         Velocity of the origin and angular velocity, by least squares.
     """
-    given = ~np.isnan(velocities[:, 0])
-    moved = np.where(given[:, None], velocities, 0.0)
-    points = given if given.any() else np.ones(len(s), dtype=bool)
+    finite = ~np.isnan(velocities[:, 0])
+    moved = np.where(finite[:, None], velocities, 0.0)
+    points = finite if finite.any() else np.ones(len(s), dtype=bool)
     center, mean = s[points].mean(axis=0), moved[points].mean(axis=0)
-    arms = s[given] - center
+    arms = s[finite] - center
     x, y, z = arms.T
     zero = np.zeros_like(x)
     cross = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]])  # ω × arm = cross ω
-    told = spins[~np.isnan(spins[:, 0])]
+    turns = spins[~np.isnan(spins[:, 0])]
     rows = np.concatenate(
-        [np.moveaxis(cross, 2, 0).reshape(-1, 3), *[length * np.eye(3)] * len(told)]
+        [np.moveaxis(cross, 2, 0).reshape(-1, 3), *[length * np.eye(3)] * len(turns)]
     )
-    right = np.concatenate([(moved[given] - mean).ravel(), length * told.ravel()])
+    right = np.concatenate([(moved[finite] - mean).ravel(), length * turns.ravel()])
     U, size, Vt = np.linalg.svd(rows, full_matrices=False)
-    share = np.divide(U.T @ right, size, out=np.zeros_like(size), where=size > _APART * length)
+    share = np.divide(U.T @ right, size, out=np.zeros_like(size), where=size > _DISTINCT * length)
     spin = Vt.T @ share
     return mean - np.cross(spin, center), spin
 
 
 def _place(body: str, marker: str, initial: bool) -> str:
-    """Scene path before the word, of what is asked at a marker."""
+    """Scene path before the word, of a velocity at a marker."""
     return f"bodies.{body}." + (f"initial.{marker}." if initial else "")

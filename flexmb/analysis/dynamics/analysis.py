@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from flexmb.analysis.assembly.analysis import Assembled, Begin, assemble
-from flexmb.analysis.assembly.precheck import precheck
+from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
+from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import gaps_at, n_kept, open_joint, reason
 from flexmb.analysis.dynamics.growth import Growth
@@ -30,9 +30,9 @@ from flexmb.analysis.dynamics.run import Clock, Run
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.dynamics.survey import needs_survey, survey
-from flexmb.analysis.mobility.conflicts import driver_problems
-from flexmb.analysis.mobility.rank import constraint_rank, n_free
-from flexmb.analysis.mobility.report import redundant_reactions
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.procedure import precheck
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units, prepare_integration
@@ -95,12 +95,12 @@ def prepare(
     compiled: Compiled,
     model: Model,
     *,
-    begin: Begin | None = None,
+    begin: StartValues | None = None,
     progress: Progress = silent,
 ) -> Prepared:
     """Load the compiled units and find the first state of a run.
 
-    What is wrong with a small model is told before anything is compiled (`assembly.precheck`).
+    What is wrong with a small model is reported before anything is compiled (`procedure.precheck`).
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def prepare(
         The compiled model.
     model : Model
         The model; `model.dynamics` must be given.
-    begin : Begin, optional
+    begin : StartValues, optional
         Where to begin instead of the placed pose.
     progress : Progress
         Told the phases `load` or `compile`, and `assemble`.
@@ -164,7 +164,7 @@ class _First:
     notes: list[str]
 
 
-def _first_state(compiled: Compiled, model: Model, start: str, begin: Begin | None) -> _First:
+def _first_state(compiled: Compiled, model: Model, start: str, begin: StartValues | None) -> _First:
     """Assemble, and look at equations that repeat others.
 
     Raises

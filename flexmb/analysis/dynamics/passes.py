@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
 from flexmb.analysis.dynamics.run import Run
 from flexmb.engine import method
-from flexmb.engine.integrators import AUTO, STIFF_METHOD
+from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD
 
 __all__ = [
     "error_statistics", "limited_by_stability", "may_change_method", "missed_accuracy",
@@ -24,6 +24,7 @@ _ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
 # after a pass that was in vain, which after this many means that they part whatever the steps.
 _MOST_STEPS, _IN_VAIN, _PATIENT = 5.0, 0.5, 2
 _FINEST = 1e-13  # local tolerance, above round-off
+_APART = 0.01  # difference of two runs from which on they are different motions
 # Steps from which on, and their share at the limit of stability from which on a run is stiff.
 _MANY, _OFTEN = 200, 0.35
 # Their share in a run of fixed steps that fails by that.
@@ -44,13 +45,22 @@ def stricter_tolerance(prepared: Prepared) -> float | None:
     worst = verified.errors().get("positions")
     if worst is None or worst.error <= _ENOUGH * settings.accuracy:
         return None
-    before, passes = prepared.pace[4], prepared.pace[1]
-    if passes > _PATIENT and verified.difference > _IN_VAIN * before:
+    if _is_in_vain(prepared):
         return None
     chosen, share = verified.kept.method, _AIM * settings.accuracy / worst.error
     factor = share ** (chosen.error_order / verified.order)
     stricter = settings.tolerance * max(factor, _MOST_STEPS**-chosen.error_order)
-    return max(float(stricter), _FINEST) if settings.tolerance > 2.0 * _FINEST else None
+    return max(float(stricter), _FINEST)
+
+
+def _is_in_vain(prepared: Prepared) -> bool:
+    """Whether shorter steps do not help: the finest are taken, or the last pass brought little."""
+    verified = prepared.verified
+    assert verified is not None
+    before, passes = prepared.pace[4], prepared.pace[1]
+    if prepared.settings.tolerance <= 2.0 * _FINEST:
+        return True
+    return bool(passes > _PATIENT and verified.difference > _IN_VAIN * before)
 
 
 def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:
@@ -80,9 +90,21 @@ def missed_accuracy(prepared: Prepared) -> Iterator[str]:
         return
     until = verified.error.reached_until(accuracy)
     unit = prepared.model.units
-    yield (
+    reached = (
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
-        f"t = {unit.say(worst.time, 's', 4)}); the run and its scout agree to it until "
+        f"t = {unit.say(worst.time, 's', 4)})"
+    )
+    if verified.difference < _APART and _is_in_vain(prepared):
+        other = "" if prepared.method == FINE_METHOD else (
+            f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
+        )  # fmt: skip
+        yield (
+            f"{reached}: shorter steps do not help, so that this is the floor that round-off "
+            f"leaves method {prepared.method}; ask for accuracy = {2.0 * worst.error:.1g}{other}"
+        )
+        return
+    yield (
+        f"{reached}; the run and its scout agree to it until "
         f"t = {unit.say(until, 's', 4)}: a chaotic motion multiplies errors whatever the steps, so "
         "that the rest is one motion of many; else another method or fixed steps may reach it"
     )

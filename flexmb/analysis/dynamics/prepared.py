@@ -68,7 +68,7 @@ class Prepared:
         spec = self.model.dynamics
         assert spec is not None
         first = self.settings._replace(turn=1.0)
-        settings = with_tolerance(first, spec, self.run.method, tolerance)
+        settings = with_tolerance(first, spec, self.run.method, self.run.compiled, tolerance)
         again = self._again(self.method, settings)
         assert self.verified is not None
         again.pace[1] = self.pace[1] + 1.0
@@ -86,7 +86,7 @@ class Prepared:
         spec = self.model.dynamics
         assert spec is not None
         chosen = chosen_method(spec, name)
-        tolerance = local_tolerance(spec, chosen)
+        tolerance = local_tolerance(spec, chosen, self.run.compiled)
         return self._again(name, self.settings._replace(tolerance=tolerance, turn=1.0))
 
     def _again(self, name: str, settings: Settings) -> Prepared:

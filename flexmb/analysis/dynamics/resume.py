@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.dynamics.settings import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.verified import PACE
-from flexmb.analysis.mobility.rank import constraint_rank, n_free
-from flexmb.analysis.mobility.report import redundant_reactions
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
 from flexmb.engine.integrators import chosen_method, method_name
@@ -63,7 +63,7 @@ def prepare_rest(
     first, rank = _first_pose(compiled, arrays, result, rows)
     settings = loop_settings(compiled, spec, chosen, rank == n_free(compiled))
     if settings.step == 0.0 and PACE in arrays:
-        settings = with_tolerance(settings, spec, chosen, float(arrays[PACE][0]))
+        settings = with_tolerance(settings, spec, chosen, compiled, float(arrays[PACE][0]))
     doubtful: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         doubtful, _ = redundant_reactions(compiled, model, first)

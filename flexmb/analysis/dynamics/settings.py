@@ -13,16 +13,20 @@ from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
-    "Steps", "compared_times", "kept_settings", "local_tolerance", "loop_settings", "output_times",
-    "refinement", "scout_settings", "time_grid", "with_tolerance",
+    "Steps", "compared_times", "damps_vibrations", "kept_settings", "local_tolerance",
+    "loop_settings", "output_times", "refinement", "scout_rows", "scout_settings", "time_grid",
+    "with_tolerance",
 ]  # fmt: skip
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-_LOCAL = 0.2  # local error over what is asked for in the end
+# Local error over what is asked for in the end; of vibrations that are damped, whose measured error
+# is a cautious one.
+_LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
 _HIGH_ORDER = 5
 _SLACK = 4.0
 _COMPARED = 51  # times beside listed outputs
+_OF_SCOUT = 128  # outputs from which on a scout has fewer than the run
 _AT_REST = 1e-6  # motion over the size of the model
 
 
@@ -64,7 +68,20 @@ def compared_times(spec: DynamicsSpec) -> np.ndarray:
     return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
 
 
-def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:
+def scout_rows(n: int) -> np.ndarray:
+    """Which of n compared times a scout has rows at: of many every second, third, ...; (n,)."""
+    rows = np.zeros(n, dtype=bool)
+    rows[:: max(1, n // _OF_SCOUT)] = True
+    rows[-1:] = True
+    return rows
+
+
+def damps_vibrations(compiled: Compiled, chosen: method.Method) -> bool:
+    """Whether there are flexible bodies, and a method that damps what it does not resolve."""
+    return chosen.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+
+
+def local_tolerance(spec: DynamicsSpec, chosen: method.Method, compiled: Compiled) -> float:
     """First guess of the local error of a step, over the motion, for the accuracy asked for.
 
     n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
@@ -73,14 +90,17 @@ def local_tolerance(spec: DynamicsSpec, chosen: method.Method) -> float:
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     power = max(chosen.error_order / chosen.order, 1.0)
-    return float(min(_LOCAL * accuracy**power, chosen.loosest))
+    damped = chosen.order >= _HIGH_ORDER and damps_vibrations(compiled, chosen)
+    share = _LOCAL_OF_VIBRATIONS if damped else _LOCAL
+    return float(min(share * accuracy**power, chosen.loosest))
 
 
 def with_tolerance(
-    settings: method.Settings, spec: DynamicsSpec, chosen: method.Method, tolerance: float
-) -> method.Settings:
+    settings: method.Settings, spec: DynamicsSpec, chosen: method.Method, compiled: Compiled,
+    tolerance: float,
+) -> method.Settings:  # fmt: skip
     """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
-    finer = (tolerance / local_tolerance(spec, chosen)) ** (1.0 / chosen.error_order)
+    finer = (tolerance / local_tolerance(spec, chosen, compiled)) ** (1.0 / chosen.error_order)
     return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
 
 
@@ -106,7 +126,7 @@ def loop_settings(
         end=spec.duration,
         interval=grid.interval,
         step=grid.step,
-        tolerance=0.0 if grid.step else local_tolerance(spec, chosen),
+        tolerance=0.0 if grid.step else local_tolerance(spec, chosen, compiled),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
         slack=1.0,
         turn=1.0,

@@ -13,7 +13,12 @@ import numpy as np
 
 from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
 from flexmb.analysis.dynamics.run import Run
-from flexmb.analysis.dynamics.settings import kept_settings, scout_settings
+from flexmb.analysis.dynamics.settings import (
+    damps_vibrations,
+    kept_settings,
+    scout_rows,
+    scout_settings,
+)
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
@@ -42,17 +47,18 @@ class VerifiedRun:
         The runs; the kept one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
-    recorded : (n,) array of bool
-        Which of the times at which they are compared are outputs.
+    recorded, of_scout : (n,) array of bool
+        Which of the times of the kept run are outputs, and at which it is compared with the scout.
     pace : array
         That of the run, as `Prepared` has it.
     """
 
     def __init__(
-        self, scout: Run, kept: Run, error: MeasuredError, recorded: np.ndarray, pace: np.ndarray
-    ) -> None:
+        self, scout: Run, kept: Run, error: MeasuredError, recorded: np.ndarray,
+        of_scout: np.ndarray, pace: np.ndarray,
+    ) -> None:  # fmt: skip
         self.scout, self.kept, self.error = scout, kept, error
-        self.recorded, self.pace = recorded, pace
+        self.recorded, self.of_scout, self.pace = recorded, of_scout, pace
 
     @property
     def difference(self) -> float:
@@ -88,16 +94,17 @@ class VerifiedRun:
     ) -> VerifiedRun:  # fmt: skip
         """A run from a copy of a state, and its scout, at the local tolerance of the settings.
 
-        They are compared at `times` (n,); `recorded` says which of these are outputs.
+        `recorded` says which of the times (n,) of the run are outputs.
         """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0], times)
+        of_scout = scout_rows(len(times))
+        scout = Run(compiled, chosen, scout_settings(settings, chosen), states[0], times[of_scout])
         kept = Run(compiled, chosen, kept_settings(settings, chosen), states[1], times, scout.plan)
         length, span = compiled.length, settings.end - settings.start
         least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
         at_rest = {unit: _AT_REST * size for unit, size in least.items()}
         error = MeasuredError(compiled.layout, model, at_rest)
-        return cls(scout, kept, error, recorded, pace)
+        return cls(scout, kept, error, recorded, of_scout, pace)
 
     def march(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """One chunk of both, or the first row; returns the status, and the rows of the kept run."""
@@ -110,18 +117,19 @@ class VerifiedRun:
         while first or kept.state.t[0] < end:
             told = kept.march(0 if first else kept.chunk)
             block = kept.block()
-            self.error.add(coarse.part(done, done + len(block.t)), block)
-            done += len(block.t)
-            rows.append(self._outputs(block))
+            both = block.rows(self._newest(self.of_scout, block))
+            self.error.add(coarse.part(done, done + len(both.t)), both)
+            done += len(both.t)
+            rows.append(block.rows(self._newest(self.recorded, block)))
             if first or told != method.FINE:
                 status = max(status, told)
                 break
         return status, rows
 
-    def _outputs(self, block: OutputBlock) -> OutputBlock:
-        """The rows of the newest block of the kept run that are outputs."""
+    def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
+        """Of rows of the kept run, those of its newest block."""
         behind = int(self.kept.state.count[method.OUTPUTS])
-        return block.rows(self.recorded[behind - len(block.t) : behind])
+        return which[behind - len(block.t) : behind]
 
     def saved(self) -> dict[str, np.ndarray]:
         """All that a resumed run needs beside the state of the kept run."""
@@ -136,10 +144,5 @@ class VerifiedRun:
         Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
         between, which may be all that a small sensor sees: no balance of energies tells.
         """
-        return self.error.largest(min(self.ratio, _DAMPED_RATIO) if self._vibrates else self.ratio)
-
-    @property
-    def _vibrates(self) -> bool:
-        """Whether there are flexible bodies, and a method that damps what it does not resolve."""
-        modes = self.kept.compiled.system.parts.bodies["m"]
-        return self.kept.method.stages == 0 and bool(modes.any())
+        damped = damps_vibrations(self.kept.compiled, self.kept.method)
+        return self.error.largest(min(self.ratio, _DAMPED_RATIO) if damped else self.ratio)

@@ -1,8 +1,8 @@
-"""Redundant equations by the joints that share them, the exchange that cures, reactions in doubt.
+"""Redundant equations by the joints that share them, cures, and reactions that are not unique.
 
 In: the weighted rows of a pose. Out: groups of joints whose equations repeat each other; for each
-the exchange of joints that removes them and frees nothing; and the components of reactions that the
-redundancy leaves undetermined: those that the null vectors of the transposed Jacobian change.
+the exchange of joints that removes them and frees no motion; and the components of reactions that
+the redundancy leaves undetermined: those that the null vectors of the transposed Jacobian change.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.mobility.dependence import dependence, null_space, together
-from flexmb.analysis.mobility.exchange import (
+from flexmb.analysis.assembly.jacobian import ConstraintPose, element, elements, plain_name
+from flexmb.analysis.assembly.rank import Decomposition, connected_sets, null_space
+from flexmb.analysis.mobility.joint_exchange import (
     MACHINE_JOINTS,
     Weaker,
-    exchanges,
-    given_up_by,
-    one_by_one,
+    fewest_exchanges,
+    greedy_exchanges,
+    released_rows,
     turned_axes,
     weaker_joints,
 )
-from flexmb.analysis.mobility.weighted import Weighted, element, elements, plain_name
 from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
 from flexmb.model.joints.gearing import terms_of
 from flexmb.model.joints.joint import JOINT_TYPES
@@ -31,20 +31,10 @@ from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
 from flexmb.model.values.names import GROUND
 
-__all__ = [
-    "Exchange",
-    "Redundancy",
-    "Undetermined",
-    "choices_of",
-    "in_words",
-    "redundancies",
-    "undetermined",
-]
-
 Array = NDArray[np.float64]
 _CHANGED = 1e-6  # share of the largest change of a reaction that is round-off
-_FEW = 2  # exchanges of any joints at most
-_USUAL = 4  # exchanges of joints that machines have at most
+_MAX_EXCHANGES = 2  # of any joints
+_MAX_MACHINE_EXCHANGES = 4  # of joints that machines have
 _COMPONENTS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in "xyz")
 
 
@@ -52,7 +42,7 @@ _COMPONENTS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in
 class Exchange:
     """One joint exchanged for a weaker one; no new type: leave it out.
 
-    The axes are given, global in the placed pose, where they differ from those of the joint.
+    Axes, global in the placed pose, where they differ from those of the joint; else None.
     """
 
     joint: str
@@ -66,12 +56,11 @@ class Exchange:
         if not self.new:
             return f"leave out {name} ({self.old})"
         axes = [
-            f"{word} = [{', '.join(f'{c:.4g}' for c in given)}]"
-            for word, given in (("axis", self.axis), ("second_axis", self.second_axis))
-            if given is not None
+            f"{word} = [{', '.join(f'{c:.4g}' for c in axis)}]"
+            for word, axis in (("axis", self.axis), ("second_axis", self.second_axis))
+            if axis is not None
         ]
-        told = f" with {', '.join(axes)}" if axes else ""
-        return f"{name}: {self.old} -> {self.new}{told}"
+        return f"{name}: {self.old} -> {self.new}" + (f" with {', '.join(axes)}" if axes else "")
 
 
 @dataclass(frozen=True)
@@ -85,14 +74,14 @@ class Redundancy:
 
 @dataclass(frozen=True)
 class Undetermined:
-    """Components of the reaction of a joint or driver, in the axes of marker J, in doubt."""
+    """Components of the reaction of a joint or driver that are not unique, in axes of marker J."""
 
     path: str
     components: tuple[str, ...]
 
 
 def redundancies(
-    model: Model, found: Weighted, circuits: Array, others: Sequence[Weighted] = ()
+    model: Model, pose: ConstraintPose, others: Sequence[ConstraintPose] = ()
 ) -> tuple[Redundancy, ...]:
     """The redundant equations of the joints, group by group, with their cures.
 
@@ -100,21 +89,19 @@ def redundancies(
     ----------
     model : Model
         The model.
-    found : Weighted
-        Its rows in a pose that is not singular.
-    circuits : (r, n) float
-        Sets of dependent rows.
-    others : sequence of Weighted
+    pose : ConstraintPose
+        One that is not singular.
+    others : sequence of ConstraintPose
         Other poses, in which a cure must cure as well.
     """
-    owners = np.array(found.owners)
+    owners, circuits = np.array(pose.jacobian.owners), pose.jacobian.joint_circuits
     sets = [frozenset(np.flatnonzero(circuit).tolist()) for circuit in circuits]
     by_joint = [frozenset(_numbers(owners, members)) for members in sets]
     groups = []
-    for indices in together(by_joint):
+    for indices in connected_sets(by_joint):
         mine = circuits[indices]
         names = tuple(dict.fromkeys(owners[np.abs(mine).max(axis=0) > 0].tolist()))
-        cures = _cures(model, found, names, mine, others) or _without_couplers(model, found, mine)
+        cures = _cures(model, pose, names, mine, others) or _without_couplers(model, pose, mine)
         groups.append(Redundancy(elements(names), len(indices), cures))
     return tuple(groups)
 
@@ -126,79 +113,83 @@ def _numbers(owners: NDArray[np.str_], members: frozenset[int]) -> set[int]:
 
 def _cures(
     model: Model,
-    found: Weighted,
+    pose: ConstraintPose,
     names: tuple[str, ...],
     circuits: Array,
-    others: Sequence[Weighted],
+    others: Sequence[ConstraintPose],
 ) -> tuple[tuple[Exchange, ...], ...]:
     """The fewest exchanges of any joints, and the fewest of those that machines have."""
-    choices = choices_of(model, found, names)
+    choices = weaker_choices(model, pose, names)
     if not choices:
         return ()
-    N = {name: circuits[:, found.of(name)].T for name in choices}
+    N = {name: circuits[:, pose.jacobian.rows_of(name)].T for name in choices}
     usual = {
-        name: [weaker for weaker in known if weaker.type in MACHINE_JOINTS]
-        for name, known in choices.items()
+        name: [weaker for weaker in options if weaker.type in MACHINE_JOINTS]
+        for name, options in choices.items()
     }
-    certain = {name: [weaker for weaker in known if weaker.type] for name, known in choices.items()}
+    typed = {name: [weaker for weaker in some if weaker.type] for name, some in choices.items()}
 
     def fits(cure: tuple[Weaker, ...]) -> bool:
         return all(_cured(model, other, names, cure, len(circuits)) for other in others)
 
     drops = len(circuits)
-    few, common = exchanges(certain, N, drops, _FEW, fits), exchanges(usual, N, drops, _USUAL, fits)
+    few = fewest_exchanges(typed, N, drops, _MAX_EXCHANGES, fits)
+    common = fewest_exchanges(usual, N, drops, _MAX_MACHINE_EXCHANGES, fits)
     cures = [cure for cure in (few, common) if cure is not None]
     if not cures:
-        more = one_by_one(usual, N) or one_by_one(choices, N)
+        more = greedy_exchanges(usual, N) or greedy_exchanges(choices, N)
         cures = [more] if more is not None and fits(more) else []
-    return tuple(dict.fromkeys(in_words(model, found, cure) for cure in cures))
+    return tuple(dict.fromkeys(scene_exchanges(model, pose, cure) for cure in cures))
 
 
 def _without_couplers(
-    model: Model, found: Weighted, circuits: Array
+    model: Model, pose: ConstraintPose, circuits: Array
 ) -> tuple[tuple[Exchange, ...], ...]:
     """Couplers, the last ones first, that can be left out, one for each redundant equation."""
-    whole = [element(owner) for owner in found.owners]
-    left_out: list[Exchange] = []
+    whole = [element(owner) for owner in pose.jacobian.owners]
+    removed: list[Exchange] = []
     for name, spec in reversed(model.couplers.items()):
         path = f"couplers.{name}"
-        kept = [k for k, owner in enumerate(whole) if owner == path]
-        rank = dependence(circuits).rank
-        if len(left_out) < rank and np.any(circuits[:, kept]):
+        rows = [k for k, owner in enumerate(whole) if owner == path]
+        rank = Decomposition.of(circuits).rank
+        if len(removed) < rank and np.any(circuits[:, rows]):
             # of the combinations of circuits those that do without the coupler
-            circuits = null_space(circuits[:, kept].T).T @ circuits
-            left_out.append(Exchange(path, spec.type, ""))
+            circuits = null_space(circuits[:, rows].T).T @ circuits
+            removed.append(Exchange(path, spec.type, ""))
         if not circuits.size:
-            return (tuple(left_out),)
+            return (tuple(removed),)
     return ()
 
 
 def _cured(
-    model: Model, found: Weighted, names: tuple[str, ...], cure: tuple[Weaker, ...], drops: int
+    model: Model, pose: ConstraintPose, names: tuple[str, ...], cure: tuple[Weaker, ...], drops: int
 ) -> bool:
     """Whether exchanges free all redundant equations of the joints in another pose as well."""
-    rows = np.isin(found.owners, names)
-    N = dependence(found.A[rows]).circuits
-    mine = [name for name, kept in zip(found.owners, rows, strict=True) if kept]
+    jacobian = pose.jacobian
+    rows = np.isin(jacobian.owners, names)
+    N = Decomposition.of(jacobian.A[rows]).circuits
     freed = []
     for weaker in cure:
-        g, ends = found.g[found.of(weaker.joint)], found.ends(weaker.joint)
-        given_up = given_up_by(weaker.type, weaker.turns, g, ends, _used_motions(model))
-        if given_up is None:
+        mine, markers = jacobian.rows_of(weaker.joint), pose.markers_of(weaker.joint)
+        g = pose.weighted_g[mine]
+        released = released_rows(weaker.type, weaker.turns, g, markers, _used_motions(model))
+        if released is None:
             return False
-        freed.append(given_up @ N[:, [name == weaker.joint for name in mine]].T)
-    return len(N) == drops and dependence(np.vstack(freed)).rank == drops
+        freed.append(released @ N[:, mine[rows]].T)
+    return len(N) == drops and Decomposition.of(np.vstack(freed)).rank == drops
 
 
-def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[str, list[Weaker]]:
+def weaker_choices(
+    model: Model, pose: ConstraintPose, names: tuple[str, ...]
+) -> dict[str, list[Weaker]]:
     """What each of the joints can be exchanged for; drivers and springs keep their coordinates."""
-    choices = {}
+    choices, jacobian = {}, pose.jacobian
     for name in names:
-        joint, rows = plain_name(name), found.of(name)
-        if joint not in model.joints or np.any(found.A[np.ix_(rows, found.scalar)]):
+        joint, rows = plain_name(name), jacobian.rows_of(name)
+        if joint not in model.joints or np.any(jacobian.A[np.ix_(rows, jacobian.scalar)]):
             continue  # screws and curves have nothing weaker of their kind
         needed = _used_coordinates(model, joint)
-        kept = [
+        types = [
             row.name
             for row in JOINT_TYPES.values()
             if row.name != model.joints[joint].type
@@ -206,12 +197,12 @@ def choices_of(model: Model, found: Weighted, names: tuple[str, ...]) -> dict[st
             and needed <= set(row.coordinates)
             and (model.plane is None or row.planar_equations is not None)
         ]
-        g = found.g[rows]
-        known = weaker_joints(name, kept, g, found.ends(name), _used_motions(model))
+        g, markers = pose.weighted_g[rows], pose.markers_of(name)
+        options = weaker_joints(name, types, g, markers, _used_motions(model))
         on_ground = any(end.partition(".")[0] == GROUND for end in model.joints[joint].between)
         choices[name] = [
             replace(weaker, cost=weaker.cost + on_ground)  # bearings of the frame stay if they can
-            for weaker in known
+            for weaker in options
             if weaker.type or not needed
         ]
     return choices
@@ -236,31 +227,33 @@ def _used_motions(model: Model) -> NDArray[np.bool_]:
     return np.tile(one, 2)
 
 
-def in_words(model: Model, found: Weighted, cure: tuple[Weaker, ...]) -> tuple[Exchange, ...]:
+def scene_exchanges(
+    model: Model, pose: ConstraintPose, cure: tuple[Weaker, ...]
+) -> tuple[Exchange, ...]:
     """Exchanges by the words of a scene."""
-    told = []
+    exchanges = []
     for weaker in cure:
-        _, Ri, _, Rj = found.ends(weaker.joint)
+        _, Ri, _, Rj = pose.markers_of(weaker.joint)
         axes = (None if axis is None else _rounded(axis) for axis in turned_axes(weaker, Ri, Rj))
         old = model.joints[plain_name(weaker.joint)].type
-        told.append(Exchange(weaker.joint, old, weaker.type, *axes))
-    return tuple(told)
+        exchanges.append(Exchange(weaker.joint, old, weaker.type, *axes))
+    return tuple(exchanges)
 
 
 def _rounded(axis: Array) -> tuple[float, ...]:
     return tuple(round(float(c), 6) + 0.0 for c in axis)
 
 
-def undetermined(found: Weighted, circuits: Array) -> tuple[Undetermined, ...]:
-    """The reactions that the null vectors (r, n) of the transposed Jacobian change."""
-    told = []
-    for name in dict.fromkeys(found.owners):
-        rows = found.of(name)
+def undetermined_reactions(pose: ConstraintPose) -> tuple[Undetermined, ...]:
+    """The reactions, drivers' too, that the null vectors of the transposed Jacobian change."""
+    reactions, circuits = [], pose.jacobian.decomposition.circuits
+    for name in dict.fromkeys(pose.jacobian.owners):
+        rows = pose.jacobian.rows_of(name)
         if not len(circuits) or not np.any(circuits[:, rows]):
             continue
-        turn = found.ends(name)[3]
-        changes = (circuits[:, rows] @ found.on_J(name)).reshape(-1, 2, 3) @ turn
+        turn = pose.markers_of(name)[3]
+        changes = (circuits[:, rows] @ pose.gradients_at_J(name)).reshape(-1, 2, 3) @ turn
         size = np.abs(changes.reshape(-1, 6)).max(axis=0)
         components = np.array(_COMPONENTS)[size > _CHANGED * size.max()]
-        told.append(Undetermined(name, tuple(components.tolist())))
-    return tuple(told)
+        reactions.append(Undetermined(name, tuple(components.tolist())))
+    return tuple(reactions)

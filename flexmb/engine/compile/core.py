@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.engine.bodies.marker import Markers
+from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
 from flexmb.engine.functions.function import TimeFunctions
-from flexmb.engine.kernels.bodies.inertia import Bodies
-from flexmb.engine.kernels.bodies.kinematics import Markers
-from flexmb.engine.kernels.bodies.planar_body import PlanarBodies
 from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.kernels.joints.coordinate import Coordinates
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT2, POINT
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.joint import JointSpec

@@ -26,7 +26,7 @@ from flexmb.engine.tables import Parts, System
 from flexmb.engine.time_events import time_event_table
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.planar import planar_body
+from flexmb.flexbody.planar_body import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.kinks import kinks_of

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import copy, inner, part
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.forces import relative_motion
 from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.forces.relative_motion import (
@@ -26,10 +29,6 @@ from flexmb.engine.forces.relative_motion import (
     put_wrench_pair,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.triple import inner, part
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import array_of
@@ -65,10 +64,6 @@ class SixComponentForces(NamedTuple):
 
     rows: array_of(SIX_COMPONENT_FORCE)
     scratch: RelativeMotion = None  # of one run
-
-
-def _scratch(forces: SixComponentForces) -> RelativeMotion:
-    return new_relative_motion()
 
 
 def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
@@ -277,5 +272,5 @@ SIX_COMPONENT_FORCES = Kind(
     uses_velocity=True,
     works=True,
     stiff=True,
-    scratch=_scratch,
+    scratch=lambda forces: new_relative_motion(),
 )

@@ -1,9 +1,8 @@
 """Contact of a sphere (or a point, of radius 0) with a ball, a plane, a cylinder or a bore.
 
 Both bodies meet at one point (`contact_geometry`), where the force on I is f = N n and friction,
-and its opposite acts on J. N = K dⁿ (1 + χ ḋ/ḋ₀) and never pulls (Hunt & Crossley, J. Appl. Mech.
-42 (1975) 440), ḋ₀ the speed of approach at the end of the step that ends just at the onset, or of
-the last one before, an internal variable.
+and its opposite acts on J; N as in `normal_force`, ḋ₀ the speed of approach at the end of the step
+that ends just at the onset, or of the last one before, an internal variable.
 
 Tangents: the wrench pair is W = B f, the velocity where they meet g = Bᵀ V, V the velocities of
 both markers. With D = ∂f/∂g: ∂W/∂V = B D Bᵀ, and with position W changes by B (∂f at constant V) +
@@ -18,18 +17,29 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import (
+    add_part,
+    column,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.algebra.vector import axis_vector as axis
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.forces.contact_geometry import (
-    curvatures,
-    geometry,
-    hertz_stiffness,
     normal_change,
     penetration,
-    plane_modulus,
+    place_sides,
     put_wrench,
     relative_velocity,
-    round_markers,
     separation,
-    surface_marker,
 )
 from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.forces.friction import (
@@ -43,23 +53,8 @@ from flexmb.engine.forces.friction import (
     tangential,
     tangential_change,
 )
+from flexmb.engine.forces.normal_force import normal_force, normal_parameters
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.triple import (
-    add_part,
-    column,
-    inner,
-    outer,
-    part,
-    plus,
-    put_part,
-    times,
-    triple,
-    turned,
-    turned_back,
-)
-from flexmb.engine.kernels.algebra.triple import unit as axis
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, array_of
@@ -68,7 +63,6 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.engine.compile.lowering import Lowering
     from flexmb.model.forces.contacts import ContactSpec
-    from flexmb.model.model import Model
 
 _I, _F = "i8", "f8"
 # One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
@@ -128,11 +122,6 @@ class Contacts(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-def new_scratch(contacts: Contacts) -> Scratch:
-    """Scratch that holds nothing yet."""
-    return Scratch(np.zeros(1, CONTACT_NOW), np.zeros((3, 3)))
-
-
 # Numbers of history of a point: speed of approach; with friction its mode and bristle too.
 _HISTORY, _FRICTION_HISTORY = 1, 5
 
@@ -150,59 +139,13 @@ def lower_contacts(lowering: Lowering) -> Contacts | None:
 
 
 def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[object, ...]]:
-    k = spec.round_side
-    side, surface = spec.shapes[k], spec.shapes[1 - k]
-    J = lowering.markers.add(surface_marker(lowering, spec.between[1 - k], surface))
-    law, friction = _normal_law(lowering.model, spec), friction_parameters(spec.friction)
-    kind, rj, half = geometry(surface)
-    ri = side.radius if side.type == "sphere" else 0.0
-    for marker in round_markers(lowering, spec.between[k], side):
-        I = lowering.markers.add(marker)  # noqa: E741
+    surface, points, shape = place_sides(lowering, spec)
+    J = lowering.markers.add(surface)
+    law, friction = normal_parameters(lowering.model, spec), friction_parameters(spec.friction)
+    for point in points:
+        I = lowering.markers.add(point)  # noqa: E741
         history = lowering.remember(_HISTORY if spec.friction is None else _FRICTION_HISTORY)
-        yield I, J, kind, ri, rj, half, *law, -1, *friction, history
-
-
-def _normal_law(model: Model, spec: ContactSpec) -> tuple[float, float, float, float]:
-    """K in SI, exponent, damping, least speed."""
-    damping = damping_factor(spec.restitution, spec.damping)
-    if spec.stiffness is not None:  # the number counts depths in units of length of the scene
-        K = spec.stiffness * model.units.length ** (1.0 - spec.exponent)
-        return K, spec.exponent, damping, spec.least_speed
-    assert spec.materials is not None  # one of the two is given
-    first, second = ((material.E, material.nu) for material in spec.materials)
-    K = hertz_stiffness(plane_modulus(first, second), curvatures(spec))  # type: ignore[arg-type]
-    return K, 1.5, damping, spec.least_speed
-
-
-def damping_factor(restitution: float, law: str) -> float:
-    """chi of a coefficient of restitution in [0, 1].
-
-    >>> damping_factor(1.0, "exact")
-    0.0
-    """
-    e = restitution
-    if e == 1.0:
-        return 0.0
-    if law == "flores":
-        return 8.0 * (1.0 - e) / (5.0 * e)
-    if law == "lankarani-nikravesh":
-        return 0.75 * (1.0 - e * e)
-    low, high = 0.0, 1.0 / e
-    for _ in range(200):  # bisection: beyond its root the left side grows slower than the right one
-        chi = 0.5 * (low + high)
-        more = math.log1p(chi) - math.log1p(-chi * e) if chi * e < 1.0 else math.inf
-        low, high = (chi, high) if chi * (1.0 + e) > more else (low, chi)
-    return 0.5 * (low + high)
-
-
-@kernel
-def normal_force(c, history, d, rate):
-    """N and its slopes over d and ḋ; d > 0."""
-    speed = max(history[c["history"]], c["slow"])
-    elastic, factor = c["K"] * d ** c["n"], 1.0 + c["damping"] * rate / speed
-    if factor <= 0.0:
-        return 0.0, 0.0, 0.0
-    return elastic * factor, c["n"] * elastic / d * factor, elastic * c["damping"] / speed
+        yield I, J, *shape, *law, -1, *friction, history
 
 
 @kernel
@@ -420,14 +363,8 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
     smooth = c["model"] == NO_FRICTION  # then D = −viscous n nᵀ
     rates = 1 if smooth else 3
     for a in range(rates):
-        put_wrench(
-            c,
-            n,
-            mi,
-            mj,
-            times(D[0, 0] + D[1, 1] + D[2, 2], n) if smooth else column(D, a),
-            dense.X[a],
-        )
+        dfdg = times(D[0, 0] + D[1, 1] + D[2, 2], n) if smooth else column(D, a)
+        put_wrench(c, n, mi, mj, dfdg, dense.X[a])
         put_wrench(c, n, mi, mj, n if smooth else axis(a), dense.U[a])
     add_rates(run, rates, -cv)
     add_pair(run, i, j, couple, 1.0)
@@ -435,10 +372,6 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
         add_rate_arms(run, v, i, j, couple, rates, -cp)
         put_wrench(c, n, mi, mj, times(-1.0, force(cn)), dense.g[1])
         add_moment_arms(run, i, j, cp)
-
-
-def _has_friction(contacts: Contacts) -> bool:
-    return bool((contacts.rows["model"] != NO_FRICTION).any())
 
 
 CONTACTS = Kind(
@@ -459,6 +392,6 @@ CONTACTS = Kind(
     uses_velocity=True,
     works=True,
     stiff=True,
-    unsymmetric=_has_friction,
-    scratch=new_scratch,
+    unsymmetric=lambda contacts: bool((contacts.rows["model"] != NO_FRICTION).any()),
+    scratch=lambda contacts: Scratch(np.zeros(1, CONTACT_NOW), np.zeros((3, 3))),
 )

@@ -8,23 +8,16 @@ With u = x_I − x_J, a = z_J, p = u − (a·u) a, ρ the distance, n the normal
     BORE       n = −p/ρ, d = r_I − r_J + ρ
 
 Both bodies meet at one point c = x_I − r_I n. A cylinder touches over its length only, its ends do
-not. The stiffness of Hertz' contact of two elastic bodies, F = K d^(3/2), follows from the
-curvatures: with A ≤ B half the principal curvatures of the gap, e the eccentricity of the ellipse
-of contact and K(e), E(e) the complete elliptic integrals,
-
-    K = (2π E*/3) K(e)^(−3/2) ((K(e) − E(e))/(e² A))^(1/2),   B/A = (E/(1 − e²) − K)/(K − E),
-
-which for round contact is (4/3) E* √R. Source: Johnson, Contact Mechanics (1985), ch. 4.
+not.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.algebra.triple import (
+from flexmb.engine.algebra.vector import (
     column,
     inner,
     outer,
@@ -33,6 +26,7 @@ from flexmb.engine.kernels.algebra.triple import (
     times,
     triple,
 )
+from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
     from flexmb.engine.compile.lowering import Lowering
@@ -108,74 +102,23 @@ def put_wrench(c, n, mi, mj, f, w):
     put_part(w, 9, outer(f, plus(separation(mi, mj), 1.0, s)))
 
 
-def geometry(side: Any) -> tuple[int, float, float]:
-    """Kind, radius and half length of the side J."""
-    if side.type == "sphere":
-        return BALL, side.radius, 0.0
-    if side.type == "plane":
-        return PLANE, 0.0, 0.0
-    half = math.inf if side.length is None else 0.5 * side.length
-    return BORE if side.side == "inside" else CYLINDER, side.radius, half
+def place_sides(
+    lowering: Lowering, spec: ContactSpec
+) -> tuple[PlacedMarker, Iterator[PlacedMarker], tuple[int, float, float, float]]:
+    """Marker of the side J, markers of the side I; kind, both radii, half length of a cylinder.
 
-
-def surface_marker(lowering: Lowering, reference: str, side: Any) -> PlacedMarker:
-    """Marker of the side J, z being its normal or axis."""
-    return lowering.frames((reference, reference), getattr(side, "axis", None))[0]
-
-
-def round_markers(lowering: Lowering, reference: str, side: Any) -> Iterator[PlacedMarker]:
-    """Markers of the side I: the centre of a sphere, or all points."""
-    if side.type == "sphere":
-        yield lowering.placed(reference)
-    else:
-        yield from lowering.contact_points(reference, side)
-
-
-def curvatures(spec: ContactSpec) -> tuple[float, float]:
-    """Principal relative curvatures of a sphere and the other side [1/m]."""
-    k = spec.round_side
-    own, other = 1.0 / spec.shapes[k].radius, spec.shapes[1 - k]
-    if other.type == "plane":
-        return own, own
-    curvature = 1.0 / other.radius
-    if other.type == "sphere":
-        return own + curvature, own + curvature
-    return own, own + (-curvature if other.side == "inside" else curvature)
-
-
-_CIRCLE_TOLERANCE = 1e-6  # relative difference of curvatures below which the ellipse is a circle
-
-
-def plane_modulus(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """E* [Pa] of two materials (E [Pa], nu): 1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂."""
-    return 1.0 / sum((1.0 - nu * nu) / E for E, nu in (first, second))
-
-
-def hertz_stiffness(modulus: float, curvatures: tuple[float, float]) -> float:
-    """K [N/m^1.5] of E* and the two principal relative curvatures [1/m], both positive.
-
-    >>> round(hertz_stiffness(3.0, (1.0, 1.0)), 9)
-    4.0
+    z of J is its normal or axis; the side I is the centre of a sphere, or points.
     """
-    A, B = sorted(0.5 * c for c in curvatures)
-    if B - A <= _CIRCLE_TOLERANCE * B:
-        return 4.0 / 3.0 * modulus / math.sqrt(A + B)
-    low, high = 0.0, 1.0  # of e², by bisection: B/A grows with it from 1 without bound
-    for _ in range(100):
-        m = 0.5 * (low + high)
-        K, E = _elliptic(m)
-        low, high = (m, high) if (E / (1.0 - m) - K) / (K - E) < B / A else (low, m)
-    K, E = _elliptic(m)
-    return 2.0 * math.pi * modulus / 3.0 * K**-1.5 * math.sqrt((K - E) / (m * A))
-
-
-def _elliptic(m: float) -> tuple[float, float]:
-    """Complete elliptic integrals K, E of the parameter m = e², by the arithmetic mean."""
-    a, b, total, power = 1.0, math.sqrt(1.0 - m), 0.5 * m, 0.5
-    while abs(a - b) > 1e-15 * a:
-        c = 0.5 * (a - b)
-        a, b = 0.5 * (a + b), math.sqrt(a * b)
-        power *= 2.0
-        total += power * c * c
-    K = 0.5 * math.pi / a
-    return K, K * (1.0 - total)
+    k = spec.round_side
+    side, surface, reference = spec.shapes[k], spec.shapes[1 - k], spec.between[1 - k]
+    J = lowering.frames((reference, reference), getattr(surface, "axis", None))[0]
+    if side.type == "sphere":
+        points, ri = iter([lowering.placed(spec.between[k])]), side.radius
+    else:
+        points, ri = lowering.contact_points(spec.between[k], side), 0.0
+    if surface.type == "sphere":
+        return J, points, (BALL, ri, surface.radius, 0.0)
+    if surface.type == "plane":
+        return J, points, (PLANE, ri, 0.0, 0.0)
+    half = math.inf if surface.length is None else 0.5 * surface.length
+    return J, points, (BORE if surface.side == "inside" else CYLINDER, ri, surface.radius, half)

@@ -6,9 +6,9 @@ constant velocities v of the bodies V changes too, while the moment arms do.
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.blocks import add_body_block, add_coupling, clear
+from flexmb.engine.bodies.wrench import add_moment_arm
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
-from flexmb.engine.kernels.bodies.tangent import add_lever_tangent
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Run
@@ -44,7 +44,7 @@ def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: flo
         J, o, size = d.J[side], parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
         for r in range(n):
             clear(B, size, size)
-            add_lever_tangent(parts, run.work.now, k, d.U[r], 6 * side, f, B)
+            add_moment_arm(parts, run.work.now, k, d.U[r], 6 * side, f, B)
             for c in range(size):
                 push, rate = 0.0, 0.0
                 for a in range(6):

@@ -13,11 +13,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import copy
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.forces.load import pull_back
 from flexmb.engine.forces.spring_damper import (
+    COMPONENT_OF,
+    COORDINATE_OF,
+    DISTANCE_OF,
+    FORCE_CHARACTERISTIC,
     damper_power,
-    line_ends,
+    line_row,
+    program_numbers,
     spring_energy,
     spring_resistance,
 )
@@ -29,9 +37,6 @@ from flexmb.engine.forces.stop import (
 )
 from flexmb.engine.functions.function import FunctionTable, lower
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kernels.joints.point_rows import (
     distance_gradient,
@@ -42,50 +47,34 @@ from flexmb.engine.kernels.joints.point_rows import (
 from flexmb.engine.kernels.joints.row import rate
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
-from flexmb.engine.records import Integers, Vector, array_of
+from flexmb.engine.records import Integers, array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.compile.lowering import Lowering
-    from flexmb.model.forces.force import SpringDamperSpec
     from flexmb.model.functions.expression import Expression
 
-# A force by a characteristic of one measure s and its rate: the distance of two markers, the
-# component of their separation along z of I, or a scalar coordinate.
-FORCE_CHARACTERISTIC = np.dtype(
+_Z = 2
+
+
+# One such force now.
+CHARACTERISTIC_NOW = np.dtype(
     [
-        ("measure", "i8"),  # DISTANCE_OF, COMPONENT_OF, COORDINATE_OF
-        ("I", "i8"),
-        ("J", "i8"),
-        ("coordinate", "i8"),  # the scalar coordinate, or -1
-        ("couple", "i8"),
-        ("stop", "i8"),  # 1: a stop; then k, c are at full depth, free is not used
-        ("k", "f8"),
-        ("c", "f8"),
-        ("free", "f8"),
-        ("fun", "i8"),  # u(t), or -1
-        ("spring", "i8"),  # program, or -1
-        ("stored", "i8"),  # program of the integral of the spring, or -1: by Gauss's rule
-        ("damper", "i8"),  # program, or -1
-        ("exponent", "f8"),
-        ("depth", "f8"),
-        ("lower", "f8"),
-        ("upper", "f8"),
+        ("s", "f8"),  # its measure, and the rate of that
+        ("rate", "f8"),
+        ("R", "f8"),  # resistance, ∂R/∂s, ∂R/∂ṡ
+        ("stiffness", "f8"),
+        ("damping", "f8"),
+        ("g", "f8", (12,)),  # gradient of a measure between markers
     ],
     align=True,
 )
-# Measures; the first two are those of rows of joints.
-DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
-
-_Z = 2
 
 
 class Scratch(NamedTuple):
     """Scratch of one force."""
 
-    s: Vector  # (2,) its measure s and ṡ
-    R: Vector  # (3,) resistance R, ∂R/∂s, ∂R/∂ṡ
-    g: Vector  # (12,) gradient of a measure between markers
+    now: array_of(CHARACTERISTIC_NOW)  # (1,) the force that was evaluated last
 
 
 class ForceCharacteristics(NamedTuple):
@@ -96,10 +85,6 @@ class ForceCharacteristics(NamedTuple):
     stops: Integers  # rows that are stops
     first_event: int  # place of the first stop among the events, two for each
     scratch: Scratch = None  # of one run
-
-
-def _scratch(forces: ForceCharacteristics) -> Scratch:
-    return Scratch(*(np.full(n, np.nan) for n in (2, 3, 12)))
 
 
 _TYPES = (
@@ -117,11 +102,11 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
         if spec.type.endswith("stop"):
             row = _stop_row(lowering, name, spec)
         elif spec.type == "spring-damper" and not spec.linear:
-            row = _line_row(lowering, spec) | _program_numbers(spec, expressions)
+            row = line_row(lowering, spec) | program_numbers(spec, expressions)
         elif spec.type != "spring-damper" and (spec.spring_force or spec.damper_force):
             k = lowering.coordinate(f"forces.{name}")  # which has its stiffness, damping and value
             row = {"measure": COORDINATE_OF, "coordinate": k, "free": spec.free}
-            row |= _program_numbers(spec, expressions)
+            row |= program_numbers(spec, expressions)
         else:
             continue
         k, row = len(rows), _NONE | row
@@ -141,15 +126,6 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
     return ForceCharacteristics(table, programs, stops, lowering.watch(2 * len(stops)))
 
 
-def _line_row(lowering: Lowering, spec: SpringDamperSpec) -> dict[str, float]:
-    """Row of a nonlinear spring-damper, or of one with an actuator, along a line."""
-    i, j, length = line_ends(lowering, spec)
-    row: dict[str, float] = {"measure": DISTANCE_OF, "I": i, "J": j, "free": length}
-    if spec.value is not None:
-        row["fun"] = lowering.functions.add(spec.value.expression)
-    return row | {"k": spec.stiffness, "c": spec.damping}
-
-
 def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
     """Row of a stop between markers or on a joint."""
     unit = lowering.model.units.scale("m")
@@ -160,30 +136,6 @@ def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
     k = lowering.coordinate(f"forces.{name}")
     unit = 1.0 if lowering.scalars[k].angular else unit
     return {"measure": COORDINATE_OF, "coordinate": k} | stop_parameters(spec, unit)
-
-
-def _program_numbers(spec: Any, expressions: list[Expression]) -> dict[str, float]:
-    """Numbers of the programs of a force, which are appended to the expressions."""
-    spring, damper = spec.spring_force, spec.damper_force
-    programs = {
-        "spring": spring and spring.expression,
-        "stored": spring and spring.stored,
-        "damper": damper and damper.expression,
-    }
-    numbers: dict[str, float] = {}
-    for word, expression in programs.items():
-        if expression is not None:
-            numbers[word] = len(expressions)
-            expressions.append(expression)
-    return numbers
-
-
-@kernel
-def _resistance(row, programs, stack, s, v, u):
-    """R, ∂R/∂s, ∂R/∂ṡ; u the present value of its function of time."""
-    if row["stop"] == 1:
-        return stop_resistance(row, s, v)
-    return spring_resistance(row, programs, stack, s, v, u)
 
 
 @kernel
@@ -204,15 +156,16 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
 
     ZERO_LENGTH at the distance of one point, which has no direction.
     """
-    row, s, g = forces.rows[k], forces.scratch.s, forces.scratch.g
+    row, now = forces.rows[k], forces.scratch.now[0]
+    g = now["g"]
     if not _between_markers(row):
         coordinate = run.system.parts.coordinates[row["coordinate"]]
-        s[0], s[1] = at.q[coordinate["iq"]], at.v[coordinate["iv"]]
+        now["s"], now["rate"] = at.q[coordinate["iq"]], at.v[coordinate["iv"]]
         return FINE
     mi, mj = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]]
     hx, hy, hz = separation(mi, mj)
     if row["measure"] == DISTANCE_OF and not hx * hx + hy * hy + hz * hz > 0.0:
-        s[0], s[1] = 0.0, math.nan
+        now["s"], now["rate"] = 0.0, math.nan
         for c in range(12):
             g[c] = 0.0
         return ZERO_LENGTH
@@ -221,25 +174,29 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
     else:
         dot2_gradient(run.work.row, _Z, 0, row["I"], row["J"])
     copy(run.work.row.g, g)
-    s[0] = g[6] * hx + g[7] * hy + g[8] * hz  # along n or z_I
-    s[1] = rate(g, mi, mj)
+    now["s"] = g[6] * hx + g[7] * hy + g[8] * hz  # along n or z_I
+    now["rate"] = rate(g, mi, mj)
     return FINE
 
 
 @unit
 def _put_resistance(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> int:
     """R of force k and its slopes, with its measure; the status of that."""
-    row, s, R, stack = forces.rows[k], forces.scratch.s, forces.scratch.R, run.work.trial.stack
+    row, now, stack = forces.rows[k], forces.scratch.now[0], run.work.trial.stack
     status = _put_measure(run, forces, at, k)
-    u = _function_value(row, run.work.con.fun)
-    R[0], R[1], R[2] = _resistance(row, forces.programs, stack, s[0], s[1], u)
+    s, v, u = now["s"], now["rate"], _function_value(row, run.work.con.fun)
+    if row["stop"] == 1:
+        now["R"], now["stiffness"], now["damping"] = stop_resistance(row, s, v)
+    else:
+        f, stiffness, damping = spring_resistance(row, forces.programs, stack, s, v, u)
+        now["R"], now["stiffness"], now["damping"] = f, stiffness, damping
     return status
 
 
 @unit
 def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Wrenches on the markers; ZERO_LENGTH at the first force without a direction."""
-    rows, markers, R, g = forces.rows, run.work.now.marker, forces.scratch.R, forces.scratch.g
+    rows, markers, now = forces.rows, run.work.now.marker, forces.scratch.now[0]
     for k in range(rows.shape[0]):
         if _between_markers(rows[k]):
             status = _put_resistance(run, forces, at, k)
@@ -248,8 +205,8 @@ def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
                 return status
             wi, wj = markers[rows[k]["I"]]["W"], markers[rows[k]["J"]]["W"]
             for c in range(6):
-                wi[c] -= R[0] * g[c]
-                wj[c] -= R[0] * g[6 + c]
+                wi[c] -= now["R"] * now["g"][c]
+                wj[c] -= now["R"] * now["g"][6 + c]
     return FINE
 
 
@@ -260,46 +217,46 @@ def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> 
     for k in range(rows.shape[0]):
         if not _between_markers(rows[k]):
             _put_resistance(run, forces, at, k)
-            res[coordinates[rows[k]["coordinate"]]["iv"]] += forces.scratch.R[0]
+            res[coordinates[rows[k]["coordinate"]]["iv"]] += forces.scratch.now[0]["R"]
     return FINE
 
 
 @unit
 def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Energy that the elastic parts store."""
-    rows, s, out = forces.rows, forces.scratch.s, run.work.energies
+    rows, now, out = forces.rows, forces.scratch.now[0], run.work.energies
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
         if rows[k]["stop"] == 1:
-            out[3] += stop_energy(rows[k], s[0])
+            out[3] += stop_energy(rows[k], now["s"])
         else:
-            out[3] += spring_energy(rows[k], forces.programs, run.work.trial.stack, s[0])
+            out[3] += spring_energy(rows[k], forces.programs, run.work.trial.stack, now["s"])
     return FINE
 
 
 @unit
 def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Power of dissipation, and of functions of time."""
-    rows, s, fun, out = forces.rows, forces.scratch.s, run.work.con.fun, run.work.powers
+    rows, now, fun, out = forces.rows, forces.scratch.now[0], run.work.con.fun, run.work.powers
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
         if rows[k]["stop"] == 1:
-            out[1] += stop_power(rows[k], s[0], s[1])
+            out[1] += stop_power(rows[k], now["s"], now["rate"])
         else:
-            out[1] += damper_power(rows[k], forces.programs, run.work.trial.stack, s[1])
-        out[2] += _function_value(rows[k], fun) * s[1]
+            out[1] += damper_power(rows[k], forces.programs, run.work.trial.stack, now["rate"])
+        out[2] += _function_value(rows[k], fun) * now["rate"]
     return FINE
 
 
 @unit
 def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     """Penetration of both bounds of all stops, with its rate."""
-    stops, out, s = forces.stops, run.work.events.now, forces.scratch.s
+    stops, out, now = forces.stops, run.work.events.now, forces.scratch.now[0]
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
         row, o = forces.rows[stops[k]], forces.first_event + 2 * k
-        out[o, 0], out[o, 1] = s[0] - row["upper"], s[1]
-        out[o + 1, 0], out[o + 1, 1] = row["lower"] - s[0], -s[1]
+        out[o, 0], out[o, 1] = now["s"] - row["upper"], now["rate"]
+        out[o + 1, 0], out[o + 1, 1] = row["lower"] - now["s"], -now["rate"]
     return FINE
 
 
@@ -309,11 +266,11 @@ def put_wrench(run: Run, forces: ForceCharacteristics, at: Point, c: int) -> flo
 
     On a coordinate it acts through the constraint rows that follow this.
     """
-    k, R, g = run.system.sensors.channels[c]["first"], forces.scratch.R, forces.scratch.g
+    k, now = run.system.sensors.channels[c]["first"], forces.scratch.now[0]
     w, pair = run.work.dense.g[1], run.work.dense.pair
     _put_resistance(run, forces, at, k)
     for r in range(12):
-        w[r] = -R[0] * g[r] if R[0] != 0.0 else 0.0
+        w[r] = -now["R"] * now["g"][r] if now["R"] != 0.0 else 0.0
     pair[0], pair[1] = forces.rows[k]["I"], forces.rows[k]["J"]
     return 0.0
 
@@ -323,7 +280,7 @@ def put_unit_force(run: Run, forces: ForceCharacteristics, at: Point, part: int)
     """Generalised force of a unit push apart on one marker, for feedback (`engine.kind`)."""
     k, on, w = part // 6, part // 3 % 2, run.work.dense.g[1]
     _put_measure(run, forces, at, k)
-    copy(forces.scratch.g, w)
+    copy(forces.scratch.now[0]["g"], w)
     if on == 0:
         pull_back(run, forces.rows[k]["J"], 6)
     else:
@@ -339,41 +296,41 @@ def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, c
     """
     if cv == 0.0 and cp == 0.0:
         return FINE
-    rows, scratch = forces.rows, forces.scratch
+    rows, now = forces.rows, forces.scratch.now[0]
     for k in range(rows.shape[0]):
         _put_resistance(run, forces, at, k)
         if not _between_markers(rows[k]):
             if cv != 0.0:
-                _add_coordinate_tangent(run, rows[k], scratch.R, cv, cp)
+                _add_coordinate_tangent(run, rows[k], now, cv, cp)
             continue
         i, j, link = rows[k]["I"], rows[k]["J"], rows[k]["couple"]
-        _put_tangent(run, rows[k], scratch, cv, cp)
+        _put_tangent(run, rows[k], now, cv, cp)
         add_pair(run, i, j, link, 1.0)
         add_moment_arms(run, i, j, cp)
-        if scratch.R[2] != 0.0 and cp != 0.0:
-            copy(scratch.g, run.work.dense.U[0])
-            add_rate_arms(run, at.v, i, j, link, 1, cp * scratch.R[2])
+        if now["damping"] != 0.0 and cp != 0.0:
+            copy(now["g"], run.work.dense.U[0])
+            add_rate_arms(run, at.v, i, j, link, 1, cp * now["damping"])
     return FINE
 
 
 @kernel
-def _add_coordinate_tangent(run, row, R, cv, cp):
+def _add_coordinate_tangent(run, row, now, cv, cp):
     """cv ∂R/∂ṡ + cp ∂R/∂s of a force on a scalar coordinate, on the diagonal."""
     s = run.system.parts.coordinates[row["coordinate"]]
     place = run.system.kkt.panels[s["panel"]]["at"]
-    run.work.factor.low[place] += cv * R[2] + cp * R[1]
-    run.work.factor.up[place] += cv * R[2] + cp * R[1]
+    run.work.factor.low[place] += cv * now["damping"] + cp * now["stiffness"]
+    run.work.factor.up[place] += cv * now["damping"] + cp * now["stiffness"]
 
 
 @kernel
-def _put_tangent(run, row, scratch, cv, cp):
+def _put_tangent(run, row, now, cv, cp):
     """Put −(cp ∂w/∂position + cv ∂w/∂velocity) of a force between markers into dense.H (12, 12).
 
     With G = ∂g/∂position it is cp R G + g ∂R, where ∂ṡ/∂position = Gᵀ V at constant velocities V of
     the markers. g stays in dense.X[0], R g in dense.g[1].
     """
     mi, mj, d = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]], run.work.dense
-    H, R, g, slope, w = d.H, scratch.R, scratch.g, d.U[0], d.g[1]
+    H, g, slope, w = d.H, now["g"], d.U[0], d.g[1]
     clear(H, 12, 12)
     if row["measure"] == DISTANCE_OF:
         distance_tangent(run.work.row, 0, 0, row["I"], row["J"], 1.0)
@@ -384,12 +341,12 @@ def _put_tangent(run, row, scratch, cv, cp):
         for a in range(3):
             turn += mi["vx"][a] * H[a, b] + mi["om"][a] * H[3 + a, b]
             turn += mj["vx"][a] * H[6 + a, b] + mj["om"][a] * H[9 + a, b]
-        slope[b] = (cp * R[1] + cv * R[2]) * g[b]
-        if R[2] != 0.0:
-            slope[b] += cp * R[2] * turn
+        slope[b] = (cp * now["stiffness"] + cv * now["damping"]) * g[b]
+        if now["damping"] != 0.0:
+            slope[b] += cp * now["damping"] * turn
         for a in range(12):
-            H[a, b] *= cp * R[0]
-        w[b] = R[0] * g[b]
+            H[a, b] *= cp * now["R"]
+        w[b] = now["R"] * g[b]
     copy(g, d.X[0])
     add_rates(run, 1, 1.0)
 
@@ -412,5 +369,5 @@ FORCE_CHARACTERISTICS = Kind(
     uses_velocity=True,
     works=True,
     stiff=True,
-    scratch=_scratch,
+    scratch=lambda forces: Scratch(np.zeros(1, CHARACTERISTIC_NOW)),
 )

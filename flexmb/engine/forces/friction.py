@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from flexmb.engine.algebra.vector import inner, plus, times
 from flexmb.engine.jit import kernel
-from flexmb.engine.kernels.algebra.triple import inner, plus, times
 
 if TYPE_CHECKING:
     from flexmb.model.forces.friction import BaseFriction

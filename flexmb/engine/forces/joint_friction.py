@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.rotation import transform_back
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,
@@ -24,7 +25,6 @@ from flexmb.engine.forces.friction import (
     friction_parameters,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import transform_back
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
 from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
@@ -82,10 +82,6 @@ class JointFrictions(NamedTuple):
     rows: array_of(JOINT_FRICTION)
     first_event: int  # each has one: what makes it slide or stick
     scratch: Scratch = None  # of one run
-
-
-def _scratch(frictions: JointFrictions) -> Scratch:
-    return Scratch(np.full((len(frictions.rows), 2), np.nan), np.zeros(1, SURFACE))
 
 
 _HISTORY = 2  # numbers of history: anchor of the bristle, mode
@@ -317,10 +313,6 @@ def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
     return FINE
 
 
-def _always(frictions: JointFrictions) -> bool:
-    return True
-
-
 JOINT_FRICTIONS = Kind(
     "joint_frictions",
     JointFrictions,
@@ -337,6 +329,8 @@ JOINT_FRICTIONS = Kind(
     },
     lower=lower_joint_frictions,
     place=place_joint_frictions,
-    unsymmetric=_always,
-    scratch=_scratch,
+    unsymmetric=lambda frictions: True,
+    scratch=lambda frictions: Scratch(
+        np.full((len(frictions.rows), 2), np.nan), np.zeros(1, SURFACE)
+    ),
 )

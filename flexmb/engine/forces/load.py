@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import add_body_block, add_coupling, add_skew, clear
+from flexmb.engine.algebra.rotation import cross, transform
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import (
+    add_moment_arms,
+    add_own,
+    add_pair,
+    add_pulled_back,
+    marker_jacobian,
+    put_product_block,
+)
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import add_body_block, add_coupling, clear
-from flexmb.engine.kernels.algebra.rotation import cross, transform
-from flexmb.engine.kernels.algebra.vector import put
-from flexmb.engine.kernels.bodies.inertia_tangent import add_skew
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_own, add_pair
-from flexmb.engine.kernels.bodies.tangent import marker_jacobian, put_product_block
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.triple import (
+from flexmb.engine.algebra.blocks import add_column, add_skew
+from flexmb.engine.algebra.vector import (
     add_part,
     column,
     inner,
@@ -30,8 +30,8 @@ from flexmb.engine.kernels.algebra.triple import (
     turned,
     turned_back,
 )
-from flexmb.engine.kernels.algebra.triple import unit as axis
-from flexmb.engine.kernels.bodies.inertia_tangent import add_column, add_skew
+from flexmb.engine.algebra.vector import axis_vector as axis
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.joints.dots import dot_columns, separation
 from flexmb.engine.kernels.joints.point_rows import dot2_gradient, dot2_tangent
 from flexmb.engine.method import FINE

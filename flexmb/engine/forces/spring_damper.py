@@ -8,15 +8,15 @@ it resists with R = k x + c ṡ + S(x) + D(ṡ) − u(t), S and D as programs.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.forces.damping_tangent import add_rate_arms
 from flexmb.engine.functions.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
@@ -26,6 +26,7 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.engine.compile.lowering import Lowering
     from flexmb.model.forces.force import SpringDamperSpec
+    from flexmb.model.functions.expression import Expression
 
 SPRING = np.dtype(
     [
@@ -215,6 +216,59 @@ SPRINGS = Kind(
     works=True,
     stiff=True,
 )
+
+
+# A force by a characteristic of one measure s and its rate (`force_characteristic`): the distance
+# of two markers, the component of their separation along z of I, or a scalar coordinate.
+FORCE_CHARACTERISTIC = np.dtype(
+    [
+        ("measure", "i8"),  # DISTANCE_OF, COMPONENT_OF, COORDINATE_OF
+        ("I", "i8"),
+        ("J", "i8"),
+        ("coordinate", "i8"),  # the scalar coordinate, or -1
+        ("couple", "i8"),
+        ("stop", "i8"),  # 1: a stop; then k, c are at full depth, free is not used
+        ("k", "f8"),
+        ("c", "f8"),
+        ("free", "f8"),
+        ("fun", "i8"),  # u(t), or -1
+        ("spring", "i8"),  # program, or -1
+        ("stored", "i8"),  # program of the integral of the spring, or -1: by Gauss's rule
+        ("damper", "i8"),  # program, or -1
+        ("exponent", "f8"),
+        ("depth", "f8"),
+        ("lower", "f8"),
+        ("upper", "f8"),
+    ],
+    align=True,
+)
+# Measures; the first two are those of rows of joints.
+DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
+
+
+def line_row(lowering: Lowering, spec: SpringDamperSpec) -> dict[str, float]:
+    """Row of a nonlinear spring-damper, or of one with an actuator, along a line."""
+    i, j, length = line_ends(lowering, spec)
+    row: dict[str, float] = {"measure": DISTANCE_OF, "I": i, "J": j, "free": length}
+    if spec.value is not None:
+        row["fun"] = lowering.functions.add(spec.value.expression)
+    return row | {"k": spec.stiffness, "c": spec.damping}
+
+
+def program_numbers(spec: Any, expressions: list[Expression]) -> dict[str, float]:
+    """Numbers of the programs of a force, which are appended to the expressions."""
+    spring, damper = spec.spring_force, spec.damper_force
+    programs = {
+        "spring": spring and spring.expression,
+        "stored": spring and spring.stored,
+        "damper": damper and damper.expression,
+    }
+    numbers: dict[str, float] = {}
+    for word, expression in programs.items():
+        if expression is not None:
+            numbers[word] = len(expressions)
+            expressions.append(expression)
+    return numbers
 
 
 _PANELS = 16

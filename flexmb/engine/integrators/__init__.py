@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # compilers of units import this package, and need no scenes
 
 __all__ = [
     "AUTO",
+    "FINE_METHOD",
     "STIFF_METHOD",
     "chosen_method",
     "import_methods",
@@ -26,6 +27,8 @@ __all__ = [
 AUTO = "auto"
 STIFF_METHOD = "radau"
 """What a run by "auto" goes over to where stiffness limits the steps."""
+FINE_METHOD = "explicit-rk"
+"""What reaches the smallest errors where nothing is stiff."""
 
 
 _MAKERS = {
@@ -53,7 +56,7 @@ def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
         return spec.method
     if spec.step is not None:
         return "generalized-alpha"
-    return STIFF_METHOD if flexible else "explicit-rk"
+    return STIFF_METHOD if flexible else FINE_METHOD
 
 
 def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:

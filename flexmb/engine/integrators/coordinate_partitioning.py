@@ -16,6 +16,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from flexmb.engine.algebra import ldl
+from flexmb.engine.algebra.rotation import tangent_coefficients
+from flexmb.engine.algebra.vector import copy, inner, outer, part, plus, put_part, weighted_size
+from flexmb.engine.bodies.motion import move
 from flexmb.engine.integrators.runge_kutta import (
     Tableau,
     add_slopes,
@@ -28,11 +32,6 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra import ldl
-from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
-from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
-from flexmb.engine.kernels.algebra.vector import copy, weighted_size
-from flexmb.engine.kernels.bodies.motion import move
 from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.kkt import least_pivot, put_metric
 from flexmb.engine.kernels.projection import NOTHING, accelerations

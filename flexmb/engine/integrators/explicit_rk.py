@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from flexmb.engine.algebra.vector import copy
+from flexmb.engine.bodies.motion import normalise, position_rate
 from flexmb.engine.integrators import runge_kutta
 from flexmb.engine.integrators.runge_kutta import (
     Tableau,
@@ -22,8 +24,6 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.motion import normalise, position_rate
 from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.method import FINE, Method
 from flexmb.engine.state import Run

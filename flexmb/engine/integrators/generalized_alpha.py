@@ -23,11 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.ldl import solve, solve_refined
+from flexmb.engine.algebra.vector import weighted_size
+from flexmb.engine.bodies.motion import interpolate_step, last_places, move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.interpolation import interpolate_step
-from flexmb.engine.kernels.algebra.ldl import solve, solve_refined
-from flexmb.engine.kernels.algebra.vector import weighted_size
-from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations

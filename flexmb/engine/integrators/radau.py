@@ -18,12 +18,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmb.engine import method
+from flexmb.engine.algebra.rotation import tangent_coefficients
+from flexmb.engine.algebra.vector import (
+    copy,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    scaled_size,
+    weighted_size,
+)
+from flexmb.engine.bodies.motion import interpolate_step, last_places, move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.interpolation import interpolate_step
-from flexmb.engine.kernels.algebra.rotation import tangent_coefficients
-from flexmb.engine.kernels.algebra.triple import inner, outer, part, plus, put_part
-from flexmb.engine.kernels.algebra.vector import copy, scaled_size, weighted_size
-from flexmb.engine.kernels.bodies.motion import last_places, move
 from flexmb.engine.kernels.collocation import (
     STAGES,
     Radau,

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size
+from flexmb.engine.bodies.motion import motion_of_rate
 from flexmb.engine.jit import Unit, kernel
-from flexmb.engine.kernels.algebra.vector import copy, largest, scaled_size, weighted_size
-from flexmb.engine.kernels.bodies.motion import motion_of_rate
 from flexmb.engine.kernels.stages import constraint_stage, powers
 from flexmb.engine.method import (
     FACTORISATIONS,

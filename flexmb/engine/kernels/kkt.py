@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra import ldl
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra import ldl
 from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.stages import add_couplings, add_matrix, velocity_stage
 from flexmb.engine.method import FINE

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies import wrench
+from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.functions.function import run_program
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies import tangent
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.stages import bias_stage, velocity_stage
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
@@ -178,7 +178,7 @@ def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> 
     if level == _VELOCITY:
         add_pulled_back(parts, now, k, velocity, o, cv * f, right, 0)
         clear(B, n, n)
-        tangent.add_lever_tangent(parts, now, k, velocity, o, cp * f, B)
+        wrench.add_moment_arm(parts, now, k, velocity, o, cp * f, B)
         for r in range(n):
             for c in range(n):
                 right[c] += v[iv + r] * B[r, c]

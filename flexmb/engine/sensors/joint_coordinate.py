@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies.tangent import marker_jacobian
 from flexmb.engine.kernels.joints.row import (
     add_row_tangent,
     put_row_gradient,

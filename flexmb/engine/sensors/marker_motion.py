@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kind import GLOBAL_AXES, Measure, SensorKind, Term
 from flexmb.engine.row_kinds import DOT2
 from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES, marker_acceleration

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints.dots import dot_columns, put_pair
 from flexmb.engine.kernels.joints.row import wrapped
 from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term

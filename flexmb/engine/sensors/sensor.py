@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexmb.engine.algebra.vector import copy
+from flexmb.engine.bodies.flexible_body import body_energy
 from flexmb.engine.functions.function import lower, run_program
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.algebra.vector import copy
-from flexmb.engine.kernels.bodies.energy import body_energy
 from flexmb.engine.kernels.stages import walk
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE

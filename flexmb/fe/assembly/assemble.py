@@ -1,9 +1,9 @@
-"""From a mesh in SI units to its stiffness, mass and inertia.
+"""From a mesh in SI units to its stiffness, mass, inertia and geometric stiffness.
 
-In: a mesh, a material, sections by group, ties. Out: :class:`FEMatrices` with sparse K and M over
-the body's own numbering. Every family contributes batches of element matrices, so that solids,
-shells and beams of one mesh add up in the same matrices; motions that follow others by a tie are
-left out.
+:func:`assemble` returns :class:`FEMatrices` with sparse K and M over the body's own numbering.
+Every family contributes batches of element matrices, so that solids, shells and beams of one mesh
+add up in the same matrices; motions that follow others by a tie are condensed. The stiffness of a
+model under stress is K + K_g. Source: Zienkiewicz, Taylor, The Finite Element Method, vol. 2.
 """
 
 from __future__ import annotations
@@ -18,21 +18,33 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
-from flexmb.fe.assembly.inertia import Inertia, MassSum, component_masses, reduced_components
-from flexmb.fe.assembly.lumping import MASS_MATRICES, LumpedSum
-from flexmb.fe.assembly.nodal import NodalInertia, join, nodal_masses
-from flexmb.fe.assembly.numbering import Numbering, number_nodes, rigid_vectors
-from flexmb.fe.assembly.scatter import Accumulator
-from flexmb.fe.assembly.springs import Spring, make_springs, spring_stiffness
-from flexmb.fe.assembly.ties import Tie, dependence, followers, make_ties
-from flexmb.fe.elements.select import Block, select_elements
+from flexmb.fe.assembly.connections import (
+    Spring,
+    Tie,
+    dependence,
+    followers,
+    make_springs,
+    make_ties,
+    spring_stiffness,
+)
+from flexmb.fe.assembly.mass import (
+    MASS_MATRICES,
+    Inertia,
+    LumpedSum,
+    MassSum,
+    NodalInertia,
+    component_masses,
+    join,
+    nodal_masses,
+    reduced_components,
+)
+from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, rigid_vectors
+from flexmb.fe.elements.blocks import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
-
-__all__ = ["FEMatrices", "assemble", "number_model"]
 
 _BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
 
@@ -145,10 +157,10 @@ def assemble(
 
     masses : mapping of str to mapping
         ``{name: {at: node or group, mass: kg, inertia, offset}}``, see
-        :func:`flexmb.fe.assembly.nodal.nodal_masses`.
+        :func:`flexmb.fe.assembly.mass.nodal_masses`.
     springs : mapping of str to mapping
         ``{name: {between: [node or group, node or group], stiffness, axes}}``, see
-        :func:`flexmb.fe.assembly.springs.make_springs`.
+        :func:`flexmb.fe.assembly.connections.make_springs`.
     mass_matrix : str
         ``"consistent"``, or ``"hrz"`` for lumped mass.
 
@@ -238,3 +250,32 @@ def _condensed(matrix: csr_array, follow: csr_array | None) -> csr_array:
         return matrix
     G = vstack([eye_array(follow.shape[1]), follow]).tocsr()
     return csr_array(G.T @ matrix @ G)
+
+
+def geometric_stiffness(
+    fe: FEMatrices, u: FloatArray, field: FloatArray | None = None
+) -> csr_array:
+    """(n, n) geometric stiffness.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    u : (n,) float
+        Displacements of a linear static solution, all independent degrees of freedom [m, rad].
+    field : (3, 4) float, optional
+        [G, g] where a force per mass G s + g at s [m] acts all over the body: beams take from it
+        how their axial force varies along an element.
+    """
+    everywhere = fe.expand(u)
+    total = Accumulator(fe.numbering.n_all)
+    for block in fe.blocks:
+        family, width = block.family, 6 if block.family.rotations else 3
+        for nodes in block.chunks():
+            dofs = fe.numbering.of(nodes, width)
+            given = (fe.mesh.points[nodes], block.section, everywhere[dofs])
+            if family.dimension == 1 and field is not None:
+                total.add(family.geometric_stiffness(*given, field), dofs)
+            else:
+                total.add(family.geometric_stiffness(*given), dofs)
+    return fe.condensed(total.matrix())

@@ -1,10 +1,10 @@
-"""Loads on a model: from what the user says to a vector over its degrees of freedom.
+"""Loads on a model: pressure, traction, line load, force on nodes, weight.
 
-In: a model and, by name, a table of words: a pressure or traction on a surface, a force along
-lines, a force and moment on nodes, the weight in a field of gravity. Out: :class:`LoadPattern`,
-work-equivalent nodal loads with their resultant. Facets are integrated with their own shape
-functions; forces on groups spread as those of a weighted interface. Source: Zienkiewicz, Taylor,
-The Finite Element Method, vol. 1 (consistent loads).
+:func:`make_loads` returns :class:`LoadPattern`, work-equivalent nodal loads with their resultant.
+Facets are integrated with their own shape functions, int N^T t dA; the element that a facet bounds
+says which way is out of a solid. Forces on groups spread as those of a weighted interface; loads on
+nodes that follow a tie go to those they follow. Source: Zienkiewicz, Taylor, The Finite Element
+Method, vol. 1 (consistent loads).
 """
 
 from __future__ import annotations
@@ -17,22 +17,112 @@ import numpy as np
 
 from flexmb.errors import MeshError, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.rigid_links import spread
-from flexmb.fe.assembly.surface_loads import (
-    condensed_load,
-    line_load,
-    pressure_load,
-    traction_load,
-)
-from flexmb.fe.interfaces.make import make_interface
-from flexmb.fe.interfaces.selectors import WORDS, choose
+from flexmb.fe.assembly.connections import spans_rotation
+from flexmb.fe.assembly.interfaces import INTERFACE_WORDS, make_interface, select_interface
+from flexmb.fe.meshes.facets import FACETS, facet_rule, outer_faces
+from flexmb.fe.meshes.mesh import dimension
 from flexmb.fe.tables import word_problems
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["LoadPattern", "make_loads"]
+_CORNERS = {3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
 
-_ROUNDING = 1e-13  # of the sum of all parts: a resultant below that is none
-_NODES = tuple(word for word in WORDS if word != "type")
+
+def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> FloatArray:
+    """(n,) loads of a pressure [Pa]: into the solid a facet bounds, along the normal of a shell.
+
+    Raises
+    ------
+    MeshError
+        The group has no facets, or some that neither bound a solid of the body nor are shells.
+    """
+    f = np.zeros(fe.numbering.n_all)
+    outside = {face.shape[1]: face for face in outer_faces(fe.blocks, fe.mesh.points)}
+    missing = 0
+    for kind, cells in _cells(fe, where, group, 2):
+        shells = [b.nodes for b in fe.blocks if b.family.dimension == 2 and b.kind == kind]
+        is_shell = (
+            _match_facets(cells, np.concatenate(shells))[0]
+            if shells
+            else np.zeros(len(cells), bool)
+        )
+        rest = cells[~is_shell]
+        there, row = _match_facets(rest, outside.get(cells.shape[1], rest[:0]))
+        missing += int((~there).sum())
+        _add_pressure(fe, f, kind, cells[is_shell], pressure)
+        if there.any():
+            _add_pressure(fe, f, kind, outside[cells.shape[1]][row[there]], -pressure)
+    if missing:
+        what = f'{missing} facets of the group "{group}" neither bound a solid of the body nor are '
+        what += "shells: there is nothing to push on"
+        raise MeshError.from_problems([Problem(where, what)])
+    return condensed_load(fe, f)
+
+
+def traction_load(fe: FEMatrices, where: str, group: str, traction: FloatArray) -> FloatArray:
+    """(n,) loads of a constant force per area (3,) [Pa] on the facets of a group."""
+    return _uniform(fe, where, group, 2, traction)
+
+
+def line_load(fe: FEMatrices, where: str, group: str, force: FloatArray) -> FloatArray:
+    """(n,) loads of a constant force per length (3,) [N/m] on the lines of a group."""
+    return _uniform(fe, where, group, 1, force)
+
+
+def condensed_load(fe: FEMatrices, f: FloatArray) -> FloatArray:
+    """(n,) loads on the independent degrees of freedom from those on all, (n_all,)."""
+    n = fe.numbering.n
+    return f if fe.follow is None else f[:n] + fe.follow.T @ f[n:]
+
+
+def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray) -> FloatArray:
+    f = np.zeros(fe.numbering.n_all)
+    for kind, cells in _cells(fe, where, group, dim):
+        if not np.isin(cells, fe.numbering.nodes).all():
+            what = f'the group "{group}" has nodes that belong to no element of the body'
+            raise MeshError.from_problems([Problem(where, what)])
+        rule = facet_rule(kind, fe.mesh.points[cells])
+        shares = np.einsum("fq,kq->fk", rule.size, rule.N)
+        np.add.at(f, fe.numbering.table[cells, :3], shares[:, :, None] * load)
+    return condensed_load(fe, f)
+
+
+def _add_pressure(
+    fe: FEMatrices, f: FloatArray, kind: str, cells: IntArray, pressure: float
+) -> None:
+    """Add the loads of a pressure along the normal that the order of the nodes gives."""
+    rule = facet_rule(kind, fe.mesh.points[cells])
+    loads = np.einsum("fq,kq,fqc->fkc", pressure * rule.size, rule.N, rule.normal)
+    np.add.at(f, fe.numbering.table[cells, :3], loads)
+
+
+def _cells(fe: FEMatrices, where: str, group: str, dim: int) -> list[tuple[str, IntArray]]:
+    rows = fe.mesh.group_elements(group, where)
+    found = [
+        (kind, fe.mesh.blocks[kind][row])
+        for kind, row in rows.items()
+        if dimension(kind) == dim and kind in FACETS and len(row)
+    ]
+    if not found:
+        what = "surface elements" if dim == 2 else "line elements"
+        problem = Problem(where, f'the group "{group}" has no {what} to carry the load')
+        raise MeshError.from_problems([problem])
+    return found
+
+
+def _match_facets(cells: IntArray, among: IntArray) -> tuple[np.ndarray, IntArray]:
+    """Which facets occur in another list, whatever the order of their corners, and in which row."""
+    corners = _CORNERS[cells.shape[1]]
+    one, other = (np.sort(part[:, :corners], axis=1) for part in (cells, among))
+    _, number = np.unique(np.concatenate([one, other]), axis=0, return_inverse=True)
+    number = np.ravel(number)
+    row = np.full(len(one) + len(other), -1)
+    row[number[len(one) :]] = np.arange(len(other))
+    found = row[number[: len(one)]]
+    return found >= 0, found
+
+
+_ZERO_RESULTANT = 1e-13  # of the sum of all parts: a resultant below that is none
+_NODES = tuple(word for word in INTERFACE_WORDS if word != "type")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +171,7 @@ def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[
     found, problems = [], []
     for name, words in given.items():
         try:
-            found.append(_make(fe, name, words))
+            found.append(_make_load(fe, name, words))
         except (MeshError, ReductionError) as error:
             problems += error.problems
     if problems:
@@ -89,7 +179,7 @@ def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[
     return tuple(found)
 
 
-def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
+def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     where = f"loads.{name}"
     kind = words.get("type")
     if kind not in _LOADS:
@@ -109,7 +199,7 @@ def _make(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     R = fe.rigid
     total = R.T @ f
     parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
-    total[np.abs(total) <= _ROUNDING * np.repeat(parts, 3)] = 0.0
+    total[np.abs(total) <= _ZERO_RESULTANT * np.repeat(parts, 3)] = 0.0
     force = total[:3]
     moment = total[3:] + np.cross(fe.center, force)
     return LoadPattern(name, f, force, moment, residual)
@@ -142,10 +232,10 @@ def _force(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
     force = _vector(where, words, "force") if "force" in words else zero
     moment = _vector(where, words, "moment") if "moment" in words else zero
     selected = {key: words[key] for key in _NODES if key in words} | {"type": "rbe3"}
-    choice = choose(fe, where, selected)
+    choice = select_interface(fe, where, selected)
     f = np.zeros(fe.numbering.n_all)
     turning = np.isin(choice.nodes, fe.numbering.rotating).any()
-    if moment.any() or turning or spread(fe.mesh.points[choice.nodes]):
+    if moment.any() or turning or spans_rotation(fe.mesh.points[choice.nodes]):
         dofs, values = make_interface(fe, "", selected, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force

@@ -65,7 +65,7 @@ class ComponentMass:
 
 
 class Family(Protocol):
-    """A kind of element; one object for each, listed in :mod:`flexmb.fe.elements.registry`."""
+    """A kind of element; one object for each, listed in :mod:`flexmb.fe.elements.blocks`."""
 
     kind: str  # name of the cells in a mesh
     about: str  # a sentence for the list of elements

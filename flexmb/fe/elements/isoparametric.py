@@ -1,20 +1,185 @@
-"""From reference to real elements: gradients of shape functions for many elements at once.
+"""Reference elements of solids, and gradients of their shape functions in real elements.
 
-In: node coordinates (ne, k, 3) [m], shape functions at points of the reference element. Out:
-gradients in the body frame and volumes of the integration points, the point first. The mapping is
-isoparametric; either handedness of the numbering is right, so volumes are taken positive. All
-elements share the shape functions' reference slopes, so that both the Jacobians and the gradients
-are large matrix products.
+Shape functions and rules are scikit-fem's where it has them, brought into the mesh's (VTK's) node
+order; the wedge with 15 nodes is the span of {1, r, s, r^2, rs, s^2} x {1, t} and {1, r, s} x {t^2}
+(Zienkiewicz, Taylor, The Finite Element Method, vol. 1, section 8.10). Reference domains are the
+unit simplex, the unit cube and the unit triangle times the unit interval. All elements share the
+reference slopes, so that Jacobians and gradients of all elements are large matrix products.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
+from skfem import ElementHex1, ElementHex2, ElementHexS2, ElementTetP1, ElementTetP2
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefHex, RefLine, RefTet, RefTri
 
-from flexmb.fe.elements.reference import Points
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["determinants", "gradients", "inverse_jacobians", "strain_rows"]
+TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+HEX_EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
+WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
+"""Corners of the edges, in the order of their mid-side nodes."""
+
+_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+_HEX = np.array([[r, s, t] for t in (0, 1) for r, s in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
+_WEDGE = np.array([[r, s, t] for t in (0, 1) for r, s in ((0, 0), (1, 0), (0, 1))], float)
+_HEX_FACES = [[a, 0.5, 0.5] for a in (0, 1)], [[0.5, a, 0.5] for a in (0, 1)]
+_HEX27 = np.array([*_HEX_FACES[0], *_HEX_FACES[1], [0.5, 0.5, 0], [0.5, 0.5, 1], [0.5] * 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """Integration points X (nq, 3) of a reference domain and their weights w (nq,)."""
+
+    X: FloatArray
+    w: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Shape functions at points of the reference element.
+
+    Parameters
+    ----------
+    rule : Rule
+        The points and weights.
+    N : (nq, k) float
+        Shape functions.
+    dN : (nq, 3, k) float
+        Their slopes along the reference coordinates.
+    """
+
+    rule: Rule
+    N: FloatArray
+    dN: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A reference element.
+
+    Parameters
+    ----------
+    nodes : (k, 3) float
+        Where the nodes are, VTK order.
+    corners : int
+        How many of them are corners; these come first.
+    shapes : callable
+        From points (nq, 3) to N (nq, k) and dN (nq, 3, k).
+    """
+
+    nodes: FloatArray
+    corners: int
+    shapes: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+    def at(self, rule: Rule) -> Points:
+        """Shape functions at integration points."""
+        return Points(rule, *self.shapes(rule.X))
+
+    def at_nodes(self) -> Points:
+        """Shape functions at the nodes; no integration rule, the weights are zero."""
+        return self.at(Rule(self.nodes, np.zeros(len(self.nodes))))
+
+
+def tetrahedron(order: int) -> Reference:
+    """Tetrahedron with 4 (order 1) or 10 nodes (order 2)."""
+    element = ElementTetP1() if order == 1 else ElementTetP2()
+    nodes = _TET if order == 1 else _with_middles(_TET, TET_EDGES)
+    return Reference(nodes, 4, _ordered(element, nodes))
+
+
+def hexahedron(nodes: int) -> Reference:
+    """Hexahedron with 8, 20 or 27 nodes."""
+    element = {8: ElementHex1, 20: ElementHexS2, 27: ElementHex2}[nodes]()
+    places = _HEX if nodes == 8 else _with_middles(_HEX, HEX_EDGES)
+    places = np.vstack([places, _HEX27]) if nodes == 27 else places
+    return Reference(places, 8, _ordered(element, places))
+
+
+def wedge15() -> Reference:
+    """Wedge with 15 nodes."""
+    flat = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+    powers = np.array([(*p, t) for t in (0, 1) for p in flat] + [(*p, 2) for p in flat[:3]])
+    nodes = _with_middles(_WEDGE, WEDGE_EDGES)
+    to_nodes = np.linalg.inv(_monomials(nodes, powers))
+
+    def shapes(X: FloatArray) -> tuple[FloatArray, FloatArray]:
+        slopes = []
+        for axis in range(3):
+            lower = powers - np.eye(3, dtype=int)[axis] * (powers[:, axis : axis + 1] > 0)
+            slopes.append(powers[:, axis] * _monomials(X, lower) @ to_nodes)
+        return _monomials(X, powers) @ to_nodes, np.stack(slopes, axis=1)
+
+    return Reference(nodes, 6, shapes)
+
+
+def tetrahedron_rule(order: int) -> Rule:
+    """Rule exact to that order; those of orders 3 and 4 have negative weights."""
+    X, w = get_quadrature(RefTet, order)
+    return Rule(X.T, w)
+
+
+def hexahedron_rule(order: int) -> Rule:
+    """Gauss points: 1 (order 1), 8 (order 3), 27 (order 5)."""
+    X, w = get_quadrature(RefHex, order)
+    return Rule(X.T, w)
+
+
+def wedge_rule(triangle: int, line: int) -> Rule:
+    """Rule of order ``triangle`` in the triangle times Gauss points of order ``line``."""
+    X, w = get_quadrature(RefTri, triangle)
+    T, v = get_quadrature(RefLine, line)
+    points = [[*x, t] for x in X.T for t in T[0]]
+    return Rule(np.array(points), np.outer(w, v).ravel())
+
+
+def extrapolation(nodes: FloatArray, X: FloatArray) -> FloatArray:
+    """(k, np) from values at points X to values at the nodes.
+
+    The values are taken to be constant (1 point), linear (4 points of a tetrahedron), linear in the
+    triangle times linear along the wedge (6), or trilinear (8 points of a hexahedron).
+    """
+    cube = [(r, s, t) for t in (0, 1) for s in (0, 1) for r in (0, 1)]
+    fields = {
+        1: cube[:1],
+        4: [p for p in cube if sum(p) < 2],
+        6: [p for p in cube if p[:2] != (1, 1)],
+        8: cube,
+    }
+    powers = np.array(fields[len(X)])
+    return _monomials(nodes, powers) @ np.linalg.inv(_monomials(X, powers))
+
+
+def _monomials(X: FloatArray, powers: IntArray) -> FloatArray:
+    """(nq, number of monomials) the products of powers of the coordinates."""
+    return np.prod(X[:, None, :] ** powers[None], axis=2)
+
+
+def _with_middles(corners: FloatArray, edges: tuple[tuple[int, int], ...]) -> FloatArray:
+    return np.vstack([corners, [(corners[a] + corners[b]) / 2 for a, b in edges]])
+
+
+def _ordered(
+    element: ElementTetP1, nodes: FloatArray
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """Shape functions of a scikit-fem element, in the order of ``nodes``."""
+    distance = np.linalg.norm(element.doflocs[None] - nodes[:, None], axis=2)
+    order = distance.argmin(axis=1)
+
+    def shapes(X: FloatArray) -> tuple[FloatArray, FloatArray]:
+        found = [element.lbasis(X.T, number) for number in order]
+        N = np.stack([np.broadcast_to(phi, len(X)) for phi, _ in found], axis=1)
+        dN = np.stack([np.asarray(slope).T for _, slope in found], axis=2)
+        return N.astype(float), dN.astype(float)
+
+    return shapes
 
 
 def gradients(x: FloatArray, points: Points) -> tuple[FloatArray, FloatArray]:

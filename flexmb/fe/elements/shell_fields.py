@@ -1,9 +1,12 @@
 """Displacement fields of flat shells with six motions a node, of all elements at once.
 
-In: corners (ne, k, 3) [m] and a shell section. Out: :class:`Fields`: in element axes, the
-displacement of the mid-surface, the rotation of its normal (beta_x, beta_y: a point at height z
-moves by u + z beta) and the edge shear strains, as rows over the d = 6k motions of the nodes in
-body axes. Nodes are tied rigidly to the mid-surface, over the offset and the warp.
+:class:`Flat` is the mean plane of each element; its normal is that of the triangle, or of the two
+diagonals of the quadrilateral, on the side from which the nodes run counter-clockwise. The
+functions on the reference element are scikit-fem's: corners P1 or Q1, quadratic P2 or S2, edges
+Nedelec N1, scaled to the line integral 1 along their own edge. :class:`Fields` gives, in element
+axes, the displacement of the mid-surface, the rotation of its normal (a point at height z moves by
+u + z beta) and the edge shear strains over the d = 6k motions of the nodes in body axes. Nodes are
+tied rigidly to the mid-surface, over the offset and the warp.
 
 Along an edge from i to j of length L, tangent s, with g = (w_j - w_i)/L + (beta_s,i + beta_s,j)/2
 and phi = 12 D_ss/(S_ss L^2), the mid-side has beta_s = mean - 3/2 g/(1+phi), w = mean -
@@ -16,15 +19,234 @@ and Cook (1986), Int. J. Numer. Meth. Eng. 23, 1347 (membrane).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
+from skfem import (
+    ElementQuad1,
+    ElementQuadN1,
+    ElementQuadS2,
+    ElementTriN1,
+    ElementTriP1,
+    ElementTriP2,
+)
+from skfem.quadrature import get_quadrature
 
-from flexmb.fe.elements.shell_axes import Flat, flatten
-from flexmb.fe.elements.shell_reference import EDGES, Reference, reference
-from flexmb.fe.sections.shell import ShellSection
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.errors import MeshError
+from flexmb.fe.sections.shell_section import ShellSection
+from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["Fields", "Points", "make_fields", "make_points"]
+EDGES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
+}
+"""Corners of the edges; the mid-side node of edge e comes k + e th."""
+
+_ELEMENTS = {
+    "triangle": (ElementTriP1, ElementTriP2, ElementTriN1),
+    "quad": (ElementQuad1, ElementQuadS2, ElementQuadN1),
+}
+_ORDERS = {  # of the rules; products on triangles are polynomials: these are exact
+    "triangle": {"stiffness": 2, "mass": 4},
+    "quad": {"stiffness": 3, "mass": 5},
+}
+_CENTER = 1 / 40
+"""Weight of the centre in the stiffness rule of quadrilaterals."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShellFunctions:
+    """Functions at nq points of the reference element.
+
+    Parameters
+    ----------
+    weights : (nq,) float
+        Of the rule; zero where the points are only places.
+    corner_slopes : (nq, 2, k) float
+        Derivatives of the corner functions.
+    values, slopes : (nq, 2k), (nq, 2, 2k) float
+        Quadratic functions and their derivatives: corners, then mid-sides.
+    edge : (nq, 2, k) float
+        Edge functions, covariant.
+    """
+
+    weights: FloatArray
+    corner_slopes: FloatArray
+    values: FloatArray
+    slopes: FloatArray
+    edge: FloatArray
+
+
+@cache
+def shell_functions(kind: str, rule: str) -> ShellFunctions:
+    """The functions of a kind at the points of a rule.
+
+    Parameters
+    ----------
+    kind : str
+        ``"triangle"`` or ``"quad"``.
+    rule : str
+        ``"stiffness"`` or ``"mass"``, a quadrature; ``"center"``; or ``"sampling"``, points of best
+        stress: those of the rule of order 2.
+    """
+    corner, _, _ = (element() for element in _ELEMENTS[kind])
+    if rule == "center":
+        points = corner.refdom.p.mean(axis=1, keepdims=True)
+        return _functions_at(kind, points, np.zeros(1))
+    order = 2 if rule == "sampling" else _ORDERS[kind][rule]
+    points, weights = get_quadrature(corner, order)
+    if (kind, rule) == ("quad", "stiffness"):
+        points, weights = _five_points()
+    area = 1.0 if kind == "quad" else 0.5
+    return _functions_at(kind, points, weights * (area / weights.sum()))  # tables are rounded
+
+
+@cache
+def extrapolation(kind: str) -> FloatArray:
+    """(k, nq) from values at the sampling points to the corners, by the (bi)linear field."""
+    corner = _ELEMENTS[kind][0]()
+    points, _ = get_quadrature(corner, 2)
+    terms = [np.ones(points.shape[1]), *points]
+    ends = [np.ones(corner.refdom.p.shape[1]), *corner.refdom.p]
+    if kind == "quad":
+        terms.append(points[0] * points[1])
+        ends.append(corner.refdom.p[0] * corner.refdom.p[1])
+    return np.linalg.solve(np.array(terms), np.array(ends)).T
+
+
+def _five_points() -> tuple[FloatArray, FloatArray]:
+    """Points (2, 5) and weights (5,) of a rule of order 3 on the square.
+
+    Close to the 2 x 2 Gauss rule, which keeps curved shells from locking but lets rectangles warp
+    in their plane without energy, with a centre point against that.
+    """
+    outer = (1 - _CENTER) / 4
+    arm = np.sqrt(1 / (12 * outer)) / 2  # integrates squares exactly
+    points = 0.5 + arm * np.array([[0, -1, 1, 1, -1], [0, -1, -1, 1, 1]])
+    return points, np.array([_CENTER, outer, outer, outer, outer])
+
+
+def _functions_at(kind: str, points: FloatArray, weights: FloatArray) -> ShellFunctions:
+    corner, quadratic, edge = (element() for element in _ELEMENTS[kind])
+    k = len(EDGES[kind])
+    functions = [quadratic.lbasis(points, i) for i in range(2 * k)]
+    return ShellFunctions(
+        weights,
+        np.stack([corner.lbasis(points, i)[1] for i in range(k)], axis=-1).transpose(1, 0, 2),
+        np.stack([value for value, _ in functions], axis=-1),
+        np.stack([slope for _, slope in functions], axis=-1).transpose(1, 0, 2),
+        np.stack([_edge_function(kind, edge, e, points) for e in range(k)], axis=-1).transpose(
+            1, 0, 2
+        ),
+    )
+
+
+def _edge_function(kind: str, element: Any, e: int, points: FloatArray) -> FloatArray:
+    """(2, nq) edge function with the line integral 1 along its edge: constant tangential part."""
+    a, b = (element.refdom.p[:, node] for node in EDGES[kind][e])
+    value, _ = element.lbasis((0.5 * (a + b))[:, None], e)
+    shape, _ = element.lbasis(points, e)
+    return shape / float((b - a) @ value[:, 0])
+
+
+WARP_WARNING = 0.05
+"""Warp from which a mesh is too coarse for its twist: the error is 2 % there (a twisted strip,
+thick or thin), grows to 5 % at 0.1 and 20 % at 0.14, and falls with the size of the elements.
+Splitting the quadrilaterals into triangles is no remedy: thin and twisted, those are too stiff."""
+WARP_LIMIT = 0.15
+"""Warp beyond which a quadrilateral should not be used at all."""
+
+_STEEP = 0.9  # share of the normal along x from which the default axis 1 is y
+_MIN_IN_PLANE = 1e-6  # least share of an orientation in the plane of an element
+
+
+@dataclass(frozen=True, eq=False)
+class Flat:
+    """Elements in their mean planes.
+
+    Parameters
+    ----------
+    center : (ne, 3) float
+        Mean of the corners [m].
+    axes : (ne, 3, 3) float
+        Columns are axes 1, 2 and the normal, body frame.
+    xy : (ne, k, 2) float
+        Corners in the plane, from the centre [m].
+    height : (ne, k) float
+        Corners above the plane [m].
+    """
+
+    center: FloatArray
+    axes: FloatArray
+    xy: FloatArray
+    height: FloatArray
+
+
+def flatten(x: FloatArray, orientation: tuple[float, float, float] | None = None) -> Flat:
+    """Project elements on their mean planes; axis 1 is the projection of ``orientation``.
+
+    Raises
+    ------
+    MeshError
+        The orientation is normal to an element, or an element is warped beyond ``WARP_LIMIT``.
+    """
+    _check_warp(x)
+    normal = _normal(x)
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    if orientation is None:
+        towards = np.where(np.abs(normal[:, :1]) > _STEEP, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    else:
+        towards = np.broadcast_to(
+            np.asarray(orientation) / np.linalg.norm(orientation), normal.shape
+        )
+    e1 = towards - np.sum(towards * normal, axis=1, keepdims=True) * normal
+    size = np.linalg.norm(e1, axis=1, keepdims=True)
+    if (size < _MIN_IN_PLANE).any():
+        count = np.count_nonzero(size < _MIN_IN_PLANE)
+        what = f"section.orientation is normal to {count} shell elements"
+        raise MeshError(f"{what}: it has no direction in their planes")
+    e1 = e1 / size
+    axes = np.stack([e1, np.cross(normal, e1), normal], axis=2)
+    center = x.mean(axis=1)
+    local = np.matmul(x - center[:, None], axes)
+    return Flat(center, axes, local[..., :2], local[..., 2])
+
+
+def _check_warp(x: FloatArray) -> None:
+    far = warp(x)
+    if (far > WARP_LIMIT).any():
+        what = f"{np.count_nonzero(far > WARP_LIMIT)} quadrilaterals are warped: their corners are "
+        what += f"off a plane by up to {far.max():.2g} of their size, more than {WARP_LIMIT:g}"
+        raise MeshError(f"{what}; mesh the twisted surface finer")
+
+
+def warp(x: FloatArray) -> FloatArray:
+    """(ne,) largest distance of a corner from the mean plane, over the root of the area."""
+    normal = _normal(x)
+    size = np.linalg.norm(normal, axis=1)
+    safe = np.where(size > 0, size, 1.0)
+    height = np.einsum("eka,ea->ek", x - x.mean(axis=1, keepdims=True), normal) / safe[:, None]
+    return np.abs(height).max(axis=1) / np.sqrt(0.5 * safe)
+
+
+def degenerate_elements(x: FloatArray) -> IntArray:
+    """Elements without area, folded, or with a corner of 180 degrees or more."""
+    normal = _normal(x)
+    before, after = np.roll(x, 1, axis=1), np.roll(x, -1, axis=1)
+    corner = np.einsum("eka,ea->ek", np.cross(after - x, before - x), normal)
+    longest = np.linalg.norm(after - x, axis=2).max(axis=1)
+    size = np.linalg.norm(normal, axis=1)
+    flat = size <= 1e-10 * longest**2
+    return np.flatnonzero(flat | (corner <= 1e-6 * size[:, None] ** 2).any(axis=1))
+
+
+def _normal(x: FloatArray) -> FloatArray:
+    """(ne, 3) along the normal, as long as twice the area."""
+    if x.shape[1] == 3:
+        return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    return np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+
 
 _LINEAR = {"triangle": 0.1**0.5, "quad": 1.0}
 """Triangles keep a tenth of the energy of the linear part: with all of it curved meshes lock."""
@@ -60,7 +282,7 @@ class Fields:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class ShellPoints:
     """Functions of the elements at nq points.
 
     Parameters
@@ -104,7 +326,7 @@ class Points:
         return np.matmul(self.edge, fields.shear[:, None])
 
 
-def make_points(flat: Flat, at: Reference) -> Points:
+def make_points(flat: Flat, at: ShellFunctions) -> ShellPoints:
     """Map functions of the reference element to the elements."""
     J = np.matmul(at.corner_slopes, flat.xy[:, None])  # (ne, nq, 2, 2): slope of coordinate c
     det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
@@ -112,7 +334,7 @@ def make_points(flat: Flat, at: Reference) -> Points:
     inverse[..., 0, 0], inverse[..., 1, 1] = J[..., 1, 1] / det, J[..., 0, 0] / det
     inverse[..., 0, 1], inverse[..., 1, 0] = -J[..., 0, 1] / det, -J[..., 1, 0] / det
     slopes, edge = np.matmul(inverse, at.slopes), np.matmul(inverse, at.edge)
-    return Points(det * at.weights, at.values, slopes, edge)
+    return ShellPoints(det * at.weights, at.values, slopes, edge)
 
 
 def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
@@ -145,7 +367,7 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
     middle[:, :, 4] += sy * bow
 
     nodal = np.concatenate([corner[:, :, :5], middle], axis=1)
-    slopes = make_points(flat, reference(kind, "center")).slopes[:, 0]
+    slopes = make_points(flat, shell_functions(kind, "center")).slopes[:, 0]
     spin = 0.5 * (
         np.einsum("en,end->ed", slopes[:, 0], nodal[:, :, 1])
         - np.einsum("en,end->ed", slopes[:, 1], nodal[:, :, 0])

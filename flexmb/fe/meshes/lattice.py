@@ -1,10 +1,11 @@
 """Elements between the points of a lattice: what all structured meshes are made of.
 
-In: an element kind and the number of cells along each direction. Out: a :class:`Lattice`, whose
-points lie at the corners, middles of edges and faces and centres of the cells; elements and the
-facets of its sides name them by one number. Tetrahedra, wedges and triangles divide each cell, in
-mirror images from cell to cell, so that an even number of cells gives a symmetric mesh; six
-tetrahedra a cell after Kuhn (1960), IBM J. Res. Dev. 4. Node order is VTK's.
+Lattice points lie at the corners, middles of edges and faces and centres of the cells. Tetrahedra,
+wedges and triangles divide each cell, in mirror images from cell to cell, so that an even number of
+cells gives a symmetric mesh; six tetrahedra a cell after Kuhn (1960), IBM J. Res. Dev. 4. Default
+divisions: ten second-order elements, or twenty first-order ones, along the longest extent, along
+the others as many as make their edges as long, at least two (four first-order ones in solids);
+round shapes have 16 or 32 elements around.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
+from math import pi, prod
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 
+from flexmb.errors import MeshError, Problem, nearest
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.tables import is_number
 from flexmb.flexbody.arrays import FloatArray, IntArray
-
-__all__ = ["KINDS", "Lattice", "fill"]
 
 KINDS = {
     2: ("quad", "triangle"),
@@ -171,3 +176,148 @@ def _facet(table: IntArray, axis: int, end: int, dim: int) -> list[int]:
     wanted = [(table[a] + table[b]) / 2 for a, b in around] + [table[corners].mean(axis=0)]
     found = [k for place in wanted for k in on if k not in corners and (table[k] == place).all()]
     return corners + list(dict.fromkeys(found))
+
+
+_ALONG_LONGEST = {True: 10, False: 20}  # elements along the longest extent, by second order
+_AROUND = {True: 16, False: 32}
+_THROUGH_WALL = {True: 1, False: 2}  # through a wall
+_MAX_ALONG_TUBE = 40  # elements along a tube
+_MAX_NODES = 10_000_000  # nodes; a mesh of more is a slip of the keyboard
+
+
+def _second_order(kind: str) -> bool:
+    return kind not in ("line", "quad", "triangle", "hexahedron", "tetra")
+
+
+def even_divisions(kind: str, extents: Sequence[float]) -> tuple[int, ...]:
+    """The usual divisions of a box of these extents."""
+    fine = _second_order(kind)
+    edge = max(extents) / _ALONG_LONGEST[fine]
+    least = 4 if not fine and len(extents) == 3 else 2
+    return tuple(max(least, round(extent / edge)) for extent in extents)
+
+
+def divisions_around(kind: str) -> int:
+    """The usual number of elements around a circle."""
+    return _AROUND[_second_order(kind)]
+
+
+def divisions_across(kind: str) -> int:
+    """The usual number of elements through a wall."""
+    return _THROUGH_WALL[_second_order(kind)]
+
+
+def divisions_along(extent: float, radius: float, turns: int) -> int:
+    """The usual number along an extent beside ``turns`` elements on a circle: edges as long."""
+    return min(_MAX_ALONG_TUBE, max(2, round(extent * turns / (2 * pi * radius))))
+
+
+def division_counts(given: Any, usual: Sequence[int]) -> tuple[int, ...]:
+    """The divisions that were given, or the usual ones; one number counts for all directions."""
+    if given is None:
+        return tuple(usual)
+    return (int(given),) * len(usual) if is_number(given) else tuple(int(n) for n in given)
+
+
+def division_problems(given: Any, words: Sequence[str]) -> list[Problem]:
+    """What is wrong with divisions along the directions ``words``; nothing with None."""
+    if given is None:
+        return []
+    numbers = [given] * len(words) if is_number(given) else given
+    listed = isinstance(numbers, list | tuple) and len(numbers) == len(words)
+    if not listed or not all(
+        isinstance(n, Integral) and not isinstance(n, bool) and n >= 1 for n in numbers
+    ):
+        what = f"must be whole numbers from 1 on, {', '.join(words)}; given {given!r}"
+        return [Problem("mesh.divisions", what)]
+    nodes = prod(2.0 * n + 1.0 for n in numbers)
+    if nodes > _MAX_NODES:
+        what = f"would make up to {nodes:.3g} nodes, more than {_MAX_NODES:.0e}; given {given!r}"
+        return [Problem("mesh.divisions", what)]
+    return []
+
+
+def kind_problems(given: Any, *dims: int) -> list[Problem]:
+    """What is wrong with a kind of elements, of solids (3) or surfaces (2); nothing with None."""
+    names = tuple(name for dim in dims for name in KINDS[dim])
+    if given is None or given in names:
+        return []
+    what = f"unknown kind {given!r}"
+    return [Problem("mesh.elements", what, names, nearest(str(given), names))]
+
+
+def length_problems(**values: Any) -> list[Problem]:
+    """What is wrong with lengths that must be positive; nothing with None."""
+    return [
+        Problem(f"mesh.{name}", f"must be a positive length, given {value!r}")
+        for name, value in values.items()
+        if value is not None and not (is_number(value) and value > 0)
+    ]
+
+
+Facets = tuple[str, IntArray]
+
+
+def few_around(divisions: Any, direction: int) -> list[Problem]:
+    """The problem of less than three elements around a circle."""
+    if divisions is None or division_counts(divisions, (0,) * 3)[direction] >= 3:
+        return []
+    return [Problem("mesh.divisions", f"must be three or more around, given {divisions!r}")]
+
+
+def from_lattice(
+    source: str,
+    kind: str,
+    points: FloatArray,
+    cells: IntArray,
+    groups: Mapping[str, Sequence[Facets]],
+    surface: bool = False,
+) -> Mesh:
+    """The mesh of elements on a lattice, without the points that none of them uses.
+
+    Parameters
+    ----------
+    source, kind : str
+        Name of the mesh, and of the kind of its elements.
+    points : (n, 3) float
+        Places of all lattice points [m].
+    cells : (ne, k) int
+        Elements.
+    groups : mapping of str to list of (kind, cells)
+        Facets of each group.
+    surface : bool
+        Whether the elements themselves make a group ``surface``.
+    """
+    used = np.unique(cells)
+    number = np.full(len(points), -1)
+    number[used] = np.arange(len(used))
+    blocks: dict[str, list[IntArray]] = {kind: [number[cells]]}
+    sets: dict[str, dict[str, list[IntArray]]] = {}
+    if surface:
+        sets["surface"] = {kind: [np.arange(len(cells))]}
+    for name, facets in groups.items():
+        for facet, rows in facets:
+            parts = blocks.setdefault(facet, [])
+            first = sum(len(part) for part in parts)
+            parts.append(number[rows])
+            found = sets.setdefault(name, {}).setdefault(facet, [])
+            found.append(np.arange(first, first + len(rows)))
+    return Mesh(
+        points[used],
+        {name: np.concatenate(parts) for name, parts in blocks.items()},
+        {},
+        {n: {k: np.concatenate(v) for k, v in found.items()} for n, found in sets.items()},
+        source=source,
+    )
+
+
+def refuse(problems: Sequence[Problem]) -> None:
+    """Raise what is wrong, if anything is.
+
+    Raises
+    ------
+    MeshError
+        With all the problems.
+    """
+    if problems:
+        raise MeshError.from_problems(problems)

@@ -14,42 +14,43 @@ from scipy.linalg import block_diag
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.interfaces.make import ModelInterface
-from flexmb.fe.reduction.basis import (
+from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.mode_selection import (
+    ModeSelection,
+    ModesLike,
+    interface_shares,
+    mode_selection,
+    smallest_set,
+)
+from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     directions_of,
     interface_labels,
     rigid_motion_of_interfaces,
 )
-from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.reduction.choice import (
-    ModeChoice,
-    ModesLike,
-    interface_shares,
-    mode_choice,
-    smallest_set,
+from flexmb.fe.reduction.residual_vectors import (
+    InertiaRelief,
+    fixed_interface_responses,
+    residual_vectors,
 )
-from flexmb.fe.reduction.held import Held
-from flexmb.fe.reduction.planar import Mirror, symmetric_modes
-from flexmb.fe.reduction.relief import Relief
-from flexmb.fe.reduction.residual import held_responses, residual_vectors
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
-__all__ = ["craig_bampton", "guyan"]
-
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
 _FIRST = 20  # modes computed at first where a frequency or a share decides
-_MOST = 640  # modes computed at most for a share
+_MAX_MODES = 640  # modes computed at most for a share
 
 
 def craig_bampton(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeChoice = 20,
+    modes: ModesLike | ModeSelection = 20,
     progress: Progress = silent,
-    mirror: Mirror | None = None,
+    mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
 ) -> ReducedBasis:
     """Reduce a model with at least one interface.
@@ -60,7 +61,7 @@ def craig_bampton(
         The model.
     interfaces : tuple of RigidInterface or WeightedInterface
         What is held; at least one.
-    modes : int, mapping or ModeChoice
+    modes : int, mapping or ModeSelection
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
@@ -75,12 +76,12 @@ def craig_bampton(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = mode_choice(modes)
+    choice = mode_selection(modes)
     directions = directions_of(mirror)
-    held = Held(fe, interfaces, directions, progress)
-    omega2, V, numbers = _chosen(held, choice, mirror, progress)
-    relief = Relief(fe.M, fe.rigid[:, directions])
-    stiff, U = residual_vectors(fe, held_responses(held, relief, loads), V)
+    held = FixedInterfaceModel(fe, interfaces, directions, progress)
+    omega2, V, numbers = _fixed_interface_modes(held, choice, mirror, progress)
+    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
+    stiff, U = residual_vectors(fe, fixed_interface_responses(held, relief, loads), V)
     progress("modes", 1.0)
     basis = np.concatenate([held.modes, V, U], axis=1)
     M = basis.T @ (fe.M @ basis)
@@ -109,9 +110,9 @@ def craig_bampton(
 def guyan(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeChoice = 0,
+    modes: ModesLike | ModeSelection = 0,
     progress: Progress = silent,
-    mirror: Mirror | None = None,
+    mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
 ) -> ReducedBasis:
     """Static reduction: the constraint modes alone; arguments as for :func:`craig_bampton`.
@@ -121,13 +122,16 @@ def guyan(
     ReductionError
         Modes are asked for, or a part that nothing holds.
     """
-    if mode_choice(modes) != ModeChoice(count=0):
+    if mode_selection(modes) != ModeSelection(count=0):
         raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')
     return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
 
 
-def _chosen(
-    held: Held, choice: ModeChoice, mirror: Mirror | None, progress: Progress
+def _fixed_interface_modes(
+    held: FixedInterfaceModel,
+    choice: ModeSelection,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Squared frequencies, fields (n, k) and numbers of the fixed-interface modes that are kept."""
     if choice.count is not None:
@@ -138,14 +142,17 @@ def _chosen(
             raise ReductionError(f"modes: {choice.count} asked, but {what}")
         kept = np.arange(choice.count)
     else:
-        omega2, V, kept = _enough(held, choice, mirror, progress)
+        omega2, V, kept = _modes_until(held, choice, mirror, progress)
     fields = np.zeros((held.fe.numbering.n, len(kept)))
     fields[held.dofs] = V[:, kept]
     return omega2[kept], fields, kept
 
 
-def _enough(
-    held: Held, choice: ModeChoice, mirror: Mirror | None, progress: Progress
+def _modes_until(
+    held: FixedInterfaceModel,
+    choice: ModeSelection,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Modes until one lies above the frequency, or until they hold the share."""
     count = _FIRST
@@ -160,14 +167,14 @@ def _enough(
             shares = interface_shares(held, V)
             if complete or shares.sum() >= choice.effective_mass:
                 return omega2, V, smallest_set(shares, choice.effective_mass)
-            if count >= _MOST:
+            if count >= _MAX_MODES:
                 what = f"the lowest {len(omega2)} fixed-interface modes hold {shares.sum():.4f}"
                 raise ReductionError(f"modes.effective_mass: {what}; ask for less, or for a count")
         count *= 2
 
 
 def _lowest(
-    held: Held, count: int, mirror: Mirror | None, progress: Progress
+    held: FixedInterfaceModel, count: int, mirror: SymmetryPlane | None, progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
     """At least ``count`` fixed-interface modes, or all, unique in sign and direction."""
     if count == 0:
@@ -181,4 +188,4 @@ def _lowest(
     else:
         omega2, V = symmetric_modes(mirror.on(held.dofs), held.M, lowest, count, held.count)
     products = polynomial_fields(held.fe)[held.dofs].T @ (held.M @ V)
-    return omega2, V @ canonical_rotation(omega2, products)
+    return omega2, V @ mode_signs(omega2, products)

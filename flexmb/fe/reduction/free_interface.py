@@ -1,46 +1,58 @@
-"""Free-interface reduction: free elastic modes and what they leave out of the interfaces' response.
+"""Free-interface reduction, and elastic modes of a body without interfaces.
 
-In: a finite-element model, its interfaces, which free modes. Out: a basis of the rigid motions, the
-lowest elastic modes of the free body, and residual attachment modes: the static responses of the
-free body to unit forces and moments at the interfaces, less the part of the kept modes. Response
-to any load at an interface is exact in the static limit, and the residual vectors keep their mass
-(MacNeal leaves it out). Sources: MacNeal (1971), Computers and Structures 1; Rubin (1975), AIAA
-Journal 13(8); Craig, Chang (1977), AIAA/ASME 18th SDM conference.
+The basis has the rigid motions, the lowest elastic modes of the free body, and residual attachment
+modes: the static responses of the free body to unit forces and moments at the interfaces, less the
+part of the kept modes. The response to any load at an interface is exact in the static limit, and
+the residual vectors keep their mass (MacNeal leaves it out). Without interfaces K is singular: it
+is solved with six statically determinate degrees of freedom fixed and the loads relieved of their
+resultant, the pseudo-inverse. Sources: MacNeal (1971), Computers and Structures 1; Rubin (1975),
+AIAA Journal 13(8); Craig, Chang (1977), AIAA/ASME 18th SDM conference.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.interfaces.make import ModelInterface
-from flexmb.fe.reduction.basis import ReducedBasis, directions_of
-from flexmb.fe.reduction.canonical import canonical_rotation, polynomial_fields
-from flexmb.fe.reduction.choice import ModeChoice, ModesLike, mode_choice
-from flexmb.fe.reduction.eigen import lowest_modes, start_vector
-from flexmb.fe.reduction.held import Held
-from flexmb.fe.reduction.planar import Mirror, symmetric_modes
-from flexmb.fe.reduction.relief import Relief
-from flexmb.fe.reduction.residual import load_columns, relieved_responses, residual_vectors
+from flexmb.fe.reduction.eigenmodes import (
+    dense_modes,
+    lowest_modes,
+    mode_signs,
+    polynomial_fields,
+    start_vector,
+)
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel, statically_determinate
+from flexmb.fe.reduction.mode_selection import ModeSelection, ModesLike, mode_selection
+from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
+from flexmb.fe.reduction.residual_vectors import (
+    InertiaRelief,
+    deforming_responses,
+    free_body_responses,
+    load_columns,
+    residual_vectors,
+)
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
+from flexmb.fe.solver.linear_solver import SingularMatrix, factor
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
-__all__ = ["free_interface", "free_modes_of"]
-
-_DENSE = 300
-_SPARE = 2
-_FIRST = 20
+_DENSE = 300  # degrees of freedom up to which full matrices are faster
+_SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
+_FIRST = 20  # modes at first where a frequency decides
 
 
 def free_interface(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeChoice = 20,
+    modes: ModesLike | ModeSelection = 20,
     progress: Progress = silent,
-    mirror: Mirror | None = None,
+    mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
 ) -> ReducedBasis:
     """Reduce a model with at least one interface; the body has modes + residual coordinates.
@@ -49,7 +61,7 @@ def free_interface(
     ----------
     fe, interfaces, progress, mirror, loads
         As for :func:`flexmb.fe.craig_bampton`.
-    modes : int, mapping or ModeChoice
+    modes : int, mapping or ModeSelection
         Elastic modes of the free body: so many, or all below ``{"frequency": f}`` [Hz].
 
     Raises
@@ -57,16 +69,16 @@ def free_interface(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = mode_choice(modes)
+    choice = mode_selection(modes)
     if choice.effective_mass is not None:
         what = "goes with fixed-interface modes; give a count or a frequency"
         raise ReductionError(f"modes.effective_mass: {what}")
     directions = directions_of(mirror)
-    held = Held(fe, interfaces, directions, progress)
-    relief = Relief(fe.M, fe.rigid[:, directions])
-    omega2, V = _chosen(held, relief, choice, mirror, progress)
+    held = FixedInterfaceModel(fe, interfaces, directions, progress)
+    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
+    omega2, V = _select_modes(held, relief, choice, mirror, progress)
     F = np.concatenate([held.loads(), load_columns(fe, loads)], axis=1)
-    stiff, U = residual_vectors(fe, relieved_responses(held, relief, F), V)
+    stiff, U = residual_vectors(fe, free_body_responses(held, relief, F), V)
     progress("modes", 1.0)
     return free_basis(fe, interfaces, directions, (omega2, V), (stiff, U), loads)
 
@@ -106,10 +118,10 @@ def free_basis(
 
 
 def free_modes_of(
-    held: Held,
-    relief: Relief,
+    held: FixedInterfaceModel,
+    relief: InertiaRelief,
     count: int,
-    mirror: Mirror | None = None,
+    mirror: SymmetryPlane | None = None,
     progress: Progress = silent,
 ) -> tuple[FloatArray, FloatArray]:
     """At least ``count`` elastic modes of the free tied model, or all, unique in direction.
@@ -144,16 +156,20 @@ def free_modes_of(
     else:
         omega2, V = symmetric_modes(mirror.S, fe.M, lowest, count, limit)
     V = relief.fields(V)
-    return omega2, V @ canonical_rotation(omega2, polynomial_fields(fe).T @ (fe.M @ V))
+    return omega2, V @ mode_signs(omega2, polynomial_fields(fe).T @ (fe.M @ V))
 
 
-def free_count(held: Held) -> int:
+def free_count(held: FixedInterfaceModel) -> int:
     """How many elastic modes the free tied model has."""
     return held.modes.shape[1] + held.count - len(held.directions)
 
 
-def _chosen(
-    held: Held, relief: Relief, choice: ModeChoice, mirror: Mirror | None, progress: Progress
+def _select_modes(
+    held: FixedInterfaceModel,
+    relief: InertiaRelief,
+    choice: ModeSelection,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
     if choice.count is not None:
         omega2, V = free_modes_of(held, relief, choice.count, mirror, progress)
@@ -171,9 +187,132 @@ def _chosen(
         count *= 2
 
 
-def _dense(held: Held, count: int) -> tuple[FloatArray, FloatArray]:
+def _dense(held: FixedInterfaceModel, count: int) -> tuple[FloatArray, FloatArray]:
     fields, fe = held.fields(), held.fe
     K, M = fields.T @ (fe.K @ fields), fields.T @ (fe.M @ fields)
     rigid = len(held.directions)
     omega2, W = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), subset_by_index=[0, count + rigid - 1])
     return omega2[rigid:], fields @ W[:, rigid:]
+
+
+Modes = tuple[FloatArray, FloatArray]
+
+
+def free_modes(
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...] = (),
+    modes: ModesLike | ModeSelection = 20,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+) -> ReducedBasis:
+    """Six rigid motions and the lowest elastic modes of the free body.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : tuple
+        None: this is for bodies without.
+    modes : int, mapping or ModeSelection
+        Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
+    progress : Progress
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+    mirror : Mirror, optional
+        Keep what is symmetric about its plane alone.
+    loads : tuple of LoadPattern
+        Loads of the body; those with ``residual`` add their static responses.
+
+    Raises
+    ------
+    ReductionError
+        More modes than the model has, or a share of interface mass, which needs interfaces.
+    """
+    choice = mode_selection(modes)
+    if interfaces or choice.effective_mass is not None:
+        raise ReductionError("modes.effective_mass: the body has no interfaces; give a count")
+    whole = InertiaRelief(fe.M, fe.rigid)
+    static: list[Callable[[FloatArray], FloatArray]] = []
+
+    def inverse(f: FloatArray) -> FloatArray:
+        if not static:
+            static.append(relieved_inverse(fe, whole, progress))
+        return static[0](f)
+
+    omega2, V = _select_free_modes(fe, inverse, choice, mirror, progress)
+    directions = directions_of(mirror)
+    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
+    V = relief.fields(V)
+    F = load_columns(fe, loads)
+    responses = deforming_responses(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
+    progress("modes", 1.0)
+    residual = residual_vectors(fe, responses, V)
+    return free_basis(fe, (), directions, (omega2, V), residual, loads)
+
+
+def relieved_inverse(
+    fe: FEMatrices, relief: InertiaRelief, progress: Progress
+) -> Callable[[FloatArray], FloatArray]:
+    """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
+    left = np.setdiff1d(np.arange(fe.numbering.n), statically_determinate(fe.rigid))
+    try:
+        inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
+    except SingularMatrix as error:
+        raise ReductionError(free_part(fe, left[error.dofs])) from error
+
+    def inverse(f: FloatArray) -> FloatArray:
+        u = np.zeros_like(f)
+        u[left] = inner.solve(relief.loads(f)[left])
+        return relief.fields(u)
+
+    return inverse
+
+
+def _select_free_modes(
+    fe: FEMatrices,
+    inverse: Callable[[FloatArray], FloatArray],
+    choice: ModeSelection,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
+) -> Modes:
+    limit = fe.numbering.n - 6
+    count = _FIRST if choice.count is None else choice.count
+    while True:
+        omega2, V = lowest_free(fe, inverse, count, mirror, progress)
+        complete = len(omega2) < count or count >= limit
+        if choice.count is not None:
+            if choice.count > len(omega2):
+                where = "" if mirror is None else " in the plane"
+                what = f"the model has only {len(omega2)} elastic modes{where}"
+                raise ReductionError(f"modes: {choice.count} asked, but {what}")
+            return omega2[:count], V[:, :count]
+        below = int(np.searchsorted(omega2, (2 * np.pi * choice.frequency) ** 2))
+        if complete or below < len(omega2):
+            return omega2[:below], V[:, :below]
+        count *= 2
+
+
+def lowest_free(
+    fe: FEMatrices,
+    inverse: Callable[[FloatArray], FloatArray],
+    count: int,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
+) -> Modes:
+    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
+    n, limit = fe.numbering.n, fe.numbering.n - 6
+    if count == 0:
+        return np.zeros(0), np.zeros((n, 0))
+
+    def lowest(number: int) -> Modes:
+        number = min(number, limit)
+        if n <= _DENSE or 2 * number + 12 >= n:
+            omega2, found = dense_modes(fe.K, fe.M, number + 6)
+            return omega2[6:], found[:, 6:]
+        return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
+
+    if mirror is None:
+        omega2, V = lowest(count + _SPARE)
+    else:
+        omega2, V = symmetric_modes(mirror.S, fe.M, lowest, count, limit)
+    return omega2, V @ mode_signs(omega2, polynomial_fields(fe).T @ (fe.M @ V))

@@ -10,18 +10,15 @@ from typing import Any, Protocol
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.interfaces.make import ModelInterface
-from flexmb.fe.reduction.basis import ReducedBasis
-from flexmb.fe.reduction.choice import mode_choice
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
-from flexmb.fe.reduction.free_interface import free_interface
-from flexmb.fe.reduction.free_modes import free_modes
-from flexmb.fe.reduction.planar import Mirror
-from flexmb.fe.reduction.user import user_modes
+from flexmb.fe.reduction.free_interface import free_interface, free_modes
+from flexmb.fe.reduction.mode_selection import mode_selection
+from flexmb.fe.reduction.reduced_basis import ReducedBasis
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
+from flexmb.fe.reduction.user_modes import user_modes
 from flexmb.progress import Progress, silent
-
-__all__ = ["METHODS", "asked_modes", "reduce_model"]
 
 
 class Method(Protocol):
@@ -33,7 +30,7 @@ class Method(Protocol):
         interfaces: tuple[ModelInterface, ...],
         modes: Any,
         progress: Progress = silent,
-        mirror: Mirror | None = None,
+        mirror: SymmetryPlane | None = None,
         loads: tuple[LoadPattern, ...] = (),
     ) -> ReducedBasis: ...
 
@@ -49,7 +46,7 @@ METHODS: dict[str, Method] = {
 _DEFAULT_MODES = {"craig-bampton": 20, "free-interface": 20, "guyan": 0}
 
 
-def asked_modes(method: str, modes: Any) -> Any:
+def requested_modes(method: str, modes: Any) -> Any:
     """What a method is asked for: the modes that are given, or its default.
 
     Raises
@@ -66,7 +63,7 @@ def asked_modes(method: str, modes: Any) -> Any:
             what = 'reduction = "user" takes modes = an array, or the path of an .npz file'
             raise ReductionError.from_problems([Problem("modes", f"{what}, given {modes!r}")])
         return modes
-    return mode_choice(_DEFAULT_MODES[method] if modes is None else modes)
+    return mode_selection(_DEFAULT_MODES[method] if modes is None else modes)
 
 
 def reduce_model(
@@ -76,7 +73,7 @@ def reduce_model(
     modes: Any = None,
     *,
     progress: Progress = silent,
-    mirror: Mirror | None = None,
+    mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
 ) -> ReducedBasis:
     """Reduce a model by a method.
@@ -102,7 +99,7 @@ def reduce_model(
         An unknown method, a static reduction without interfaces, user modes that are not given,
         or what the method refuses.
     """
-    modes = asked_modes(method, modes)
+    modes = requested_modes(method, modes)
     if interfaces or method == "user":
         return METHODS[method](fe, interfaces, modes, progress, mirror, loads)
     if method == "guyan":

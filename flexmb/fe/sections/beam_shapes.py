@@ -12,104 +12,24 @@ Poisson's ratio; thin walls in :mod:`flexmb.fe.sections.thin_walls`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from flexmb.errors import Problem, ReductionError
-from flexmb.fe.sections.beam import BeamSection, Vector
-from flexmb.fe.sections.binding import Releases, join_releases
-from flexmb.fe.sections.stress_points import Place, StressPoint
-from flexmb.materials import AnyMaterial
+from flexmb.fe.sections.beam_section import (
+    BeamSection,
+    Place,
+    Shape,
+    StressPoint,
+    positive,
+    section_of,
+)
 
 __all__ = ["Shape", "circle", "positive", "rectangle", "section_of", "tube"]
 
 _ODD = np.arange(1, 40, 2)
-
-
-class Shape(Protocol):
-    """Dimensions of a section, and what follows from them."""
-
-    def values(self) -> tuple[float, float, float, float]:
-        """A, Iy, Iz, J in principal axes."""
-        ...
-
-    def shear(self, nu: float) -> tuple[float, float]:
-        """Shear coefficients ky, kz in principal axes."""
-        ...
-
-    def points(self) -> tuple[StressPoint, ...]:
-        """Where stress is told."""
-        ...
-
-    def tilt(self) -> tuple[float, Place]:
-        """Angle of the principal axes [rad], and the shear centre from the centroid in them."""
-        ...
-
-
-def section_of(
-    shape: Shape,
-    *,
-    shear: bool = True,
-    ky: float | None = None,
-    kz: float | None = None,
-    orientation: Vector | None = None,
-    material: AnyMaterial | None = None,
-    offset: Place = (0.0, 0.0),
-    nonstructural: float = 0.0,
-    releases: Releases | Mapping[str, Any] | None = None,
-) -> BeamSection:
-    """The section of a shape.
-
-    Its shear coefficients are those at Poisson's ratio 0 until its material is known.
-
-    Raises
-    ------
-    ReductionError
-        Values that no section can have.
-    """
-    A, Iy, Iz, J = shape.values()
-    given = ky is not None or kz is not None
-    own = shape.shear(0.0) if shear else (math.inf, math.inf)
-    angle, center = shape.tilt()
-    return BeamSection(
-        A,
-        Iy,
-        Iz,
-        J,
-        own[0] if ky is None else ky,
-        own[1] if kz is None else kz,
-        orientation,
-        material,
-        offset,
-        nonstructural,
-        join_releases(releases),
-        angle,
-        center,
-        shape.points(),
-        shape,
-        shear and not given,
-    )
-
-
-def positive(**values: Any) -> None:
-    """Refuse dimensions that are not positive numbers.
-
-    Raises
-    ------
-    ReductionError
-        With all of them.
-    """
-    problems = []
-    for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            problems.append(Problem(f"section.{name}", f"must be a number, given {value!r}"))
-        elif not 0 < value < math.inf:
-            problems.append(Problem(f"section.{name}", f"must be positive, given {value:g} m"))
-    if problems:
-        raise ReductionError.from_problems(problems)
 
 
 @dataclass(frozen=True)

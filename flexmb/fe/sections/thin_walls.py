@@ -1,11 +1,12 @@
-"""Cross-sections of thin walls: I and box.
+"""Cross-sections of thin walls: I, box and angle.
 
-In: dimensions in metres. Out: a :class:`BeamSection`. Area and second moments are those of the
-rectangles the section is made of. Shear coefficients: Cowper (1966), J. Appl. Mech. 33, with
-Poisson's ratio, for forces along the web of an I with equal flanges and for a box; else the energy
-of the shear flow along the middle lines, V^2/(k G A) = int q^2/(G t) ds, which is Cowper's at
-Poisson's ratio 0. Torsion constants: Roark's Formulas for Stress and Strain, 7th ed., table 10.1,
-without fillets. Torque stress is T t/J on the face of an open wall and T/(2 A_m t) in a box.
+Area and second moments are those of the rectangles the section is made of. Shear coefficients:
+Cowper (1966), J. Appl. Mech. 33, with Poisson's ratio, for forces along the web of an I with equal
+flanges and for a box; else the energy of the shear flow along the middle lines, V^2/(k G A) = int
+q^2/(G t) ds, which is Cowper's at Poisson's ratio 0 (of an angle along the principal axes, their
+small coupling left out). Torsion constants: Roark's Formulas for Stress and Strain, 7th ed., table
+10.1, without fillets. Torque stress is T t/J on the face of an open wall and T/(2 A_m t) in a box.
+Stress points of an angle know the shear stress of the torque, not that of shear forces.
 """
 
 from __future__ import annotations
@@ -17,11 +18,17 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import Problem, ReductionError
-from flexmb.fe.sections.beam import BeamSection
-from flexmb.fe.sections.beam_shapes import positive, section_of
-from flexmb.fe.sections.stress_points import Place, StressPoint
-
-__all__ = ["GAUSS", "box_section", "end_wall", "i_section"]
+from flexmb.fe.sections.beam_section import (
+    BeamSection,
+    Place,
+    StressPoint,
+    positive,
+    principal,
+    rotated,
+    section_of,
+)
+from flexmb.fe.sections.beam_shapes import Rectangle, Tube
+from flexmb.flexbody.arrays import FloatArray
 
 GAUSS = np.polynomial.legendre.leggauss(3)
 """Points and weights, exact for the square of a parabola."""
@@ -238,3 +245,165 @@ def box_section(
 ) -> BeamSection:
     """Closed box ``y`` by ``z`` outside, walls ``web`` along z and ``flange`` along y [m]."""
     return section_of(Box(y, z, web, web if flange is None else flange), **common)
+
+
+@dataclass(frozen=True)
+class Angle:
+    """Angle with its heel at -y, -z: a leg ``y`` long along y and a leg ``z`` long along z.
+
+    ``flange`` is the thickness of the leg along y, ``web`` of the leg along z. The shear centre is
+    where the middle lines meet.
+    """
+
+    y: float
+    z: float
+    web: float
+    flange: float
+
+    def __post_init__(self) -> None:
+        positive(**vars(self))
+        problems = [
+            Problem(f"section.{name}", f"must be less than {size:g} m, given {thick:g}")
+            for name, thick, size in (("web", self.web, self.y), ("flange", self.flange, self.z))
+            if thick >= size
+        ]
+        if problems:
+            raise ReductionError.from_problems(problems)
+
+    def _centroid(self) -> Place:
+        upright = self.web * (self.z - self.flange)
+        flat = self.y * self.flange
+        y = (flat * self.y / 2 + upright * self.web / 2) / (flat + upright)
+        z = (flat * self.flange / 2 + upright * (self.z + self.flange) / 2) / (flat + upright)
+        return y, z
+
+    def _second(self) -> tuple[float, float, float]:
+        (cy, cz), clear = self._centroid(), self.z - self.flange
+        Iy = Iz = Iyz = 0.0
+        for b, h, y, z in (
+            (self.y, self.flange, self.y / 2, self.flange / 2),
+            (self.web, clear, self.web / 2, self.flange + clear / 2),
+        ):
+            Iy += b * h**3 / 12 + b * h * (z - cz) ** 2
+            Iz += h * b**3 / 12 + b * h * (y - cy) ** 2
+            Iyz += b * h * (y - cy) * (z - cz)
+        return Iy, Iz, Iyz
+
+    def values(self) -> Four:
+        A = self.y * self.flange + self.web * (self.z - self.flange)
+        Iy, Iz, _ = principal(*self._second())
+        thick, thin = max(self.web, self.flange), min(self.web, self.flange)
+        full, rest = (self.y, self.z - self.flange) if self.flange >= self.web else (
+            self.z, self.y - self.web
+        )  # fmt: skip
+        circle = 2 * (thick + thin - math.sqrt(2 * thick * thin))
+        J = end_wall(full, thick) + 0.07 * thin / thick * circle**4
+        J += rest * thin**3 * (1 / 3 - 0.105 * thin / rest * (1 - thin**4 / (192 * rest**4)))
+        return A, Iy, Iz, J
+
+    def shear(self, nu: float) -> tuple[float, float]:
+        turn = self.tilt()[0]
+        (cy, cz), s = self._centroid(), 0.5 * (GAUSS[0] + 1)
+        heel = rotated((self.web / 2 - cy, self.flange / 2 - cz), turn)
+        tips = (
+            (
+                rotated((self.y - cy, self.flange / 2 - cz), turn),
+                self.y - self.web / 2,
+                self.flange,
+            ),
+            (rotated((self.web / 2 - cy, self.z - cz), turn), self.z - self.flange / 2, self.web),
+        )
+        A = sum(length * thick for _, length, thick in tips)
+        found = []
+        for axis in (0, 1):
+            middle = sum(0.5 * (tip[axis] + heel[axis]) * b * t for tip, b, t in tips) / A
+            bend = energy = 0.0
+            for tip, length, thick in tips:
+                start, end = tip[axis] - middle, heel[axis] - middle
+                bend += thick * length * (start**2 + start * end + end**2) / 3
+                Q = thick * length * (start * s + 0.5 * (end - start) * s**2)
+                energy += float(GAUSS[1] @ Q**2) * 0.5 * length / thick
+            found.append(bend**2 / (A * energy))
+        return found[0], found[1]
+
+    def points(self) -> tuple[StressPoint, ...]:
+        turn, (cy, cz), J = self.tilt()[0], self._centroid(), self.values()[3]
+        places = {
+            "heel": (0.0, 0.0),
+            "toe y": (self.y, 0.0),
+            "toe y inside": (self.y, self.flange),
+            "toe z": (0.0, self.z),
+            "toe z inside": (self.web, self.z),
+        }
+        found = [
+            StressPoint(name, *rotated((y - cy, z - cz), turn)) for name, (y, z) in places.items()
+        ]
+        for name, place, along in (
+            ("leg y", (self.y / 2, 0.0), (self.flange / J, 0.0)),
+            ("leg z", (0.0, self.z / 2), (0.0, -self.web / J)),
+        ):
+            (y, z), (xy, xz) = rotated((place[0] - cy, place[1] - cz), turn), rotated(along, turn)
+            found.append(StressPoint(name, y, z, xy=(xy, 0.0, 0.0), xz=(xz, 0.0, 0.0)))
+        return tuple(found)
+
+    def tilt(self) -> tuple[float, Place]:
+        turn, (cy, cz) = principal(*self._second())[2], self._centroid()
+        return turn, rotated((self.web / 2 - cy, self.flange / 2 - cz), turn)
+
+
+def angle_section(
+    y: float, z: float, web: float, flange: float | None = None, **common: Any
+) -> BeamSection:
+    """Angle (L) with legs ``y`` and ``z`` outside, thickness ``flange`` along y, ``web`` along z.
+
+    Bending is about its principal axes, twist about its shear centre where the legs' middle lines
+    meet; ``offset`` places its centroid.
+    """
+    return section_of(Angle(y, z, web, web if flange is None else flange), **common)
+
+
+_AROUND = 16  # corners of a drawn circle
+
+
+def outline(section: Any) -> list[FloatArray]:
+    """Polygons (p, 2), y and z from the centroid along the principal axes [m], anticlockwise."""
+    shape = section.shape
+    if isinstance(shape, Tube):
+        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+        return [shape.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)]
+    if isinstance(shape, ISection | Box | Angle):
+        parts = [_rectangle(*part) for part in _walls(shape)]
+    elif isinstance(shape, Rectangle):
+        parts = [_rectangle(-shape.y / 2, -shape.z / 2, shape.y, shape.z)]
+    else:
+        y, z = (math.sqrt(12 * value / section.A) for value in (section.Iz, section.Iy))
+        return [_rectangle(-y / 2, -z / 2, y, z)]
+    areas = np.array([np.prod(np.ptp(part, axis=0)) for part in parts])
+    middle = areas @ [part.mean(axis=0) for part in parts] / areas.sum()
+    c, s = math.cos(section.angle), math.sin(section.angle)
+    return [(part - middle) @ np.array([[c, -s], [s, c]]) for part in parts]
+
+
+def _walls(shape: ISection | Box | Angle) -> list[tuple[float, float, float, float]]:
+    """Least y and z and the sizes of the rectangles that a thin-walled section is made of."""
+    if isinstance(shape, ISection):
+        clear = shape.height - shape.flange - shape.bottom_flange
+        return [
+            (-shape.bottom_width / 2, 0.0, shape.bottom_width, shape.bottom_flange),
+            (-shape.web / 2, shape.bottom_flange, shape.web, clear),
+            (-shape.width / 2, shape.height - shape.flange, shape.width, shape.flange),
+        ]
+    y, z, web, flange = shape.y, shape.z, shape.web, shape.flange
+    if isinstance(shape, Angle):
+        return [(0.0, 0.0, y, flange), (0.0, flange, web, z - flange)]
+    inner = z - 2 * flange
+    return [
+        (0.0, 0.0, y, flange),
+        (0.0, z - flange, y, flange),
+        (0.0, flange, web, inner),
+        (y - web, flange, web, inner),
+    ]
+
+
+def _rectangle(y: float, z: float, width: float, height: float) -> FloatArray:
+    return np.array([[y, z], [y + width, z], [y + width, z + height], [y, z + height]])

@@ -1,5 +1,8 @@
 """Bodies: rigid by their mass properties or a shape, flexible by a reduced body.
 
+In: names of a scene. Out: checked names, or the ``FlexBody`` itself where a model is built from
+Python.
+
 Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
 the global one. Initial velocities are asked at markers: ``velocity`` and ``angular_velocity`` at
 the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
@@ -8,28 +11,49 @@ the body's origin, ``initial`` at any other; where none is given the assembly is
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import ValidationInfo, model_validator
 
-from flexmb.errors import Problem, nearest
-from flexmb.model.bodies.flexible import FlexibleSource
-from flexmb.model.bodies.inertia import Inertia, MassProperties
+from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model.bodies.markers import Marker
+from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
 from flexmb.model.bodies.material import MaterialField
-from flexmb.model.bodies.shapes import Shape
 from flexmb.model.values.orientation import Orientation
 from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
-from flexmb.model.values.reading import Entry, Reader, Spec, fail, given
+from flexmb.model.values.reading import Entry, Reader, Spec, fail, given, names_of, units_of
+from flexmb.units import unit_system
 
-__all__ = [
-    "COLORS",
-    "BodySpec",
-    "FlexbodySpec",
-    "InitialVelocity",
-    "RigidBodySpec",
-]
+
+def _read_units(value: Any, info: ValidationInfo) -> str:
+    if value == "scene":
+        return units_of(names_of(info)).name
+    try:
+        return unit_system(value).name
+    except FlexmbError as error:
+        first = error.problems[0]
+        raise fail(Problem("", first.what, first.allowed, first.nearest)) from None
+
+
+UnitsName = Annotated[str, Reader(_read_units)]
+"""Name of a unit system; ``"scene"`` for the scene's own."""
+
+
+def _read_source(value: Any, info: ValidationInfo) -> Any:
+    from flexmb.flexbody import FlexBody
+
+    if isinstance(value, FlexBody):
+        return value
+    if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
+        return Path(value).as_posix()
+    raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
+
+
+FlexibleSource = Annotated[Any, Reader(_read_source)]
+"""Path of a flexible-body file, or a FlexBody."""
+
 
 COLORS = (
     "black",

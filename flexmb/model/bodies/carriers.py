@@ -13,7 +13,7 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import MarkerSpec, place
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.bodies.meshes import MeshTableSpec
 from flexmb.model.scenes.scope import Scope
 from flexmb.model.values.names import GROUND

@@ -1,8 +1,11 @@
-"""What holds and joins the nodes of a mesh: interfaces, ties, masses and springs.
+"""What joins and loads the nodes of a mesh: interfaces, ties, masses, springs, load patterns.
 
 In: groups and node numbers, places and values in the scene's units. Out: specifications in SI with
 the words of ``flexmb.fe.interfaces`` and ``flexmb.fe.assembly``. Nodes are counted from 0 in the
 order of the mesh.
+
+In: groups and values in the scene's units, body axes. Out: specifications in SI with the words of
+``flexmb.fe.assembly.loads``.
 """
 
 from __future__ import annotations
@@ -13,23 +16,27 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.bodies.inertia import Inertia
+from flexmb.model.bodies.mass_properties import Inertia
 from flexmb.model.values.names import bad_name
-from flexmb.model.values.quantities import Axis, Integer, Position, Quantity, Size, plain
-from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, read_entry, under
-
-__all__ = [
-    "GroupName",
-    "InterfaceSpec",
-    "Interfaces",
-    "MassSpec",
-    "NodeChoice",
-    "NodeOrGroup",
-    "NodeSpringSpec",
-    "Stiffness",
-    "TieSpec",
-    "Weights",
-]
+from flexmb.model.values.quantities import (
+    Acceleration,
+    Axis,
+    Integer,
+    Position,
+    Quantity,
+    Size,
+    plain,
+)
+from flexmb.model.values.reading import (
+    Reader,
+    Spec,
+    Variant,
+    fail,
+    given,
+    names_of,
+    read_entry,
+    under,
+)
 
 
 def _group_name(value: Any, info: ValidationInfo) -> str:
@@ -206,3 +213,71 @@ class NodeSpringSpec(Spec):
         if self.axes is not None and not isinstance(self.stiffness, tuple):
             raise fail(Problem("axes", "belong to a spring with six stiffnesses"))
         return self
+
+
+_Pressure = Annotated[float, Quantity("Pa")]
+_PerLength = Annotated[float, Quantity("N/m")]
+_Force = Annotated[float, Quantity("N")]
+_Moment = Annotated[float, Quantity("N m")]
+
+
+class PressureLoad(Spec):
+    """Pressure on a group of surfaces: it pushes on solids, and along the normal of shells."""
+
+    type: Literal["pressure"]
+    group: GroupName
+    pressure: _Pressure
+    residual: bool = True
+
+
+class TractionLoad(Spec):
+    """Force per area, body axes, on a group of surfaces."""
+
+    type: Literal["traction"]
+    group: GroupName
+    traction: Annotated[tuple[_Pressure, _Pressure, _Pressure], BeforeValidator(plain)]
+    residual: bool = True
+
+
+class LineLoad(Spec):
+    """Force per length, body axes, on a group of lines."""
+
+    type: Literal["line"]
+    group: GroupName
+    force: Annotated[tuple[_PerLength, _PerLength, _PerLength], BeforeValidator(plain)]
+    residual: bool = True
+
+
+class PointLoad(NodeChoice):
+    """Force and moment, body axes, on nodes chosen as for an interface."""
+
+    type: Literal["force"]
+    force: Annotated[tuple[_Force, _Force, _Force], BeforeValidator(plain)] | None = None
+    moment: Annotated[tuple[_Moment, _Moment, _Moment], BeforeValidator(plain)] | None = None
+    residual: bool = True
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.force is None and self.moment is None:
+            raise fail(Problem("", 'give "force", "moment" or both'))
+        return self
+
+
+class GravityLoad(Spec):
+    """The weight in a field of gravity, body axes; it deforms no free body."""
+
+    type: Literal["gravity"]
+    acceleration: Acceleration
+    residual: bool = False
+
+
+LOAD_TYPES: dict[str, type[Spec]] = {
+    "pressure": PressureLoad,
+    "traction": TractionLoad,
+    "line": LineLoad,
+    "force": PointLoad,
+    "gravity": GravityLoad,
+}
+
+MeshLoads = dict[str, Annotated[Any, Variant("load type", lambda: LOAD_TYPES)]]
+"""Loads on a mesh by name."""

@@ -2,7 +2,7 @@
 
 In: a path, or ``{type = "box", size = [1, 0.1, 0.1], divisions = [10, 2, 2]}`` with sizes in the
 scene's units. Out: the path, or a specification in SI whose fields are the words of
-``flexmb.fe.meshes.table``.
+``flexmb.fe.meshes.mesh_shapes``.
 """
 
 from __future__ import annotations

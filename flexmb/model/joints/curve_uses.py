@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.curve_shape import CurveShape, curve_shape

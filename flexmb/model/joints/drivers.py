@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.flexbody.planes import PLANES
+from flexmb.flexbody.planar_body import PLANES
 from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.joints.joint import COORDINATES
 from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number

@@ -11,7 +11,7 @@ from typing import Any
 
 from flexmb.errors import Problem
 from flexmb.model.bodies.markers import MarkerSpec
-from flexmb.model.bodies.meshbody import body_kind
+from flexmb.model.bodies.mesh_body import body_kind
 from flexmb.model.forces.force import FORCE_TYPES
 from flexmb.model.joints.couplers import COUPLER_TYPES
 from flexmb.model.joints.curves import CurveSpec

@@ -15,9 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic.fields import FieldInfo
 
 from flexmb.materials import LIBRARY
-from flexmb.model.bodies.body import COLORS, BodySpec
-from flexmb.model.bodies.flexible import FlexibleSource, UnitsName
-from flexmb.model.bodies.inertia import Inertia
+from flexmb.model.bodies.body import COLORS, BodySpec, FlexibleSource, UnitsName
 from flexmb.model.bodies.interfaces import (
     GroupName,
     Interfaces,
@@ -26,9 +24,10 @@ from flexmb.model.bodies.interfaces import (
     Stiffness,
     Weights,
 )
+from flexmb.model.bodies.mass_properties import Inertia
 from flexmb.model.bodies.material import MATERIAL_KINDS, MaterialField
+from flexmb.model.bodies.mesh_body import Modes, ModesSpec
 from flexmb.model.bodies.meshes import MESH_TYPES, Divisions, MeshSource
-from flexmb.model.bodies.reduction import Modes, ModesSpec
 from flexmb.model.forces.laws import Law, LawTable
 from flexmb.model.functions.function import FUNCTION_FORMS, Function, FunctionOf
 from flexmb.model.functions.tabulated import Tabulated

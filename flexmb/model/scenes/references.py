@@ -13,7 +13,7 @@ from flexmb.errors import Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.carriers import body_problems
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.forces.problems import force_problems
 from flexmb.model.joints import curve_uses
 from flexmb.model.joints.coupling import coupler_problems

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from flexmb.flexbody.planes import PLANES
-from flexmb.model.bodies.body import FlexbodySpec, RigidBodySpec
-from flexmb.model.bodies.flexible import UnitsName
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model.bodies.body import FlexbodySpec, RigidBodySpec, UnitsName
 from flexmb.model.bodies.markers import GroundSpec
-from flexmb.model.bodies.meshbody import MeshBodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.forces.force import FORCE_TYPES
 from flexmb.model.joints.couplers import COUPLER_TYPES
 from flexmb.model.joints.curves import CurveSpec

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from linkages import bar, four_bar, four_bar_angles, swept
 
-from flexmb.analysis.assembly.analysis import assemble
-from flexmb.analysis.assembly.gaps import gaps, moved_bodies, opened
+from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import RESIDUAL, solve_level
 from flexmb.engine.work import new_state, new_work
@@ -73,7 +73,7 @@ def gaps_as_placed(compiled):
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = compiled.placed
     solve_level(compiled.system, state, work, RESIDUAL)
-    return gaps(compiled, work)
+    return joint_gaps(compiled, work)
 
 
 def weighed(**weights):
@@ -93,22 +93,23 @@ def test_heavier_bodies_move_less_and_fixed_ones_not_at_all():
     assert fixed[2] > free[2]
     end = np.array([np.cos(0.7) + 2 * np.cos(0.3), np.sin(0.7) + 2 * np.sin(0.3)])
     other = np.array([2.2 + 1.5 * np.cos(1.9), 1.5 * np.sin(1.9)])
-    assert (gap.where, gap.distance) == ("joints.rocker_pin", float(np.linalg.norm(end - other)))
+    assert (gap.name, gap.distance) == ("joints.rocker_pin", float(np.linalg.norm(end - other)))
 
 
 def report(made):
     """What the report of an assembly says."""
     compiled = compile_system(made)
     moved = moved_bodies(compiled, compiled.placed, assemble(compiled, made).state.q)
-    return opened(gaps_as_placed(compiled), moved, made.units)
+    return assembly_notes(gaps_as_placed(compiled), moved, made.units)
 
 
 def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene():
     told = report(four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s"))
     assert (
-        told[0].startswith("open as placed: joints.rocker_pin by ") and " mm and 0 deg" in told[0]
+        told[0].startswith("position error before assembly: joints.rocker_pin by ")
+        and " mm and 0 deg" in told[0]
     )
-    assert told[1].startswith("closed with least change; moved: rocker by 0 mm and 33")
+    assert told[1].startswith("assembled with least change; moved: rocker by 0 mm and 33")
     assert len(report(driven(1))) == 0
 
 

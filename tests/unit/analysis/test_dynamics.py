@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics import run as module
 from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid

@@ -47,7 +47,7 @@ def test_free_motions_in_words():
     assert [motion.sentence for motion in flexmb.mobility(sketch.model).motions] == [
         "ball can move by itself: 3 turns",
         "bead can slide along x",
-        "stone is held by no joint",
+        "stone has no joint",
     ]
 
 
@@ -110,7 +110,7 @@ def test_a_locked_mechanism_is_told_with_a_cure():
     told = flexmb.mobility(four_bar(tilt=0.3))
     assert told.delta == 0
     (note,) = told.notes
-    assert "locked, its joints A, B, C, D hold every motion" in note
+    assert "locked, its joints A, B, C, D prevent every motion" in note
     assert "exchange B: revolute -> spherical and C: revolute -> cylindrical" in note
     assert "slightly off" not in note
     (note,) = flexmb.mobility(four_bar(tilt=0.01)).notes

@@ -7,12 +7,12 @@ import pytest
 from enginekit import executed
 from linkages import four_bar_angles
 
-from flexmb.analysis.kinematics import analysis
+from flexmb.analysis.kinematics import kinematics
 
 CODE = """
 import numpy as np
-from flexmb.analysis.kinematics import analysis as module
-from flexmb.analysis.kinematics.analysis import prepare_sweep, run_sweep
+from flexmb.analysis.kinematics import kinematics as module
+from flexmb.analysis.kinematics.kinematics import prepare_kinematics, run_kinematics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import Interface
@@ -134,24 +134,24 @@ module._CHUNK_WORK = 4 * 18  # four points of a four-bar
 made = linkage()
 made.set_kinematics(duration=1.0, outputs=10)
 compiled, sink = compile_system(made), Kept(interrupt_at=2)
-outcome = run_sweep(prepare_sweep(compiled, made), sink)
+outcome = run_kinematics(prepare_kinematics(compiled, made), sink)
 found["stopped"] = np.array([outcome.status, outcome.message])
 found["stopped.t"] = sink["t"]
 
-ready = prepare_sweep(compiled, made)
+ready = prepare_kinematics(compiled, made)
 sink = Kept()
 
 def switched(block):
     "After the first chunk the linkage finds itself in its other pose, moving as before."
     sink.blocks.append(block)
-    ready.state.q[:] = placed_other(float(ready.state.t[0]))
+    ready.pose.state.q[:] = placed_other(float(ready.pose.state.t[0]))
 
 def placed_other(t):
     crank = 0.6 + 2 * np.pi * t
     return compile_system(four_bar(BARS, (crank, *four_bar_angles(BARS, crank, -1)))).placed
 
 sink.append = switched
-outcome = run_sweep(ready, sink)
+outcome = run_kinematics(ready, sink)
 found["branch"] = np.array([outcome.status, outcome.message])
 """
 
@@ -159,7 +159,7 @@ found["branch"] = np.array([outcome.status, outcome.message])
 @pytest.fixture(scope="module")
 def runs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(analysis, "_CHUNK_WORK", analysis._CHUNK_WORK)  # set in between
+        patch.setattr(kinematics, "_CHUNK_WORK", kinematics._CHUNK_WORK)  # set in between
         return executed(CODE)
 
 
@@ -213,7 +213,7 @@ def test_a_point_in_the_flat_pose_has_no_motion(runs):
 
 
 def test_a_locked_mechanism_names_driver_and_joints(runs):
-    words = ("drivers.motor: has nothing to drive", "locked", "joints a, b, c hold")
+    words = ("drivers.motor: has nothing to drive", "locked", "joints a, b, c prevent")
     said(runs, "locked", "refused", *words)
 
 

@@ -28,7 +28,7 @@ from mechanisms import (
 from rings import bennett, bricard, sarrus
 
 import flexmb
-from flexmb.analysis.mobility.rows import ConstraintRows
+from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbWarning
 from flexmb.model.joints.joint import JOINT_TYPES
@@ -238,7 +238,7 @@ def test_modes_take_up_redundant_equations(m):
     model = flexible_rod(m)
     told = flexmb.mobility(model)
     compiled = compile_system(model)
-    Cq = ConstraintRows(compiled).at(compiled.placed).Cq
+    Cq = ConstraintRows(compiled).evaluate(compiled.placed).Cq
     N = np.linalg.svd(np.delete(Cq, np.s_[18:], axis=1))[0][:, 17:]
     taken = np.linalg.matrix_rank(N.T @ Cq[:, 18:], tol=1e-6)
     assert (told.coordinates, told.modes, told.as_rigid) == (18 + m, m, 3)

@@ -7,9 +7,9 @@ from coldcache import WouldCompile, cold_cache  # noqa: F401  a fixture
 from mechanisms import crank_slider, four_bar, quick_return
 
 import flexmb
-from flexmb.analysis.assembly import precheck
+from flexmb.analysis import procedure
 from flexmb.analysis.dynamics.analysis import prepare
-from flexmb.analysis.kinematics.analysis import prepare_sweep
+from flexmb.analysis.kinematics.kinematics import prepare_kinematics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import UNITS
 from flexmb.errors import AssemblyError
@@ -34,7 +34,7 @@ WRONG = {
 def test_a_model_that_cannot_move_is_refused_before_compiling(name, analysis):
     make, sentence = WRONG[name]
     model = make()
-    start = {"dynamics": prepare, "kinematics": prepare_sweep}[analysis]
+    start = {"dynamics": prepare, "kinematics": prepare_kinematics}[analysis]
     getattr(model, f"set_{analysis}")(duration=1.0)
     with pytest.raises(AssemblyError, match=sentence):
         start(compile_system(model), model)
@@ -49,7 +49,7 @@ def test_motions_that_nothing_drives_are_told_before_compiling():
     model = crank_slider("RSUT")
     model.set_kinematics(duration=1.0)
     with pytest.raises(AssemblyError, match="leave 1 motion free"):
-        prepare_sweep(compile_system(model), model)
+        prepare_kinematics(compile_system(model), model)
 
 
 def test_a_good_model_is_compiled():
@@ -61,7 +61,7 @@ def test_a_good_model_is_compiled():
 
 @pytest.mark.parametrize("limit", ["_MAX_COORDINATES", "_MAX_MODES_SQUARED"])
 def test_a_large_model_is_compiled_at_once(monkeypatch, limit):
-    monkeypatch.setattr(precheck, limit, -1)
+    monkeypatch.setattr(procedure, limit, -1)
     model = out_of_reach()
     model.set_dynamics(duration=1.0)
     with pytest.raises(WouldCompile):
@@ -75,12 +75,12 @@ def test_what_fails_in_python_only_is_left_to_compiled_code():
         return 1.0 / 0.0
 
     model = crank_slider("RSUT")
-    precheck.precheck(compile_system(model), UNITS.values(), fails)
+    procedure.precheck(compile_system(model), UNITS.values(), fails)
 
 
 def test_nothing_is_tried_where_all_units_are_there():
     model = crank_slider("RSUT")
-    precheck.precheck(compile_system(model), [], pytest.fail)
+    procedure.precheck(compile_system(model), [], pytest.fail)
 
 
 def test_mobility_needs_nothing_compiled():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from generators import cloud, interface, random_rotation
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.velocities import rigid_motion
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model

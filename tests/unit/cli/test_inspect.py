@@ -9,7 +9,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from flexmb.cli.app import app
-from flexmb.fe.meshes.table import mesh_from
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 
 
 def shown(path: Path, points: np.ndarray, cells: np.ndarray) -> str:

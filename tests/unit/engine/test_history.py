@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from enginekit import Bench
 
-from flexmb.analysis.assembly.analysis import assemble
+from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.run import Run
 from flexmb.analysis.dynamics.settings import loop_settings
 from flexmb.engine.compile import compile_system

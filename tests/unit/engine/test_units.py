@@ -17,11 +17,11 @@ from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 
 from flexmb.engine import compilation, unit_cache, units
+from flexmb.engine.algebra import ldl
+from flexmb.engine.bodies import motion
 from flexmb.engine.entries import all_units
 from flexmb.engine.functions import function
 from flexmb.engine.jit import UNITS
-from flexmb.engine.kernels.algebra import ldl
-from flexmb.engine.kernels.bodies import motion
 from flexmb.engine.units import call, missing_units, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 
@@ -78,7 +78,7 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
     )
 
     def changed(file, before):
-        path = tmp_path / "flexmb/engine/kernels" / file
+        path = tmp_path / "flexmb/engine" / file
         path.write_text(path.read_text() + "\n# edited\n")
         after = json.loads(run_python(NAMES, tmp_path))
         edited = {name for name in before if before[name][0] != after[name][0]}
@@ -86,12 +86,12 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
         return edited, after
 
     names = json.loads(run_python(NAMES, tmp_path))
-    spring, after = changed("forces/spring_damper.py", names)
+    bushing, after = changed("forces/bushing.py", names)
     count = len(names)
-    assert 3 <= len(spring) <= 8 < count
-    assert all("spring_damper" in name for name in spring)
+    assert 3 <= len(bushing) <= 8 < count
+    assert all("bushing" in name for name in bushing)
     rotation, _ = changed("algebra/rotation.py", after)
-    assert len(spring) < len(rotation) < count
+    assert len(bushing) < len(rotation) < count
 
 
 def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cache):
@@ -101,7 +101,7 @@ def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cach
     )
     code = """
 import numpy as np
-from flexmb.engine.kernels.algebra import ldl
+from flexmb.engine.algebra import ldl
 from flexmb.engine.tables import PANEL, UPDATE, LINK, Kkt
 from flexmb.engine.state import Factor
 from flexmb.engine.units import call
@@ -117,7 +117,7 @@ call(ldl.solve, kkt, fac, b)
 print(b[3])
 """
     assert float(run_python(code, tmp_path)) == -0.5
-    path = tmp_path / "flexmb/engine/kernels/algebra/vector.py"
+    path = tmp_path / "flexmb/engine/algebra/vector.py"
     text = path.read_text()
     assert "    s = 0.0\n    for k in range(n):\n        s += a[i + k] * b[j + k]" in text
     path.write_text(text.replace("s += a[i + k] * b[j + k]", "s += 3.0 * a[i + k] * b[j + k]"))

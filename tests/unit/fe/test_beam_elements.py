@@ -19,8 +19,8 @@ from flexmb.fe import (
     resolve,
     tapered,
 )
-from flexmb.fe.assembly.geometric import geometric_stiffness
-from flexmb.fe.elements.beam import LINE
+from flexmb.fe.assembly.assemble import geometric_stiffness
+from flexmb.fe.elements.beam_elements import LINE
 from flexmb.materials import OrthotropicMaterial
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from flexmb.errors import ReductionError
 from flexmb.fe import assemble, craig_bampton, make_interfaces, orthonormalise, rectangle, resolve
-from flexmb.fe.reduction.free_modes import free_modes
+from flexmb.fe.reduction.free_interface import free_modes
 
 STEEL = resolve("steel")
 
@@ -79,7 +79,7 @@ def test_frequencies_converge_from_above_with_the_number_of_modes():
 def test_sparse_and_dense_eigensolvers_agree(monkeypatch):
     fe, interfaces = solid()
     dense = craig_bampton(fe, interfaces, 10)
-    monkeypatch.setattr(import_module("flexmb.fe.reduction.held"), "_DENSE", 0)
+    monkeypatch.setattr(import_module("flexmb.fe.reduction.fixed_interface"), "_DENSE", 0)
     sparse = craig_bampton(fe, interfaces, 10)
     np.testing.assert_allclose(np.diag(sparse.K), np.diag(dense.K), rtol=1e-9)
     np.testing.assert_allclose(sparse.basis, dense.basis, atol=1e-6 * np.abs(dense.basis).max())
@@ -124,7 +124,7 @@ def test_free_modes_without_interfaces(monkeypatch):
     fe, _ = solid()
     wanted = eigh(fe.K.toarray(), fe.M.toarray(), eigvals_only=True)[6:14]
     for limit in (10**6, 0):
-        monkeypatch.setattr(import_module("flexmb.fe.reduction.free_modes"), "_DENSE", limit)
+        monkeypatch.setattr(import_module("flexmb.fe.reduction.free_interface"), "_DENSE", limit)
         found = orthonormalise(fe, free_modes(fe, (), 8))
         np.testing.assert_allclose(found.omega2, wanted, rtol=1e-8)
 

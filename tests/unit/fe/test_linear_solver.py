@@ -11,20 +11,16 @@ from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, resolve
 from flexmb.fe.solver import linear_solver
-from flexmb.fe.solver.dissection import dissect
-from flexmb.fe.solver.graph import matrix_graph
-from flexmb.fe.solver.linear_solver import factor
-from flexmb.fe.solver.multifrontal import Multifrontal
-from flexmb.fe.solver.pardiso import FOUND, Pardiso
-from flexmb.fe.solver.singular import SingularMatrix
-from flexmb.fe.solver.symbolic import fronts
+from flexmb.fe.solver.dissection import dissect, matrix_graph
+from flexmb.fe.solver.linear_solver import PARDISO_INSTALLED, Pardiso, SingularMatrix, factor
+from flexmb.fe.solver.multifrontal import Multifrontal, fronts
 from flexmb.fe.solver.threads import blas_threads
 
 
 @pytest.fixture(autouse=True)
 def without_pardiso(monkeypatch):
     """The solver of flexmb is tested also where PARDISO is installed."""
-    monkeypatch.setattr(linear_solver, "FOUND", False)
+    monkeypatch.setattr(linear_solver, "PARDISO_INSTALLED", False)
 
 
 def chain(n, held=True):
@@ -245,9 +241,9 @@ def test_modes_by_the_solver_of_large_models_are_the_same_to_the_last_bit(monkey
     assert np.abs(first.K[:12, :12] @ rigid).max() < 1e-11 * np.abs(first.K).max()
 
 
-@pytest.mark.skipif(not FOUND, reason="pypardiso is not installed")
+@pytest.mark.skipif(not PARDISO_INSTALLED, reason="pypardiso is not installed")
 def test_pardiso_is_used_if_it_is_installed(monkeypatch):
-    monkeypatch.setattr(linear_solver, "FOUND", True)
+    monkeypatch.setattr(linear_solver, "PARDISO_INSTALLED", True)
     K, points = grid((18, 18, 18))
     found = factor(K, points)
     assert isinstance(found, Pardiso)

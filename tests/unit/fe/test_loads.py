@@ -18,9 +18,9 @@ from flexmb.fe import (
     rectangle,
     resolve,
 )
-from flexmb.fe.meshes.shapes import plate
-from flexmb.fe.reduction.free_modes import free_modes
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.meshes.mesh_shapes import plate
+from flexmb.fe.reduction.free_interface import free_modes
+from flexmb.fe.sections.shell_section import shell
 
 STEEL = resolve("steel")
 

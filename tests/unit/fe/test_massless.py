@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe import assemble, craig_bampton, make_interfaces, orthonormalise, rectangle, resolve
-from flexmb.fe.reduction.mass import mass_solve
+from flexmb.fe.reduction.fixed_interface import mass_solve
 
 
 def bar(massless):

@@ -21,8 +21,8 @@ from flexmb.fe import (
     resolve,
     user_modes,
 )
-from flexmb.fe.reduction.free_modes import free_modes
-from flexmb.fe.reduction.planar import make_mirror
+from flexmb.fe.reduction.free_interface import free_modes
+from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
 
 STEEL = resolve("steel")
 
@@ -134,7 +134,7 @@ def test_every_method_keeps_to_a_plane(method):
     """The in-plane half of a symmetric model: its frequencies are among those of the whole."""
     fe = assemble(mirrored_block(), STEEL)
     interfaces = make_interfaces(fe, {"a": "x0", "b": {"group": "x1", "type": "rbe3"}})
-    mirror = make_mirror(fe, "xy")
+    mirror = make_symmetry_plane(fe, "xy")
     modes = 0 if method is guyan else 8
     planar = orthonormalise(fe, method(fe, interfaces, modes, mirror=mirror))
     assert mirror.shares(fe, planar.Phi).max() < 1e-12

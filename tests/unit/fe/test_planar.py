@@ -10,8 +10,8 @@ from femeshes import block, line, mirrored_block
 
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
-from flexmb.fe.reduction.reflection import antisymmetric, reflection
-from flexmb.flexbody.planes import PLANES
+from flexmb.fe.reduction.symmetry_plane import antisymmetric, reflection
+from flexmb.flexbody.planar_body import PLANES
 
 STEEL = resolve("steel")
 ENDS = {"left": "x0", "right": "x1"}

@@ -24,9 +24,9 @@ from flexmb.fe import (
     report_text,
     resolve,
 )
-from flexmb.fe.checks.phases import Stopwatch
-from flexmb.fe.reduction.free_modes import free_modes
-from flexmb.fe.reduction.planar import make_mirror
+from flexmb.fe.reduction.free_interface import free_modes
+from flexmb.fe.reduction.quality_report import Stopwatch
+from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
 
 STEEL = resolve("steel")
 
@@ -197,7 +197,7 @@ def test_a_body_without_interfaces_and_one_in_a_plane():
     np.testing.assert_allclose(report.frequencies.error, 0, atol=1e-8)
     assert report.static.interfaces is None
     assert report.effective is None
-    mirror = make_mirror(fe, "xy")
+    mirror = make_symmetry_plane(fe, "xy")
     interfaces = make_interfaces(fe, {"a": "x0", "b": "x1"})
     found = craig_bampton(fe, interfaces, 6, mirror=mirror)
     report = quality_report(fe, found, orthonormalise(fe, found), nodes=[3], mirror=mirror)

@@ -22,11 +22,11 @@ from flexmb.fe import (
     rectangle,
     resolve,
 )
-from flexmb.fe.interfaces.rigid import RigidInterface
-from flexmb.fe.meshes.shapes import plate
-from flexmb.fe.reduction.choice import interface_shares
-from flexmb.fe.reduction.held import Held
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.assembly.interfaces import RigidInterface
+from flexmb.fe.meshes.mesh_shapes import plate
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.mode_selection import interface_shares
+from flexmb.fe.sections.shell_section import shell
 
 STEEL = resolve("steel")
 SPATIAL = (0, 1, 2, 3, 4, 5)
@@ -209,7 +209,7 @@ def test_effective_interface_mass_of_all_modes_adds_up(model):
     the body's mass is more than that of the interfaces with the inside following by inertia."""
     fe, interfaces = model
     K, M, G, B = full(fe, interfaces)
-    held = Held(fe, interfaces, SPATIAL)
+    held = FixedInterfaceModel(fe, interfaces, SPATIAL)
     psi = np.linalg.lstsq(G, held.modes, rcond=None)[0]
     _, V = held_modes(K, M, B)
     P = V.T @ M @ psi

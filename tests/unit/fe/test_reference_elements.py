@@ -9,8 +9,8 @@ import pytest
 import vtk
 from femeshes import SOLIDS
 
-from flexmb.fe.elements.reference import extrapolation
-from flexmb.fe.elements.registry import FAMILIES
+from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.isoparametric import extrapolation
 
 CELLS = {
     "tetra": vtk.vtkTetra,

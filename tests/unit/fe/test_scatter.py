@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.fe.assembly import scatter
-from flexmb.fe.assembly.scatter import Accumulator
+from flexmb.fe.assembly import numbering
+from flexmb.fe.assembly.numbering import Accumulator
 
 RNG = np.random.default_rng(0)
 
@@ -41,7 +41,7 @@ def singles(count, n, d):
 @pytest.mark.parametrize("batches_of", [3, 10**6], ids=["many small sums", "one sum"])
 @pytest.mark.parametrize("n", [30, 31], ids=["n in threes", "n not in threes"])
 def test_sum_is_that_of_a_full_matrix(monkeypatch, batches_of, n):
-    monkeypatch.setattr(scatter, "_BATCH", batches_of * 81)
+    monkeypatch.setattr(numbering, "_BATCH", batches_of * 81)
     batches = [
         batch(20, 9, threes(20, 10, 3)),
         batch(13, 4, singles(13, n, 4)),

@@ -16,8 +16,8 @@ from flexmb.fe import (
     tapered,
     tube,
 )
-from flexmb.fe.elements.beam import LINE
-from flexmb.fe.recovery.section_forces import section_force_modes
+from flexmb.fe.elements.beam_elements import LINE
+from flexmb.fe.stress import section_force_modes
 
 STEEL = resolve({"E": 210e9, "nu": 0.3, "density": 7850})
 FORCE = np.array([100.0, 20.0, -30.0])

@@ -23,8 +23,7 @@ from skfem import (
 from skfem.helpers import dot, grad
 
 from flexmb.fe import angle_section, box_section, circle, i_section, rectangle, resolve, tube
-from flexmb.fe.sections.beam import principal
-from flexmb.fe.sections.stress_points import rotated
+from flexmb.fe.sections.beam_section import principal, rotated
 
 BOX = (0.1, 0.2, 0.004, 0.006)
 I_EQUAL = (0.3, 0.15, 0.008, 0.012)

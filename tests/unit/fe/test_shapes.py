@@ -9,14 +9,12 @@ import pytest
 
 from flexmb.errors import MeshError
 from flexmb.fe import mesh_report, meshes
-from flexmb.fe.checks.shape import scaled_jacobian
-from flexmb.fe.elements.registry import FAMILIES
-from flexmb.fe.elements.select import select_elements
-from flexmb.fe.meshes.centroid import facet_moments, group_centroid
+from flexmb.fe.elements.blocks import FAMILIES, select_elements
+from flexmb.fe.meshes.facets import facet_moments, group_centroid, outer_faces
 from flexmb.fe.meshes.lattice import KINDS
 from flexmb.fe.meshes.mesh import dimension
-from flexmb.fe.meshes.skin import outer_faces
-from flexmb.fe.meshes.table import SHAPES, mesh_from
+from flexmb.fe.meshes.mesh_checks import scaled_jacobian
+from flexmb.fe.meshes.mesh_shapes import SHAPES, mesh_from
 
 SOLIDS, SURFACES = KINDS[3], KINDS[2]
 STRAIGHT = ("hexahedron", "tetra", "quad", "triangle")  # first order: circles become polygons

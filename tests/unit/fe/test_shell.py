@@ -20,10 +20,9 @@ from shellkit import (
     static,
 )
 
-from flexmb.fe.elements.registry import FAMILIES
-from flexmb.fe.elements.shell_fields import make_fields, make_points
-from flexmb.fe.elements.shell_reference import reference
-from flexmb.fe.sections.shell import Layer, layered, shell
+from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.shell_fields import make_fields, make_points, shell_functions
+from flexmb.fe.sections.shell_section import Layer, layered, shell
 from flexmb.materials import OrthotropicMaterial
 
 ROUND = 1e-12  # rounding of sums of a few hundred products, relative to the largest
@@ -98,7 +97,7 @@ def test_constant_shear(kind):
     u = np.zeros((x.shape[1], 6))
     u[:, :3] = np.outer((x[0] - x[0, 0]) @ gamma, SKEW[:, 2])
     fields = make_fields(kind, x, shell(0.1, material=soft))
-    rows = make_points(fields.flat, reference(kind, "stiffness")).shear_strains(fields)[0]
+    rows = make_points(fields.flat, shell_functions(kind, "stiffness")).shear_strains(fields)[0]
     found = rows @ u.ravel() @ fields.flat.axes[0, :, :2].T
     assert found == pytest.approx(np.tile(gamma, (len(found), 1)), abs=ROUND)
 

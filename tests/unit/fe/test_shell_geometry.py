@@ -7,9 +7,9 @@ import pytest
 from shellkit import CORNERS, KINDS, PLY, SECTIONS, corners
 
 from flexmb.errors import MeshError
-from flexmb.fe.elements.registry import ADVICE, FAMILIES
-from flexmb.fe.elements.shell_axes import flatten, warp
-from flexmb.fe.sections.shell import shell
+from flexmb.fe.elements.blocks import ADVICE, FAMILIES
+from flexmb.fe.elements.shell_fields import flatten, warp
+from flexmb.fe.sections.shell_section import shell
 
 ROUND = 1e-12  # rounding of sums of a few hundred products, relative to the largest
 

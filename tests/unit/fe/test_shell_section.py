@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.errors import ReductionError
-from flexmb.fe.sections.shell import Layer, layered, shell
+from flexmb.fe.sections.shell_section import Layer, layered, shell
 from flexmb.materials import LIBRARY, Material, OrthotropicMaterial
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -9,12 +9,11 @@ from scipy.sparse.linalg import spsolve
 
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
-from flexmb.fe.meshes.skin import skin_triangles
-from flexmb.fe.recovery import stress as recovery
-from flexmb.fe.recovery.beams import section_force_modes
-from flexmb.fe.recovery.stress import stress_modes, stress_option
-from flexmb.fe.sections.shell import shell
-from flexmb.fe.sections.solid import SolidSection
+from flexmb.fe import stress as recovery
+from flexmb.fe.meshes.facets import skin_triangles
+from flexmb.fe.sections.shell_section import shell
+from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
 from flexmb.flexbody import von_mises
 
 STEEL, ALUMINIUM = resolve("steel"), resolve("aluminium")
@@ -160,15 +159,15 @@ def test_section_forces_of_a_cantilever_by_statics(cantilever):
         for end in (0, 1):
             arm = 2.0 - 0.5 * (k + end)
             moment = axes.T @ np.cross([0.0, arm, 0.0], force)
-            np.testing.assert_allclose(found.modes[k, end, :3, 0], local, rtol=1e-6, atol=1e-6)
-            np.testing.assert_allclose(found.modes[k, end, 3:, 0], moment, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(found.ends[k, end, :3, 0], local, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(found.ends[k, end, 3:, 0], moment, rtol=1e-6, atol=1e-6)
 
 
 def test_stress_points_of_a_cantilever_by_hand(cantilever):
     """sigma = N/A + My z/Iy - Mz y/Iz along the beam, in body axes its yy component."""
     fe, U, _ = cantilever
     forces, found = section_force_modes(fe, U), stress_modes(fe, U)
-    N, _, _, _, My, Mz = forces.modes[0, 0, :, 0]
+    N, _, _, _, My, Mz = forces.ends[0, 0, :, 0]
     for a, y in (("+", 0.01), ("-", -0.01)):
         for b, z in (("+", 0.015), ("-", -0.015)):
             (row,) = found.rows(node=0, layer=f"{a}y{b}z")

@@ -8,7 +8,7 @@ from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, assemble, make_interfaces, mesh_problems, reduce, resolve, survey
-from flexmb.fe.meshes.table import mesh_from
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 
 BOX = block((2, 1, 1))
 

@@ -13,7 +13,7 @@ from femeshes import block, line
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import LoadVector, SectionForceModes, StressModes, load, rigid_body, save
-from flexmb.flexbody.schema import RESERVED, TABLE
+from flexmb.flexbody.body_file import RESERVED, TABLE
 
 ENDS = {"left": "x0", "right": "x1"}
 

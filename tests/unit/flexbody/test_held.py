@@ -8,7 +8,7 @@ from femeshes import line
 
 from flexmb.errors import ReductionError
 from flexmb.fe import rectangle, reduce
-from flexmb.flexbody.held import held_frequencies
+from flexmb.flexbody.natural_modes import natural_frequencies
 
 BETA = {  # (beta L)^2; Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1
     ("root",): (3.516015268500151, 22.03449156466677),
@@ -30,16 +30,16 @@ def test_bending_frequencies_of_a_slender_beam(beam, held):
     """Rotary inertia lowers the second by (2.2 h/L)^2: 1e-3; two planes alternate."""
     EI_rhoA = 200e9 / 8000 * 0.01**2 / 12
     wanted = np.array(BETA[held]) * np.sqrt(EI_rhoA) / (2 * np.pi)
-    found = held_frequencies(beam, held)
+    found = natural_frequencies(beam, held)
     np.testing.assert_allclose(found[[0, 2]], wanted, rtol=1e-3)
     np.testing.assert_allclose(found[[1, 3]], 1.01 * found[[0, 2]], rtol=1e-3)
 
 
 def test_holding_all_interfaces_gives_the_fixed_interface_modes(beam):
     """Six coordinates for each interface are taken away."""
-    assert len(held_frequencies(beam, ("root", "tip"))) == beam.m + 6 - 12
+    assert len(natural_frequencies(beam, ("root", "tip"))) == beam.m + 6 - 12
 
 
 def test_an_unknown_interface_is_told(beam):
     with pytest.raises(ReductionError, match='no interface "tap".*nearest: tip'):
-        held_frequencies(beam, ("tap",))
+        natural_frequencies(beam, ("tap",))

@@ -12,7 +12,7 @@ from femeshes import block, mirrored_block
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, reduce
 from flexmb.flexbody import load, rigid_body, save
-from flexmb.flexbody.planar import planar_body, plane_name
+from flexmb.flexbody.planar_body import planar_body, plane_name
 
 ENDS = {"left": "x0", "right": "x1"}
 Z = (0.0, 0.0, 1.0)

@@ -16,7 +16,7 @@ from resultfiles import FakeLayout, block, writer
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result, ResultWriter
-from flexmb.results.scratch import Scratch
+from flexmb.results.reader import TemporaryFolder
 
 
 @pytest.fixture
@@ -134,6 +134,16 @@ def test_tables_of_nothing_are_refused(result: Result, tmp_path: Path) -> None:
     assert not (tmp_path / "x.csv").exists()
 
 
+def test_the_ending_of_a_file_names_its_format(result: Result, tmp_path: Path) -> None:
+    text = result.export(tmp_path / "x.txt", ["turn"]).read_text()
+    assert text == result.to_csv(tmp_path / "x.CSV", ["turn"]).read_text()
+    assert result.export(tmp_path / "x.CSV").is_file()
+    with pytest.raises(OutputError, match=r'no output format has the ending "\.cvs"') as caught:
+        result.export(tmp_path / "x.cvs")
+    assert caught.value.problems[0].nearest == (".csv",)
+    assert not (tmp_path / "x.cvs").exists()
+
+
 def test_a_copy_stands_by_itself(tmp_path: Path) -> None:
     original = Result(slidercrank.make(tmp_path / "run"))
     copy = original.save(tmp_path / "kept")
@@ -168,7 +178,7 @@ def test_a_run_under_way_is_not_copied(tmp_path: Path) -> None:
 
 
 def test_a_temporary_folder_lives_as_long_as_a_result_of_it() -> None:
-    scratch = Scratch()
+    scratch = TemporaryFolder()
     folder = scratch.path
     with writer(folder / "result.h5") as out:
         out.append(block(0, 3))

@@ -16,8 +16,8 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import NOT_UNIQUE, Result, ResultWriter
-from flexmb.results.layout import Columns
-from flexmb.results.reactions import sides
+from flexmb.results.columns import Columns
+from flexmb.results.reactions import marker_pairs
 
 SCENE = {
     "title": "two names",
@@ -120,7 +120,9 @@ def test_reactions_that_redundant_equations_share_are_marked(tmp_path: Path, res
 def test_a_run_marks_the_reactions_of_a_plane_mechanism_in_space() -> None:
     """In-plane forces are unique: those of the mechanism without redundancy, R-S-C-T."""
     model = crank_slider("RRRT", driven=True)
-    with pytest.warns(FlexmbWarning, match="3 of 21 equations repeat others.* bearing, pin, wrist"):
+    with pytest.warns(
+        FlexmbWarning, match="3 of 21 constraint equations are redundant.* bearing, pin, wrist"
+    ):
         shared = flexmb.simulate(model, duration=0.2, step=1e-3, outputs=10)
     assert shared.reactions_not_unique == ("bearing", "pin", "wrist", "guide")
     assert shared.reaction("motor").unique and not shared.reaction("pin").unique
@@ -203,7 +205,7 @@ def test_drivers_of_markers_are_between_the_markers_that_they_name() -> None:
         "turn": {"marker": "arm.tip", "relative_to": "base.eye", "angle": "t"},
         "ram": {"between": ["base.foot", "arm.eye"], "distance": "1 + t"},
     }
-    found = sides(Columns.of(layout), {"drivers": drivers})
+    found = marker_pairs(Columns.of(layout), {"drivers": drivers})
     assert [(pair.I, pair.J) for pair in found] == [
         ("ground.origin", "arm.tip"),
         ("base.eye", "arm.tip"),

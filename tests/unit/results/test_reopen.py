@@ -13,7 +13,7 @@ from resultfiles import block, writer
 
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results import Result, ResultWriter, extend_file
-from flexmb.results.uninterrupted import uninterrupted
+from flexmb.results.kill_safe_file import uninterrupted
 
 
 def state(i: int) -> dict[str, np.ndarray]:

@@ -76,7 +76,7 @@ def test_a_file_written_anew_is_noticed(path: Path) -> None:
     result = Result(path)
     with writer(path) as out:
         out.append(block(0, 11))
-    with pytest.raises(ResultFileError, match="written anew"):
+    with pytest.raises(ResultFileError, match="replaced by another run"):
         _ = result.q
 
 

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from flexmb.errors import FlexmbError, ViewError
-from flexmb.studies.conclusions import cost_of_a_digit
-from flexmb.studies.report import Error, Row, Study
-from flexmb.studies.words import error_text, headings, label
+from flexmb.studies.channel_errors import error_text
+from flexmb.studies.report import Study
+from flexmb.studies.rows import Error, Row
+from flexmb.studies.settings import headings, label
+from flexmb.studies.summary import cost_of_a_digit
 from flexmb.view.work_precision import Curve, pareto_figure
 
 

@@ -13,8 +13,7 @@ from scipy.special import ellipj, ellipk
 import flexmb
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.results import Result
-from flexmb.studies.pool import workers_of
-from flexmb.studies.worker import Job
+from flexmb.studies.workers import Job, open_workers
 
 PENDULUM = Path(__file__).parents[3] / "cases" / "pendulum" / "scene.toml"
 STEPS = (8e-3, 4e-3, 2e-3)
@@ -176,7 +175,7 @@ def test_a_run_that_takes_too_long_is_given_up_and_tried_again_next_time(
     scene = Result(Path(study.rows[0].folder) / "result.h5").model
     slow = Job("slow", scene, str(tmp_path), str(tmp_path / "slow"), limit=1e-9)
     for _ in range(2):
-        with workers_of(1, fresh=False) as pool:
+        with open_workers(1, fresh=False) as pool:
             (record,) = pool.run([slow], lambda *_: None)
         assert record["status"] == "failed"
         assert record["reason"].startswith("given up after 1e-09 s, at t = ")
@@ -199,12 +198,12 @@ def test_a_process_that_dies_takes_no_other_run_with_it(
     good = Job("good", scene, str(tmp_path), str(tmp_path / "good"))
     other = Job("other", scene, str(tmp_path), str(tmp_path / "other"))
     bomb = _Bomb("bad", {}, "", str(tmp_path / "bad"))
-    with workers_of(2, fresh=False) as pool:
+    with open_workers(2, fresh=False) as pool:
         pool.run([good], lambda *_: None)
         records = pool.run([good, bomb, other], lambda *_: None)
     assert [record["status"] for record in records] == ["finished", "failed", "finished"]
     assert "ended abruptly" in records[1]["reason"]
-    with pytest.raises(FlexmbError, match="__main__"), workers_of(2, fresh=True) as pool:
+    with pytest.raises(FlexmbError, match="__main__"), open_workers(2, fresh=True) as pool:
         pool.run([bomb], lambda *_: None)
 
 
@@ -216,7 +215,7 @@ def test_tight_runs_that_the_model_refuses_are_no_reference(
     def refuse(*_: object) -> None:
         raise SceneError("dynamics.accuracy: below round-off")
 
-    monkeypatch.setattr("flexmb.studies.course.changed_model", refuse)
+    monkeypatch.setattr("flexmb.studies.runner.change_model", refuse)
     found = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=tmp_path, **QUIET)
     assert found.rows[0].status == "finished"
     assert found.compared == ()

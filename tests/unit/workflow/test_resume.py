@@ -26,7 +26,8 @@ from flexmb.errors import (
 )
 from flexmb.flexbody import load, save
 from flexmb.model import Model
-from flexmb.results import Result, ResultWriter, scratch
+from flexmb.results import Result, ResultWriter
+from flexmb.results.reader import TemporaryFolder
 from flexmb.workflow.origin import origin_text
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
@@ -251,14 +252,16 @@ def test_a_failed_run_without_a_folder_stays_readable() -> None:
 
 
 def test_a_mistake_leaves_no_folder_behind() -> None:
-    before, made = set(scratch._living), set()
+    before, made = set(TemporaryFolder.living), set()
     model = free_box()
     model.add_joint("pin", "revolute", between=["ground", "box"], axis="z")
     model.add_joint("far", "fixed", between=["ground", "box.center"])
     model.add_marker("ground.away", position=[1, 0, 0])
     model.add_joint("torn", "spherical", between=["ground.away", "box"])
     with pytest.raises(AssemblyError) as caught:
-        flexmb.simulate(model, progress=lambda *told: made.update(set(scratch._living) - before))
+        flexmb.simulate(
+            model, progress=lambda *told: made.update(set(TemporaryFolder.living) - before)
+        )
     del caught
     gc.collect()
     assert made and not any(folder.exists() for folder in made)

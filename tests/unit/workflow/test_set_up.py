@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexmb.analysis.assembly import analysis, closing, velocities
-from flexmb.analysis.assembly.analysis import assemble
-from flexmb.analysis.mobility.rank import constraint_rank
+from flexmb.analysis.assembly import initial_state, positions, velocities
+from flexmb.analysis.assembly.initial_state import assemble
+from flexmb.analysis.assembly.jacobian import constraint_rank
 from flexmb.engine.compile import compile_system
 from flexmb.engine.state import State, Work
 from flexmb.engine.symbolic import Blocks, analyse
@@ -128,7 +128,7 @@ def at_rest(system: System, state: State, work: Work, level: int) -> float:
 def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     joint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (analysis, closing, velocities):
+    for module in (initial_state, positions, velocities):
         monkeypatch.setattr(module, "solve_level", at_rest)
 
     def make(n: int) -> Model:

@@ -10,17 +10,17 @@ from typer.testing import CliRunner
 from flexmb import workflow
 from flexmb.cli import app
 from flexmb.engine import entries, unit_cache
+from flexmb.engine.bodies import motion, wrench
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import all_units, integration_units
 from flexmb.engine.integrators import chosen_method
 from flexmb.engine.jit import Unit
-from flexmb.engine.kernels.bodies import motion, tangent
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
 from flexmb.model.tasks.dynamics import DynamicsSpec
 from flexmb.model.tasks.methods import METHODS
 
-FEW = (motion.move, tangent.add_lever_tangent, tangent.marker_jacobian)
+FEW = (motion.move, wrench.add_moment_arm, wrench.marker_jacobian)
 
 
 @pytest.fixture

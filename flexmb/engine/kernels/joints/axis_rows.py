@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints.dots import (
     add_dot,
     clear_gradient,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from flexmb.engine.algebra.blocks import put_jacobian_row, row_compliance
+from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import call_stage, kernel, unit
-from flexmb.engine.kernels.algebra.blocks import put_row, row_compliance
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.joints.group_tangent import group_tangents
 from flexmb.engine.kernels.joints.reaction import put_group_wrench
 from flexmb.engine.kernels.joints.row import (
@@ -139,9 +139,9 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
                     continue
                 link = links[group["link_I"] if side == 0 else group["link_J"]]
                 start = row["jac_I"] if side == 0 else row["jac_J"]
-                put_row(link, r, bodies[b], column, jac, start, low)
+                put_jacobian_row(link, r, bodies[b], column, jac, start, low)
                 if not symmetric:
-                    put_row(link, r, bodies[b], column, jac, start, up)
+                    put_jacobian_row(link, r, bodies[b], column, jac, start, up)
                 s += row_compliance(bodies[b], kkt.panels, column, jac, start, low)
             eps[panel["col"] + r] = _REGULARISATION * s
             diagonal = panel["at"] + r * panel["nc"] + r

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
+from flexmb.engine.algebra.rotation import cross, transform, transform_back
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross, transform, transform_back
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints import curve_marker_tangent
 from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
 from flexmb.engine.kernels.joints.row import put_row_gradient

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.bodies.kinematics import add_pulled_back
 from flexmb.engine.kernels.joints.group_tangent import put_group_tangent
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run

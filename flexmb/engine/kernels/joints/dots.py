@@ -5,9 +5,9 @@ The pieces that constraint rows are made of. H (12, 12) is as in `engine.kind.Ro
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.blocks import clear
-from flexmb.engine.kernels.bodies.pair_tangent import add_moment_arms, add_pair
 from flexmb.engine.kernels.joints.row import add_row_tangent, put_row_gradient
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Run

@@ -2,15 +2,15 @@
 
 These rows are linear in the places of their markers, whatever the joint. A joint of nothing else
 holds two points of rigid places together: its reaction is a force (Σ λ e) without a moment, so it
-goes straight to the coordinates of the two bodies (`kernels.bodies.point_marker`).
+goes straight to the coordinates of the two bodies (`bodies.marker`).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from flexmb.engine.algebra.rotation import cross, transform_back
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross, transform_back
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers

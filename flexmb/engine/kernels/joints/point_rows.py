@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
+from flexmb.engine.algebra.rotation import cross
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.algebra.rotation import cross
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints.dots import (
     add_dot2,
     clear_gradient,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.rotation import transform_back
+from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import call_stage, unit
-from flexmb.engine.kernels.algebra.rotation import transform_back
-from flexmb.engine.kernels.algebra.vector import put
 from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector

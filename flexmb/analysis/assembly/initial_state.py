@@ -1,0 +1,284 @@
+"""Consistent first state: positions, velocities, accelerations and multipliers.
+
+Positions by Gauss–Newton with least change of the placed pose, velocities by projection of those
+the scene prescribes, then, for a quasi-static start, elastic equilibrium with the rigid
+accelerations, at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ). Changes are least in the
+mass matrix, where modal masses are M + b K: bodies are moved and hardly strained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.gaps import Offset
+from flexmb.analysis.assembly.positions import (
+    Corrector,
+    assembly_weights,
+    close_positions,
+    mass_corrector,
+)
+from flexmb.analysis.assembly.velocities import InitialVelocities
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import (
+    ACCELERATIONS,
+    BEGIN,
+    REMEMBER,
+    RESIDUAL,
+    VELOCITIES,
+    solve_level,
+)
+from flexmb.engine.forces.force_characteristic import (
+    COORDINATE_OF,
+    DISTANCE_OF,
+    FORCE_CHARACTERISTICS,
+)
+from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
+from flexmb.engine.state import State, Work
+from flexmb.engine.tables import System
+from flexmb.engine.work import new_state, new_work
+from flexmb.errors import AssemblyError
+from flexmb.model.forces.stops import JointStopSpec
+from flexmb.model.model import Model
+
+Array = NDArray[np.float64]
+
+_RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
+_SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
+_MAX_ROUNDS = 40  # of the quasi-static solve
+_EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
+_NO_STIFFNESS = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
+_PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
+
+_ACCELERATION_ERRORS = {
+    NO_LOOP: (
+        "the algebraic loop between forces and accelerations does not converge: the loop "
+        "amplifies; lower its gain, or let a state or a filter stand between"
+    ),
+    SELF_LOCKING: (
+        "friction in the joints and the reactions that cause it do not settle: a joint locks "
+        "itself; lower its coefficients, or make its bearing longer"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """The first state, the scratch it was computed with, and what the user should know."""
+
+    state: State
+    work: Work
+    notes: tuple[str, ...]
+
+
+class StartValues(NamedTuple):
+    """Where to begin instead of the placed pose."""
+
+    q: Array  # (nq,)
+    v: Array  # (nv,), NaN where the scene's own velocities hold
+
+
+def assemble(
+    compiled: Compiled,
+    model: Model,
+    *,
+    start: str = "undeformed",
+    begin: StartValues | None = None,
+) -> Assembled:
+    """Consistent first state of a compiled model.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model, for its initial velocities.
+    start : {"undeformed", "quasi-static"}
+        Whether flexible bodies start without deformation as far as the joints allow, or in elastic
+        equilibrium with weight, loads and the inertia forces of the first motion.
+    begin : StartValues, optional
+        Positions and velocities to begin from, changed no more than joints and drivers need; then
+        `start` is ignored.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed (worst joints and gaps), a joint on its wrong branch, no
+        elastic equilibrium, or accelerations that are not finite.
+    """
+    system = compiled.system
+    state = new_state(system, channels=len(compiled.layout.channels))
+    work = new_work(system)
+    state.q[:] = compiled.placed if begin is None else begin.q
+    period = _slowest_period(system)
+    stiff = _stiffened(system, _RIGID * period)
+    velocities = InitialVelocities(compiled, model, stiff)
+
+    def close(guess: bool = False) -> None:
+        _close(compiled, model, state, work, period, guess=guess)
+        velocities.set(state)
+        if begin is not None:
+            state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
+            solve_level(stiff, state, work, VELOCITIES)
+        _set_states(compiled, state, work, begin)
+
+    close(begin is None)
+    notes = velocities.notes(state) if begin is None else []
+    solve_level(system, state, work, REMEMBER)
+    if start == "quasi-static" and begin is None and period > 0.0:
+        _equilibrate(compiled, _SLOW * period, state, work, close)
+    solve_level(system, state, work, REMEMBER)
+    _solve_accelerations(system, state, work)
+    solve_level(system, state, work, BEGIN)
+    return Assembled(state, work, (*notes, *_stop_notes(compiled, model, state, work)))
+
+
+def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues | None) -> None:
+    """Set the states: values, then what starts as a function has then, which may need others."""
+    free = [s for s in compiled.starts if begin is None or np.isnan(begin.v[s.iv])]
+    for start in free:
+        state.v[start.iv] = start.value
+    follow = [start for start in free if start.program >= 0]
+    for _ in follow:
+        solve_level(compiled.system, state, work, RESIDUAL)
+        for start in follow:
+            state.v[start.iv] = work.con.fun[start.program, 0]
+
+
+def _close(
+    compiled: Compiled, model: Model, state: State, work: Work, period: float, *, guess: bool
+) -> tuple[Offset, ...]:
+    """Close the positions with least change in masses times weights, hardly straining bodies."""
+    weights = assembly_weights(model)
+
+    def make(of: Compiled, at: State) -> Corrector:
+        metric = _weighted(_stiffened(of.system, _RIGID * period), weights)
+        return mass_corrector(metric, at, work if at is state else None)
+
+    return close_positions(compiled, model, state, make, guess)
+
+
+def _equilibrate(
+    compiled: Compiled, b: float, state: State, work: Work, close: Callable[[], None]
+) -> None:
+    """Elastic equilibrium of all modes with the accelerations of a motion without vibration.
+
+    With the modal mass M + b K the accelerations η̈ give the way δη = b η̈ to equilibrium, and
+    reactions that rigid bodies would leave open are shared by stiffness; b is long against all
+    periods, so the error shrinks by 1/(b ω²) per round, and at the end η̈ = 0.
+    """
+    slow = _stiffened(compiled.system, b)
+    for _ in range(_MAX_ROUNDS):
+        _solve_accelerations(slow, state, work)
+        change = 0.0
+        for body in compiled.layout.bodies:
+            at = slice(body.iv + 6, body.iv + 6 + body.m)
+            step = b * state.vd[at]
+            state.q[body.iq + 7 : body.iq + 7 + body.m] += step
+            change = max(change, float(np.abs(step * compiled.system.weights[at]).max(initial=0.0)))
+        if not change < 1.0:
+            break
+        close()
+        if change <= _EQUILIBRIUM:
+            return
+    raise AssemblyError(
+        "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
+        'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+    )
+
+
+def _solve_accelerations(system: System, state: State, work: Work) -> None:
+    code = solve_level(system, state, work, ACCELERATIONS)
+    if code != FINE:
+        no_length = "a spring-damper has no length in the first pose; move its markers apart"
+        raise AssemblyError(_ACCELERATION_ERRORS.get(int(code), no_length))
+    if not (np.all(np.isfinite(state.vd)) and np.all(np.isfinite(state.lam))):
+        raise AssemblyError(
+            "the first accelerations are not finite; check functions of time at t = 0"
+        )
+    state.aa[:] = state.vd
+    state.vd_before[:] = state.vd
+    state.lam_before[:] = state.lam
+
+
+def _stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> list[str]:
+    """A sentence for every stop that pushes from the start."""
+    notes = []
+    for name, element in compiled.elements.items():
+        if element.kind != FORCE_CHARACTERISTICS.name:
+            continue
+        row = compiled.system.kinds[element.kind].rows[element.row]
+        if not row["stop"]:
+            continue
+        measure = _stop_measure(compiled, row, state, work)
+        depth = max(measure - row["upper"], row["lower"] - measure)
+        spec = model.forces[name.partition(".")[2]]
+        angular = isinstance(spec, JointStopSpec) and spec.coordinate != "stroke"
+        if depth > _PENETRATION * (1.0 if angular else compiled.length):
+            text = model.units.say(depth, "rad" if angular else "m", 4)
+            notes.append(f"{name} is {text} inside the stop at the start: it pushes from there on")
+    return notes
+
+
+def _stop_measure(compiled: Compiled, row: np.void, state: State, work: Work) -> float:
+    """Distance, displacement or joint coordinate that a stop limits."""
+    if row["measure"] == COORDINATE_OF:
+        return float(state.q[compiled.system.parts.coordinates[row["coordinate"]]["iq"]])
+    markers = work.now.marker
+    h = markers["x"][row["J"]] - markers["x"][row["I"]]
+    if row["measure"] == DISTANCE_OF:
+        return float(np.linalg.norm(h))
+    return float(markers["R"][row["I"]][:, 2] @ h)
+
+
+def _stiffened(system: System, b: float) -> System:
+    """The same system with modal masses M + b K, b in s²."""
+    pool = system.parts.pool.copy()
+    for body in _flexible(system):
+        mass, stiffness = _modal_blocks(pool, body)
+        mass += b * stiffness
+    return system._replace(parts=system.parts._replace(pool=pool))
+
+
+def _weighted(system: System, weights: Array) -> System:
+    """The same system with the inertia of each body times its weight; (bodies,) weights."""
+    if np.all(weights == 1.0):
+        return system
+    bodies, pool = system.parts.bodies.copy(), system.parts.pool.copy()
+    bodies["mass"] *= weights
+    bodies["S1"] *= weights[:, None]
+    bodies["S0"] *= weights[:, None, None]
+    for body, weight in zip(_flexible(system), weights[bodies["m"] > 0], strict=True):
+        m, at = int(body["m"]), int(body["flex"])
+        pool[at : at + 12 * m + 13 * m * m] *= weight  # all but stiffness and damping
+    return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
+
+
+def _slowest_period(system: System) -> float:
+    """1/ω² of the softest mode of all bodies that has stiffness [s²]; 0 without flexible bodies."""
+    slowest = 0.0
+    for body in _flexible(system):
+        mass, stiffness = _modal_blocks(system.parts.pool, body)
+        half = np.linalg.inv(np.linalg.cholesky(mass))
+        values = np.linalg.eigvalsh(half @ stiffness @ half.T)
+        values = values[values > _NO_STIFFNESS * values.max(initial=0.0)]
+        slowest = max(slowest, 1.0 / float(values.min())) if values.size else slowest
+    return slowest
+
+
+def _flexible(system: System) -> NDArray[np.void]:
+    """Rows of the bodies that have modes."""
+    bodies = system.parts.bodies
+    return np.asarray(bodies[bodies["m"] > 0])
+
+
+def _modal_blocks(pool: Array, body: np.void) -> tuple[Array, Array]:
+    """Views (m, m) of the modal mass and stiffness of one body in the pool."""
+    m = int(body["m"])
+    at = int(body["flex"]) + 12 * m + 12 * m * m
+    mass, stiffness = pool[at : at + 2 * m * m].reshape(2, m, m)
+    return mass, stiffness

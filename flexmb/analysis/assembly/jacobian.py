@@ -1,0 +1,287 @@
+"""Constraint rows at any positions: values, gradients, markers, and the Jacobian with its rank.
+
+The rows are those of the engine's units (`engine.constraint_rows`). Nothing is compiled for them:
+where units are missing in the cache they run as plain Python, from the same source. Ranks are those
+of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise, so
+that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those of
+the bodies; each takes one equation for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.rank import (
+    MAX_COORDINATES,
+    Decomposition,
+    numerical_rank,
+    one_blas_thread,
+)
+from flexmb.engine.bodies.motion import move
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import evaluate_rows
+from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.state import Work, rows_between
+from flexmb.engine.units import call_ready
+from flexmb.engine.work import new_state, new_work
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+JointMarkers = tuple[Array, Array, Array, Array]
+"""x_I (3,) over the model size, axes R_I (3, 3), x_J and R_J of the two markers of a joint."""
+
+
+@dataclass(frozen=True)
+class WeightedJacobian:
+    """The Jacobian of all rows of a system at one pose, weighted.
+
+    A (nc, columns); `columns` their indices in the system, those that may move, states excepted.
+    """
+
+    compiled: Compiled
+    A: Array
+    columns: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, compiled: Compiled, Cq: Array) -> WeightedJacobian:
+        """From the Jacobian Cq (nc, nv)."""
+        scales = column_scales(compiled)
+        columns = np.flatnonzero(scales > 0)
+        A = compiled.system.row_weights[:, None] * Cq[:, columns] * scales[columns]
+        return cls(compiled, A, columns)
+
+    @cached_property
+    def owners(self) -> tuple[str, ...]:
+        """Scene path of the reaction of each row."""
+        groups = self.compiled.system.groups["n"]
+        return tuple(np.repeat(np.array(self.compiled.layout.reactions, object), groups))
+
+    @cached_property
+    def driven(self) -> Mask:
+        """Which rows are drivers'."""
+        return ~joint_rows(self.compiled)
+
+    @cached_property
+    def modal(self) -> Mask:
+        """Which columns are modal coordinates."""
+        modal = np.zeros(self.compiled.layout.nv, bool)
+        for body in self.compiled.layout.bodies:
+            modal[body.iv + 6 : body.iv + 6 + body.m] = True
+        return modal[self.columns]
+
+    @cached_property
+    def scalar(self) -> Mask:
+        """Which columns are scalar coordinates in addition to the bodies."""
+        layout = self.compiled.layout
+        scalar: Mask = self.columns >= layout.nv - len(layout.coordinates)
+        return scalar
+
+    @cached_property
+    def norm(self) -> float:
+        """Largest singular value of A."""
+        return float(np.linalg.norm(self.A, 2)) if self.A.size else 1.0
+
+    @cached_property
+    def decomposition(self) -> Decomposition:
+        """Singular values and vectors of all rows."""
+        return Decomposition.of(self.A)
+
+    @cached_property
+    def joint_decomposition(self) -> Decomposition:
+        """That of all rows but the drivers'."""
+        return Decomposition.of(self.A[~self.driven]) if any(self.driven) else self.decomposition
+
+    @cached_property
+    def joint_circuits(self) -> Array:
+        """(n, nc) circuits of the joints' rows, zero at the drivers'."""
+        circuits = self.joint_decomposition.circuits
+        padded = np.zeros((len(circuits), len(self.A)))
+        padded[:, ~self.driven] = circuits
+        return padded
+
+    def rows_of(self, owner: str) -> Mask:
+        """Which rows belong to a scene path."""
+        return np.array([name == owner for name in self.owners], dtype=bool)
+
+
+@dataclass(frozen=True)
+class ConstraintPose:
+    """Positions q (nq,) of a system with all its rows there.
+
+    Values C (nc,), Jacobian Cq (nc, nv), and all markers: positions x (n, 3) and axes R (n, 3, 3)
+    in global axes.
+    """
+
+    compiled: Compiled
+    q: Array
+    C: Array
+    Cq: Array
+    x: Array
+    R: Array
+
+    @cached_property
+    def jacobian(self) -> WeightedJacobian:
+        """The weighted Jacobian."""
+        return WeightedJacobian.of(self.compiled, self.Cq)
+
+    @cached_property
+    def g(self) -> Array:
+        """Gradients (nc, 12) for the motions (δx_I, δφ_I, δx_J, δφ_J) of both markers."""
+        g = np.zeros((len(self.C), 12))
+        for k, row in enumerate(self.compiled.system.rows):
+            i, j = row["I"], row["J"]
+            g[k] = row_gradient(_axes(row), self.x[i], self.R[i], self.x[j], self.R[j])
+        return g
+
+    @cached_property
+    def weighted_g(self) -> Array:
+        """Gradients (nc, 12) of the weighted rows, lengths over the model size."""
+        arm = np.tile(np.repeat([self.compiled.length, 1.0], 3), 2)
+        weights = self.compiled.system.row_weights[:, None]
+        return np.asarray(weights * self.g * arm)
+
+    def markers_of(self, owner: str) -> JointMarkers:
+        """Positions and axes of the two markers of a joint or driver, I and J."""
+        group = self.compiled.system.groups[self.compiled.layout.reactions.index(owner)]
+        row = self.compiled.system.rows[group["row"]]
+        i, j = (int(row[side]) for side in ("JI" if group["reversed"] else "IJ"))
+        size = self.compiled.length
+        return self.x[i] / size, self.R[i], self.x[j] / size, self.R[j]
+
+    def gradients_at_J(self, owner: str) -> Array:
+        """Weighted gradients (n, 6) of the rows of a joint for motions of its marker J."""
+        group = self.compiled.system.groups[self.compiled.layout.reactions.index(owner)]
+        side = slice(0, 6) if group["reversed"] else slice(6, 12)
+        return self.weighted_g[self.jacobian.rows_of(owner), side]
+
+
+class ConstraintRows:
+    """The rows of a system, pose by pose.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    """
+
+    def __init__(self, compiled: Compiled) -> None:
+        self.compiled = compiled
+        channels = len(compiled.layout.channels)
+        self._state = new_state(compiled.system, channels)
+        self.work = new_work(compiled.system, channels)
+
+    def evaluate(self, q: Array, t: float = 0.0) -> ConstraintPose:
+        """The rows at the positions q (nq,) and the time t [s]."""
+        self._state.t[0] = t
+        self._state.q[:] = q
+        evaluate_rows(self.compiled.system, self._state, self.work)
+        markers = self.work.now.marker
+        return ConstraintPose(
+            self.compiled,
+            q.copy(),
+            self.work.con.C.copy(),
+            dense_jacobian(self.compiled, self.work),
+            markers["x"].copy(),
+            markers["R"].copy(),
+        )
+
+    def move(self, q: Array, d: Array) -> Array:
+        """q ∘ exp(d) for a change d (nv,) of the velocity coordinates."""
+        out = q.copy()
+        call_ready(move, self.compiled.system.parts, q, d, out)
+        return out
+
+
+def row_gradient(axes: tuple[int, int, int], xi: Array, Ri: Array, xj: Array, Rj: Array) -> Array:
+    """Gradient (12,) of a row (kind, a, b) for (δx_I, δφ_I, δx_J, δφ_J) in global axes.
+
+    Not finite where the row has none, such as a distance of zero.
+    """
+    (kind, a, b), at = axes, rows_between(xi, Ri, xj, Rj)
+    with np.errstate(all="ignore"):
+        ROW_KINDS[kind].gradient(at, a, b, 0, 1)
+    return np.asarray(at.g)
+
+
+def _axes(row: np.void) -> tuple[int, int, int]:
+    return int(row["kind"]), int(row["a"]), int(row["b"])
+
+
+def dense_jacobian(compiled: Compiled, work: Work) -> Array:
+    """Cq (nc, nv) from the rows on bodies (Dense.jac) and the markers, as units left them."""
+    system, jac = compiled.system, work.dense.jac
+    rows, parts = system.rows, system.parts
+    Cq = np.zeros((compiled.layout.nc, compiled.layout.nv))
+    for side in "IJ":
+        places = rows[f"jac_{side}"]
+        on_body = np.flatnonzero(places >= 0)
+        bodies = parts.bodies[parts.markers["body"][rows[side][on_body]]]
+        for m in np.unique(bodies["m"]):
+            mine, count = bodies["m"] == m, np.arange(6 + m)
+            k = on_body[mine, None]
+            Cq[k, bodies["iv"][mine, None] + count] += jac[places[k] + count]
+    for follow in system.follows:
+        Cq[follow["row"], parts.coordinates[follow["coordinate"]]["iv"]] -= follow["factor"]
+    markers = work.now.marker
+    for curve, now in zip(parts.curve_markers, work.now.curve_marker, strict=True):
+        # rows on curve markers change with the places of these along their curves
+        group, first = system.groups[curve["group"]], 6 * curve["side"]
+        column = parts.coordinates[curve["coordinate"]]["iv"]
+        for row in range(group["row"], group["row"] + group["n"]):
+            mi, mj = markers[rows[row]["I"]], markers[rows[row]["J"]]
+            g = row_gradient(_axes(rows[row]), mi["x"], mi["R"], mj["x"], mj["R"])
+            Cq[row, column] = g[first : first + 6] @ now["J"]
+    return Cq
+
+
+@one_blas_thread()
+def constraint_rank(compiled: Compiled, work: Work) -> int | None:
+    """Independent constraint equations at the state that a scratch was evaluated at.
+
+    As many as velocity coordinates: the constraints alone fix the motion. Fewer than equations:
+    some are redundant, and reactions are not unique. None for a model of more than
+    `MAX_COORDINATES`.
+    """
+    if n_free(compiled) > MAX_COORDINATES:
+        return None
+    A = WeightedJacobian.of(compiled, dense_jacobian(compiled, work)).A
+    return numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)))
+
+
+def n_free(compiled: Compiled) -> int:
+    """Velocity coordinates that may move: all, or those in the plane."""
+    return int(np.sum(compiled.system.kkt.column >= 0))
+
+
+def column_scales(compiled: Compiled) -> Array:
+    """(nv,) how far one unit of each velocity coordinate moves: 0 for those left out of a plane."""
+    scales: Array = np.where(compiled.system.kkt.column >= 0, 1.0 / compiled.system.weights, 0.0)
+    scales[[start.iv for start in compiled.starts]] = 0.0  # states are no motion
+    return scales
+
+
+def joint_rows(compiled: Compiled) -> Mask:
+    """(nc,) rows that are not drivers'."""
+    driven = [path.startswith("drivers.") for path in compiled.layout.reactions]
+    joints: Mask = ~np.repeat(driven, compiled.system.groups["n"]).astype(bool)
+    return joints
+
+
+def element(path: str) -> str:
+    """The section and name of what a path is of: couplers have a reaction for each joint."""
+    return ".".join(path.split(".")[:2])
+
+
+def elements(paths: Iterable[str]) -> tuple[str, ...]:
+    """The elements of paths, each once."""
+    return tuple(dict.fromkeys(element(path) for path in paths))
+
+
+def plain_name(path: str) -> str:
+    """The name of a joint without its section, of anything else with it."""
+    return path.removeprefix("joints.")

@@ -1,0 +1,267 @@
+"""Closing the positions of a model with least change of its placed pose.
+
+Gauss–Newton corrections of q towards C = 0, least in a metric: the masses of the bodies (compiled),
+or lengths and angles (`length_corrector`, in numpy, with nothing compiled), times what the scene
+says of each body. With a guess of joint coordinates the placed pose is first brought near it: the
+guesses stand as additional rows that need not close (least squares), then the joints and drivers
+alone close from there, on that branch.
+"""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.gaps import (
+    Offset,
+    check_branches,
+    gap_problems,
+    moved_bodies,
+)
+from flexmb.analysis.assembly.jacobian import ConstraintPose, ConstraintRows, column_scales
+from flexmb.analysis.assembly.rank import null_space
+from flexmb.engine.compile import Compiled, compile_system
+from flexmb.engine.entries import POSITIONS, RESIDUAL, solve_level
+from flexmb.engine.state import State, Work
+from flexmb.engine.tables import System
+from flexmb.engine.work import new_state, new_work
+from flexmb.errors import AssemblyError, FlexmbWarning, Problem
+from flexmb.model.model import Model
+from flexmb.model.scenes.entries import read_named
+from flexmb.model.values.reading import Terms
+
+FIXED_WEIGHT = 1e10
+"""Weight of a fixed body."""
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MAX_CORRECTIONS = 60
+_OPEN = 1e-10  # gap relative to the model size, or radians
+_CLOSED = 1e-13  # correction of a position relative to the model size: round-off
+_NEAR = 1e-6  # correction at which the least squares of a guess have converged
+_FIXED = 1e-6  # a fixed body may move by this share of the model size, or this angle
+
+# Closing in numpy: gaps over the model size, or radians.
+_CLOSED_ROWS = 1e-11
+_ROUND_OFF = 1e-14
+_MAX_CORRECTION = 0.3  # in one round, over the model size or in radians
+_MODAL_SCALE = 1e-3  # how little modes move while bodies can
+_SINGULAR = 1e-9  # singular values below this share of the largest are taken for zero
+_NEARBY = 0.05  # how far another pose is, over the model size or in radians
+_MAX_TRIALS = 4
+
+
+@dataclass(frozen=True)
+class Corrector:
+    """The engine at one state: corrections of its positions, and C and markers at them."""
+
+    work: Work
+    correct: Callable[[], float]  # one correction; its weighted size
+    evaluate: Callable[[], object]
+
+
+MakeCorrector = Callable[[Compiled, State], Corrector]
+"""What makes a corrector for a compiled system and a state."""
+
+
+def mass_corrector(system: System, state: State, work: Work | None = None) -> Corrector:
+    """Corrections that are least in the mass matrix of a system."""
+    scratch = work if work is not None else new_work(system)
+    return Corrector(
+        scratch,
+        lambda: float(solve_level(system, state, scratch, POSITIONS)),
+        lambda: solve_level(system, state, scratch, RESIDUAL),
+    )
+
+
+def length_corrector(compiled: Compiled, state: State, weights: Array) -> Corrector:
+    """Corrections that are least over the model size, in radians, times body weights."""
+    constraints, scales = ConstraintRows(compiled), _closing_scales(compiled, weights)
+    all_rows = np.ones(compiled.layout.nc, bool)
+
+    def correct() -> float:
+        pose = constraints.evaluate(state.q, float(state.t[0]))
+        if np.abs(pose.C * compiled.system.row_weights).max(initial=0.0) <= _ROUND_OFF:
+            return 0.0
+        step = _correction(pose, all_rows, scales)
+        if step is None:
+            return float("nan")
+        state.q[:] = constraints.move(state.q, scales * step)
+        return float(np.abs(step).max(initial=0.0))
+
+    def evaluate() -> object:
+        return constraints.evaluate(state.q, float(state.t[0]))
+
+    return Corrector(constraints.work, correct, evaluate)
+
+
+def assembly_weights(model: Model) -> Array:
+    """(bodies,) factors of `[assembly] weights`, `FIXED_WEIGHT` for fixed bodies."""
+    weights = {} if model.assembly is None else model.assembly.weights
+    values = (weights.get(name, 1.0) for name in model.bodies)
+    return np.array([FIXED_WEIGHT if w == "fixed" else float(w) for w in values])
+
+
+def close_positions(
+    compiled: Compiled, model: Model, state: State, make: MakeCorrector, guess: bool = True
+) -> tuple[Offset, ...]:
+    """Close the positions of a state; returns how far the bodies were moved.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The compiled model, and the model for its guesses and fixed bodies.
+    state : State
+        The pose to begin from; its q becomes the closed one.
+    make : callable
+        Makes the corrector, whose metric says what little change is.
+    guess : bool
+        Whether to begin near the coordinates that the scene guesses.
+
+    Raises
+    ------
+    AssemblyError
+        Gaps that stay open (the worst joints), a joint on its wrong branch, or a fixed body that
+        had to move.
+    """
+    start = state.q.copy()
+    if not compiled.layout.nc:
+        return ()
+    if guess and model.assembly is not None and model.assembly.guess:
+        _approach_guess(model, compiled, state, make)
+    corrector = make(compiled, state)
+    _iterate(corrector, _CLOSED)
+    corrector.evaluate()
+    moved = moved_bodies(compiled, start, state.q)
+    if not np.abs(corrector.work.con.C * compiled.system.row_weights).max() <= _OPEN:
+        raise AssemblyError.from_problems(gap_problems(compiled, model, corrector.work, moved))
+    check_branches(compiled, model, state, corrector.work)
+    _check_fixed(compiled, model, moved)
+    return moved
+
+
+def _iterate(corrector: Corrector, tolerance: float) -> None:
+    for _ in range(_MAX_CORRECTIONS):
+        size = corrector.correct()
+        if not np.isfinite(size) or size <= tolerance:
+            return  # closed, or at a pose from which no small motion narrows the gaps
+
+
+def _approach_guess(model: Model, compiled: Compiled, state: State, make: MakeCorrector) -> None:
+    """Bring the state near the guesses, as near as joints and drivers allow."""
+    assert model.assembly is not None
+    extended = copy.copy(model)
+    extended.assembly, extended.drivers = None, dict(model.drivers)
+    for joint, guess in model.assembly.guess.items():
+        for coordinate, value in guess.coordinates.items():
+            entry = {"joint": joint, coordinate: value}
+            spec, problems = read_named("drivers", f"{joint}_{coordinate}", entry, Terms())
+            assert not problems  # the guess was checked with the model
+            extended.drivers[f"guess_of_{joint}_{coordinate}"] = spec  # type: ignore[assignment]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FlexmbWarning)  # the model itself has shown them
+        with_guesses = compile_system(extended, compiled.flexbodies)
+    near = new_state(with_guesses.system, len(with_guesses.layout.channels))
+    near.q[:] = state.q
+    _iterate(make(with_guesses, near), _NEAR)
+    if np.all(np.isfinite(near.q)):
+        state.q[:] = near.q
+
+
+def _check_fixed(compiled: Compiled, model: Model, moved: tuple[Offset, ...]) -> None:
+    """Refuse a pose for which a fixed body had to move."""
+    fixed = dict(zip(model.bodies, assembly_weights(model) >= FIXED_WEIGHT, strict=True))
+    problems = []
+    for body in moved:
+        far = body.distance > _FIXED * compiled.length or body.angle > _FIXED
+        if fixed[body.name] and far:
+            what = (
+                f"is fixed, but the gaps close only if it moves by {body.text(model.units)}: "
+                "free it, or place it where its joints close"
+            )
+            problems.append(Problem(f"assembly.weights.{body.name}", what))
+    if problems:
+        raise AssemblyError.from_problems(problems)
+
+
+def close_rows(
+    constraints: ConstraintRows, q: Array, rows: Mask | None = None, t: float = 0.0
+) -> ConstraintPose | None:
+    """The pose near q (nq,) where `rows` (nc,), all by default, vanish at time t [s]; None: none.
+
+    Bodies are moved with least change over the model size and in radians; modes hardly.
+    """
+    compiled = constraints.compiled
+    which = np.ones(compiled.layout.nc, bool) if rows is None else rows
+    weights = compiled.system.row_weights
+    scales = _closing_scales(compiled, np.ones(len(compiled.layout.bodies)))
+    gap, best = np.inf, 0
+    pose = constraints.evaluate(q, t)
+    for n in range(_MAX_CORRECTIONS):
+        size = float(np.abs(pose.C * weights)[which].max(initial=0.0))
+        converged = size <= _ROUND_OFF or (size <= _CLOSED_ROWS and size > 0.5 * gap)
+        if converged or not np.isfinite(size):
+            break
+        if size < 0.5 * gap:
+            gap, best = size, n
+        if n > best + _MAX_CORRECTIONS // 4:
+            break
+        step = _correction(pose, which, scales)
+        if step is None:
+            break
+        pose = constraints.evaluate(constraints.move(pose.q, scales * step), t)
+    left = np.abs(pose.C * weights)[which].max(initial=0.0)
+    return pose if left <= _CLOSED_ROWS else None
+
+
+def _closing_scales(compiled: Compiled, weights: Array) -> Array:
+    """(nv,) as `column_scales`, for bodies of different weights; modes hardly move."""
+    scales = column_scales(compiled)
+    for body, weight in zip(compiled.layout.bodies, weights, strict=True):
+        scales[body.iv : body.iv + 6 + body.m] /= np.sqrt(weight)
+        scales[body.iv + 6 : body.iv + 6 + body.m] *= _MODAL_SCALE
+    return scales
+
+
+def _correction(pose: ConstraintPose, which: Mask, scales: Array) -> Array | None:
+    """(nv,) Gauss–Newton correction over the scales, cut where it is long.
+
+    None where a row has no gradient, such as a distance of zero.
+    """
+    weights = pose.compiled.system.row_weights
+    A = (weights[:, None] * pose.Cq * scales)[which]
+    if not np.all(np.isfinite(A)):
+        return None
+    step: Array = np.linalg.lstsq(A, -(pose.C * weights)[which], rcond=_SINGULAR)[0]
+    longest = float(np.abs(step).max(initial=0.0))
+    return step * min(1.0, _MAX_CORRECTION / longest) if longest > 0 else step
+
+
+def nearby_poses(
+    constraints: ConstraintRows, start: ConstraintPose, rows: Mask, seed: int = 0
+) -> list[ConstraintPose]:
+    """Up to two poses of the same assembly, a short way along its free motions.
+
+    Only `rows` vanish there, such as those of the joints. None where the free motions do not lead
+    to closed poses.
+    """
+    rng, compiled = np.random.default_rng(seed), constraints.compiled
+    scales, jacobian = column_scales(compiled), start.jacobian
+    free = null_space(jacobian.A[rows])
+    motions = np.zeros((len(scales), free.shape[1]))
+    motions[jacobian.columns] = free
+    poses: list[ConstraintPose] = []
+    for _ in range(_MAX_TRIALS if free.shape[1] else 0):
+        step = motions @ rng.standard_normal(motions.shape[1])
+        step *= _NEARBY / np.abs(step).max()
+        pose = close_rows(constraints, constraints.move(start.q, scales * step), rows)
+        poses += [] if pose is None else [pose]
+        if len(poses) == 2:
+            break
+    return poses

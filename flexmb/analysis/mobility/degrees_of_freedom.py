@@ -1,0 +1,267 @@
+"""Mobility of a mechanism: coordinates, equations, rank, what repeats, what is free, what is wrong.
+
+In: a compiled model. Out: :class:`Mobility`, from the rank of the constraint Jacobian in the
+assembled pose and in others a short way along the free motions, which tell an equation that is
+always redundant from a pose that is singular. Nothing is compiled for it. Degrees of freedom δ =
+coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    ConstraintRows,
+    element,
+    joint_rows,
+    plain_name,
+)
+from flexmb.analysis.assembly.positions import (
+    assembly_weights,
+    close_positions,
+    length_corrector,
+    nearby_poses,
+)
+from flexmb.analysis.assembly.rank import Decomposition, one_blas_thread
+from flexmb.analysis.mobility.driver_conflicts import (
+    driver_notes,
+    driver_problems,
+    is_locked,
+    locked_sentence,
+)
+from flexmb.analysis.mobility.free_motions import FreeMotion, free_motions
+from flexmb.analysis.mobility.redundancy import (
+    Redundancy,
+    Undetermined,
+    redundancies,
+    undetermined_reactions,
+)
+from flexmb.engine.compile import Compiled
+from flexmb.engine.work import new_state
+from flexmb.errors import AssemblyError
+from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.model import Model
+
+
+@dataclass(frozen=True)
+class Equations:
+    """A joint, coupler or driver: its scene path, its type, and the equations it brings.
+
+    Those that say what a scalar coordinate beside the bodies is, such as the place along a curve,
+    are not counted, and neither are such coordinates.
+    """
+
+    path: str
+    type: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """What `flexmb check` tells of the motions of a model, with all its drivers.
+
+    ``coordinates`` are those of the bodies, modes among them;
+    ``rank`` that of all equations, ``joint_rank`` without drivers, both in the assembled pose;
+    ``generic_rank`` the joints' in poses nearby. ``as_rigid`` is the number of redundant equations
+    that there would be without modes. ``notes`` are sentences for the user.
+    """
+
+    bodies: int
+    planar: bool
+    coordinates: int
+    modes: int
+    equations: tuple[Equations, ...]
+    rank: int
+    joint_rank: int
+    generic_rank: int
+    redundancies: tuple[Redundancy, ...]
+    undetermined: tuple[Undetermined, ...]
+    motions: tuple[FreeMotion, ...]
+    as_rigid: int
+    notes: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number s of all equations."""
+        return sum(row.count for row in self.equations)
+
+    @property
+    def drivers(self) -> int:
+        """Number of the drivers' equations."""
+        return sum(row.count for row in self.equations if row.path.startswith("drivers."))
+
+    @property
+    def delta(self) -> int:
+        """Degrees of freedom that joints and drivers leave."""
+        return self.coordinates - self.rank
+
+    @property
+    def delta_without_drivers(self) -> int:
+        """Degrees of freedom that the joints leave."""
+        return self.coordinates - self.joint_rank
+
+    @property
+    def redundant(self) -> int:
+        """Equations of joints and drivers that repeat others."""
+        return self.count - self.rank
+
+    @property
+    def singular(self) -> bool:
+        """Whether more equations depend on each other in the assembled pose than nearby."""
+        return self.joint_rank < self.generic_rank
+
+
+@one_blas_thread()
+def mobility_of(compiled: Compiled, model: Model) -> Mobility:
+    """The mobility of a compiled model.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model, of `rank.MAX_COORDINATES` coordinates at most.
+    model : Model
+        The model.
+
+    Raises
+    ------
+    AssemblyError
+        It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
+        joints.
+    """
+    pose, moves = _assembled_pose(compiled, model)
+    jacobian = pose.jacobian
+    notes = [*moves, *driver_notes(model, pose)]
+    others = nearby_poses(ConstraintRows(compiled), pose, joint_rows(compiled))
+    ranks = [one.jacobian.joint_decomposition.rank for one in (pose, *others)]
+    regular, *elsewhere = [
+        one for one, rank in zip((pose, *others), ranks, strict=True) if rank == max(ranks)
+    ]
+    n_scalars = int(np.sum(jacobian.scalar))
+    mobility = Mobility(
+        bodies=len(model.bodies),
+        planar=model.plane is not None,
+        coordinates=jacobian.A.shape[1] - n_scalars,
+        modes=int(np.sum(jacobian.modal)),
+        equations=_equations(model, pose),
+        rank=jacobian.decomposition.rank - n_scalars,
+        joint_rank=ranks[0] - n_scalars,
+        generic_rank=max(ranks) - n_scalars,
+        redundancies=redundancies(model, regular, elsewhere),
+        undetermined=undetermined_reactions((elsewhere or [regular])[0]),
+        motions=free_motions(model, regular, elsewhere),
+        as_rigid=_redundant_if_rigid(pose),
+        notes=(),
+    )
+    return replace(mobility, notes=(*notes, *_notes(model, pose, mobility)))
+
+
+@one_blas_thread()
+def redundant_reactions(
+    compiled: Compiled, model: Model, q: NDArray[np.float64]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that.
+
+    Raises
+    ------
+    AssemblyError
+        Drivers contradict each other or the joints.
+    """
+    pose = ConstraintRows(compiled).evaluate(q)
+    notes = driver_notes(model, pose)
+    count = len(pose.C) - pose.jacobian.decomposition.rank
+    if not count:
+        return (), notes
+    paths = tuple(reaction.path for reaction in undetermined_reactions(pose))
+    notes.append(redundancy_note(count, len(pose.C), [plain_name(path) for path in paths]))
+    return paths, notes
+
+
+def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> str:
+    """The note on redundant constraint equations, at these joints if they are known."""
+    where, cure = "those reactions", ""
+    if joints:
+        where = f"the reactions at {', '.join(joints)}"
+        cure = "; flexmb check tells which exchange of joints cures it"
+    return (
+        f"{count} of {equations} constraint equations are redundant: the motion is unique, {where} "
+        f"are not (the minimum-norm ones are reported){cure}"
+    )
+
+
+def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
+    """The closed pose, and what had to move for it; or the reason why there is none."""
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    state.q[:] = compiled.placed
+    weights = assembly_weights(model)
+    start = length_corrector(compiled, state, weights)
+    start.evaluate()
+    gaps = joint_gaps(compiled, start.work)
+    try:
+        moved = close_positions(
+            compiled, model, state, lambda of, at: length_corrector(of, at, weights)
+        )
+    except AssemblyError as error:
+        problems = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(problems) from None
+    return ConstraintRows(compiled).evaluate(state.q), assembly_notes(gaps, moved, model.units)
+
+
+def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
+    """Equations by what brings them; scalar coordinates of its own take one each."""
+    scalars = [element(name) for name in pose.compiled.layout.coordinates]
+    rows = [element(path) for path in pose.jacobian.owners]
+    equations = []
+    for path in dict.fromkeys(rows):
+        section, _, name = path.partition(".")
+        spec = getattr(model, section)[name]
+        kind = getattr(spec, "type", None) or _driven_coordinates(spec)
+        count = rows.count(path) - scalars.count(path)
+        if count:
+            equations.append(Equations(path, kind, count))
+    return tuple(equations)
+
+
+def _driven_coordinates(spec: DriverSpec) -> str:
+    return ", ".join(motion.coordinate for motion in spec.motions())
+
+
+def _redundant_if_rigid(pose: ConstraintPose) -> int:
+    """Redundant equations of the joints if no body could deform."""
+    jacobian = pose.jacobian
+    A, rank = jacobian.A[~jacobian.driven], jacobian.joint_decomposition.rank
+    if np.any(jacobian.modal):
+        rank = Decomposition.of(A[:, ~jacobian.modal]).rank
+    return len(A) - rank
+
+
+def _notes(model: Model, pose: ConstraintPose, mobility: Mobility) -> list[str]:
+    """What the user should know of a mechanism that can be assembled."""
+    notes = []
+    flexible = any(spec.flexible for spec in model.bodies.values())
+    if is_locked(pose) and not mobility.drivers and not flexible:
+        notes.append(locked_sentence(model, pose))
+    if mobility.singular:
+        more = mobility.generic_rank - mobility.joint_rank
+        notes.append(
+            f"the assembled pose is singular: {_number(more, 'equation')} of the joints "
+            f"{'is' if more == 1 else 'are'} redundant here and not nearby, and the motion may "
+            "branch; begin in another pose"
+        )
+    absorbed = mobility.as_rigid - (mobility.count - mobility.drivers - mobility.joint_rank)
+    if mobility.modes and absorbed > 0:
+        notes.append(
+            f"with rigid bodies {_number(mobility.as_rigid, 'equation')} of the joints would be "
+            f"redundant; modes of the flexible bodies take up {absorbed}, so that the reactions "
+            "there follow from the elasticity"
+        )
+    return notes
+
+
+def _number(count: int, thing: str) -> str:
+    return f"{count} {thing}{'s' * (count != 1)}"

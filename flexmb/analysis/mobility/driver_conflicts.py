@@ -1,0 +1,248 @@
+"""Drivers without a degree of freedom to drive, and mechanisms that are locked.
+
+In: the rows of a closed pose. Out: a problem, or a note, for each redundant driver, with the
+drivers and joints that prescribe the same motion, and what to change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    ConstraintRows,
+    joint_rows,
+    plain_name,
+)
+from flexmb.analysis.assembly.positions import close_rows, nearby_poses
+from flexmb.analysis.assembly.rank import (
+    MAX_COORDINATES,
+    Decomposition,
+    circuits,
+    null_space,
+    one_blas_thread,
+)
+from flexmb.analysis.mobility.joint_exchange import MACHINE_JOINTS, Weaker, fewest_exchanges
+from flexmb.analysis.mobility.redundancy import Exchange, scene_exchanges, weaker_choices
+from flexmb.engine.compile import Compiled
+from flexmb.errors import AssemblyError, Problem
+from flexmb.model.model import Model
+
+Array = NDArray[np.float64]
+_ZERO_TOLERANCE = 1e-7
+_SHARES = (0.001, 0.01, 0.1, 0.3, 0.6, 1.0)  # of the duration, at which drivers must agree
+_NEARLY_FREE = 1e-2  # singular value over the largest, below which a locked mechanism is nearly not
+
+
+@dataclass(frozen=True)
+class _RedundantDrivers:
+    """Drivers that prescribe one motion more than is free, and the joints in between."""
+
+    drivers: tuple[str, ...]
+    joints: tuple[str, ...]
+
+
+def _redundant_drivers(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
+    """The drivers whose rows repeat those of joints or of each other."""
+    jacobian = pose.jacobian
+    joints, drivers = jacobian.A[~jacobian.driven], jacobian.A[jacobian.driven]
+    if not len(drivers):
+        return ()
+    free = drivers @ null_space(joints)
+    owners, redundant = np.array(jacobian.owners), []
+    for circuit in _null_circuits(free):
+        y = _basic_solution(joints.T, -drivers.T @ circuit)
+        names = owners[jacobian.driven][circuit != 0.0]
+        between = owners[~jacobian.driven][np.abs(y) > _ZERO_TOLERANCE * max(np.abs(y).max(), 1.0)]
+        redundant.append(
+            _RedundantDrivers(tuple(dict.fromkeys(names)), tuple(dict.fromkeys(between)))
+        )
+    return tuple(redundant)
+
+
+def _null_circuits(A: Array) -> Array:
+    """Circuits (k, n) of the rows of A (n, k), whose size is that of unit rows."""
+    if not A.shape[1]:
+        return np.eye(len(A))
+    U, size, _ = np.linalg.svd(A)
+    return circuits(U[:, int(np.sum(size > _ZERO_TOLERANCE)) :].T)
+
+
+def _basic_solution(A: Array, b: Array) -> Array:
+    """A solution y of A y = b with at most as many numbers as A has rank."""
+    y = np.zeros(A.shape[1])
+    if not A.shape[1]:
+        return y
+    Q, R, order = qr(A, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    rank = int(np.sum(diagonal > _ZERO_TOLERANCE * diagonal[0]))
+    y[order[:rank]] = np.linalg.solve(R[:rank, :rank], (Q.T @ b)[:rank])
+    return y
+
+
+def _driver_findings(
+    model: Model,
+    pose: ConstraintPose,
+    redundant: tuple[_RedundantDrivers, ...],
+    moment: float | None = None,
+) -> tuple[list[Problem], list[str]]:
+    """Problems of redundant drivers that contradict others, notes on those that agree.
+
+    `moment` [s] is a time at which they contradict each other, if it is clear already.
+    """
+    problems: list[Problem] = []
+    notes: list[str] = []
+    if redundant and moment is None:
+        moment = _disagreement(model, pose)
+    if redundant and is_locked(pose):
+        drivers = [name for one in redundant for name in one.drivers]
+        what = f"has nothing to drive: {locked_sentence(model, pose, drivers)}"
+        if moment is None:
+            return [], [f"{', '.join(drivers)}: {what}"]
+        return [Problem(drivers[0], what)], []
+    for one in redundant:
+        who = _words(one)
+        if moment is None:
+            notes.append(f"{who}; they agree, but one driver is enough: its reaction is not unique")
+        else:
+            what = f"{who}, and contradict each other at t = {moment:.3g} s; take one driver out"
+            problems.append(Problem(one.drivers[0], what))
+    return problems, notes
+
+
+@one_blas_thread()
+def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
+    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
+
+    These as well for a model too large for dense decompositions.
+    """
+    if not model.drivers or compiled.layout.nv > MAX_COORDINATES:
+        return gaps
+    pose = close_rows(ConstraintRows(compiled), compiled.placed, joint_rows(compiled))
+    if pose is None:
+        return gaps
+    problems, _ = _driver_findings(model, pose, _always_redundant(pose), moment=0.0)
+    if problems:
+        return problems
+    names = ", ".join(f"drivers.{name}" for name in model.drivers)
+    what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
+    return [Problem(names, what), *gaps]
+
+
+def driver_notes(model: Model, pose: ConstraintPose) -> list[str]:
+    """Notes on drivers that share a degree of freedom.
+
+    Raises
+    ------
+    AssemblyError
+        They contradict each other or the joints.
+    """
+    redundant = _always_redundant(pose)
+    problems, notes = _driver_findings(model, pose, redundant)
+    if problems:
+        raise AssemblyError.from_problems(problems)
+    if not redundant:
+        notes += [
+            f"{' and '.join(one.drivers)} cannot lead the mechanism out of the assembled pose, a "
+            "dead point; begin in another pose, or drive another joint"
+            for one in _redundant_drivers(pose)
+        ]
+    return notes
+
+
+def _always_redundant(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
+    """Drivers that are redundant in a closed pose and in poses nearby: it is no dead point."""
+    redundant = _redundant_drivers(pose)
+    if not redundant:
+        return ()
+    others = nearby_poses(ConstraintRows(pose.compiled), pose, joint_rows(pose.compiled))
+    return redundant if all(_redundant_drivers(other) for other in others) else ()
+
+
+def _words(one: _RedundantDrivers) -> str:
+    """Who prescribes one motion twice."""
+    joints = ", ".join(plain_name(path) for path in one.joints)
+    through = (
+        f", through {'joint' if len(one.joints) == 1 else 'joints'} {joints}," if joints else ""
+    )
+    if len(one.drivers) == 1:
+        return f"{one.drivers[0]} prescribes a motion that the joints {joints} constrain"
+    return f"{' and '.join(one.drivers)}{through} prescribe the same motion"
+
+
+def _disagreement(model: Model, pose: ConstraintPose) -> float | None:
+    """A time [s] at which no pose satisfies all drivers and joints; None: no such time."""
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    duration = max(spans, default=1.0)
+    q, constraints = pose.q, ConstraintRows(pose.compiled)
+    for share in _SHARES:
+        later = close_rows(constraints, q, t=share * duration)
+        if later is None:
+            return share * duration
+        q = later.q
+    return None
+
+
+def is_locked(pose: ConstraintPose) -> bool:
+    """Whether the joints alone constrain all coordinates."""
+    return bool(pose.jacobian.joint_decomposition.rank == pose.jacobian.A.shape[1] > 0)
+
+
+def locked_sentence(model: Model, pose: ConstraintPose, drivers: Sequence[str] = ()) -> str:
+    """Which joints lock the mechanism, and what would free it; for `drivers`, so that they move."""
+    joints = [plain_name(p) for p in dict.fromkeys(pose.jacobian.owners) if p.startswith("joints.")]
+    sentence = f"the mechanism is locked, its joints {', '.join(joints)} prevent every motion"
+    cure = _freeing_exchanges(model, pose, drivers)
+    if pose.jacobian.joint_decomposition.condition < _NEARLY_FREE:
+        sentence += "; it is nearly free, so axes or places that should fit may be slightly off"
+    if cure:
+        sentence += f"; to free one motion exchange {' and '.join(str(e) for e in cure)}"
+    return sentence
+
+
+def _freeing_exchanges(
+    model: Model, pose: ConstraintPose, drivers: Sequence[str]
+) -> tuple[Exchange, ...]:
+    """Exchanges that leave one motion and no redundant equation."""
+    jacobian = pose.jacobian
+    n, circuits_of_joints = jacobian.A.shape[1], jacobian.joint_circuits
+    names = tuple(p for p in dict.fromkeys(jacobian.owners) if p.startswith("joints."))
+    choices = weaker_choices(model, pose, names)
+    choices = {joint: [w for w in options if w.type] for joint, options in choices.items()}
+    if not choices:
+        return ()
+    N = {joint: circuits_of_joints[:, jacobian.rows_of(joint)].T for joint in choices}
+    driven = jacobian.A[np.isin(jacobian.owners, drivers)]
+
+    def fits(cure: tuple[Weaker, ...]) -> bool:
+        joints = _rows_after(pose, cure)
+        with_drivers = Decomposition.of(np.vstack([joints, driven])).rank
+        one_motion = Decomposition.of(joints).rank == n - 1
+        return bool(one_motion and with_drivers == n - (not drivers))
+
+    drops = len(circuits_of_joints) + 1
+    usual = {j: [w for w in some if w.type in MACHINE_JOINTS] for j, some in choices.items()}
+    cure = fewest_exchanges(usual, N, drops, 2, fits) or fewest_exchanges(
+        choices, N, drops, 2, fits
+    )
+    return scene_exchanges(model, pose, cure) if cure is not None else ()
+
+
+def _rows_after(pose: ConstraintPose, cure: tuple[Weaker, ...]) -> Array:
+    """The joints' rows after exchanges."""
+    changed = {weaker.joint: weaker for weaker in cure}
+    blocks = []
+    for name in dict.fromkeys(pose.jacobian.owners):
+        rows = pose.jacobian.A[pose.jacobian.rows_of(name)]
+        if name.startswith("drivers."):
+            continue
+        if name in changed:
+            released = changed[name].released
+            rows = np.linalg.svd(released)[2][len(released) :] @ rows
+        blocks.append(rows)
+    return np.vstack(blocks)

@@ -1,0 +1,167 @@
+"""One procedure for every analysis: load units, assemble, run in chunks with progress, finish.
+
+A chunk is a fixed amount of work, never of time, so that a run repeats itself to the last bit. Its
+rows are stored after each chunk; a failure or an interruption keeps everything until then. What is
+wrong with a small model is reported before anything is compiled for it: the first state is sought
+in plain Python, in a second and not after a minute of compiling, and thrown away, so that what a
+run computes never depends on what is in the cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from flexmb.analysis.dynamics.run import Balance, Clock
+from flexmb.engine.compile import Compiled
+from flexmb.engine.jit import Unit
+from flexmb.engine.state import Output
+from flexmb.engine.units import interpretation, load_units, prepare_units
+from flexmb.engine.work import new_output
+from flexmb.errors import FlexmbError
+from flexmb.progress import Progress, silent
+from flexmb.results import OutputBlock
+
+T = TypeVar("T")
+
+# Sizes up to which plain Python takes about two seconds, as measured: 600 coordinates of rigid
+# bodies 0.5 to 1.4 s, a body of 86 modes with a quasi-static start 2.1 s.
+_MAX_COORDINATES = 600
+_MAX_MODES_SQUARED = 6000  # summed over the bodies
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended: "finished", "stopped" or "failed", and why."""
+
+    status: str
+    message: str = ""
+
+
+class ChunkedRun(Protocol):
+    """What an analysis does between two calls of the progress."""
+
+    phase: str
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+
+    @property
+    def share_done(self) -> float:
+        """How much of the run is done; 1 at its end."""
+
+    def next_chunk(self) -> Ending | None:
+        """Compute and store one chunk; an ending if it is the last one."""
+
+    def store_unread(self) -> None:
+        """Store rows of a chunk that was interrupted."""
+
+
+def assemble_first_state(
+    compiled: Compiled,
+    units: Iterable[Unit],
+    first_state: Callable[[], T],
+    progress: Progress = silent,
+) -> tuple[T, Clock]:
+    """Load or compile units and find the first state; returns it, and the time both took.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    units : iterable of Unit
+        What its analysis calls.
+    first_state : callable
+        Finds the first state.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
+
+    Raises
+    ------
+    FlexmbError
+        What is wrong with the model.
+    """
+    timer, needed = Clock(), list(units)
+    precheck(compiled, needed, first_state, progress)
+    timer.lap("compile" if prepare_units(needed, progress) else "load")
+    progress("assemble", 0.0)
+    first = first_state()
+    progress("assemble", 1.0)
+    timer.lap("assemble")
+    return first, timer
+
+
+def precheck(
+    compiled: Compiled,
+    units: Iterable[Unit],
+    first_state: Callable[[], object],
+    progress: Progress = silent,
+) -> None:
+    """Find the first state in plain Python, if units are missing and the model is small.
+
+    Raises
+    ------
+    FlexmbError
+        What is wrong with the model.
+    """
+    modes = (compiled.system.parts.bodies["m"] ** 2).sum()
+    small = compiled.layout.nv <= _MAX_COORDINATES and modes <= _MAX_MODES_SQUARED
+    if load_units(units, progress) or not small:
+        return
+    # A number out of a function's domain, with which machine code continues, may raise in Python.
+    with interpretation(), suppress(ArithmeticError, ValueError):
+        first_state()
+
+
+def run_chunks(run: ChunkedRun, progress: Progress) -> Ending:
+    """The loop over chunks until the end of a run, a failure, or an interruption by the user."""
+    try:
+        while run.share_done < 1.0:
+            ending = run.next_chunk()
+            progress(run.phase, run.share_done, f"t = {run.time:.4g} s")
+            if ending is not None:
+                return ending
+    except KeyboardInterrupt:
+        run.store_unread()
+        return Ending("stopped", f"stopped by the user at t = {run.time:.6g} s")
+    except FlexmbError as error:
+        return Ending("failed", str(error))
+    return Ending("finished")
+
+
+class ChunkRows:
+    """Room for the rows of a chunk, and what all rows so far say of their quality.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    n : int
+        Number of rows at most.
+    """
+
+    def __init__(self, compiled: Compiled, n: int) -> None:
+        self.output: Output = new_output(compiled.system, n, len(compiled.layout.channels))
+        self.unread = False
+        self.balance = Balance()
+        self.largest_drift = np.zeros(2)
+
+    def clear(self) -> None:
+        """Before a chunk: an interruption before its first row leaves no old rows behind."""
+        self.output.rows[0] = 0
+        self.unread = True
+
+    def read(self) -> OutputBlock:
+        """The rows of the last chunk."""
+        self.unread = False
+        n = int(self.output.rows[0])
+        rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
+        if n:
+            self.balance.add(rows.energy)
+            np.maximum(self.largest_drift, rows.drift.max(axis=0), out=self.largest_drift)
+        return rows

@@ -1,0 +1,1 @@
+"""Vectors, rotations, and the factorisation of the iteration matrix, for compiled code."""

@@ -1,0 +1,381 @@
+"""Supernodal factorisation of the KKT matrix on dense panels, and its solves.
+
+The symbolic part (`engine.symbolic`) gives panels of columns in elimination order; each holds its
+diagonal block and the dense rows below, row by row, so every inner loop is a dot product over
+neighbouring numbers. Symmetric: A = L D Lᵀ on `low`. Unsymmetric with the same pattern:
+A = L D U, where `up` holds U by columns in the same places. No pivoting: every pivot has a known
+sign (+ coordinate, − constraint row); one of the wrong sign or nearly zero is replaced and counted.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.algebra.vector import dot
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Vector
+from flexmb.engine.state import ComplexFactor, Factor
+from flexmb.engine.tables import Kkt
+
+# A pivot this small against its own diagonal entry carries no digits.
+_TINY = 1e-13
+
+
+# What replaces it, against the same entry: the square root of round-off, lost as much by the
+# growth of the factor as by the error of the matrix.
+_SMALL = 1e-8
+
+
+@kernel
+def _guarded(d, a, sign):
+    """Pivot d, or a replacement if it has the wrong sign or no digits; and whether it was.
+
+    a is its diagonal entry. One of the wrong sign becomes |a|, a step of Newton's method in a safe
+    direction. One without digits becomes small, so that refinement takes it back.
+    """
+    sound = abs(d) > _TINY * abs(a) and math.isfinite(abs(d))
+    if sound and ((d * sign).real > 0.0 or d.imag != 0.0):
+        return d, 0
+    if sound:
+        return 0.0 * d + sign * max(abs(a), abs(d)), 1
+    return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
+
+
+@unit
+def factor(kkt: Kkt, fac: Factor) -> int:
+    """Factor fac.low (and fac.up) in place; returns the number of replaced pivots."""
+    if fac.symmetric[0] == 1:
+        return factor_symmetric(kkt, fac)
+    return factor_pair(kkt, fac)
+
+
+@unit
+def factor_pair(kkt: Kkt, fac: Factor) -> int:
+    """Factor fac.low and fac.up in place; returns the number of replaced pivots."""
+    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
+    Wl, Wu = fac.Wl, fac.Wu
+    fixes = 0
+    for p in range(panels.shape[0]):
+        fixes += _factor_panel_pair(panels[p], low, up, Wl, Wu, d)
+        _update_pair(panels[p], updates, low, up, Wl, Wu)
+    return fixes
+
+
+@unit
+def factor_symmetric(kkt: Kkt, fac: Factor) -> int:
+    """Factor fac.low in place; returns the number of replaced pivots."""
+    panels, updates, low, Wl, d = kkt.panels, kkt.updates, fac.low, fac.Wl, fac.d
+    fixes = 0
+    for p in range(panels.shape[0]):
+        fixes += _factor_panel(panels[p], low, Wl, d)
+        _update_low(panels[p], updates, low, Wl)
+    return fixes
+
+
+@unit
+def factor_complex(kkt: Kkt, fac: ComplexFactor) -> int:
+    """Factor a complex matrix in place; returns the number of replaced pivots."""
+    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
+    fixes = 0
+    for p in range(panels.shape[0]):
+        if fac.symmetric[0] == 1:
+            fixes += _factor_panel(panels[p], low, fac.Wl, d)
+            _update_low(panels[p], updates, low, fac.Wl)
+        else:
+            fixes += _factor_panel_pair(panels[p], low, up, fac.Wl, fac.Wu, d)
+            _update_pair(panels[p], updates, low, up, fac.Wl, fac.Wu)
+    return fixes
+
+
+@unit
+def solve_complex(kkt: Kkt, fac: ComplexFactor) -> int:
+    """Solve for fac.sol in place."""
+    fac.sol[fac.sol.shape[0] - 1] = 0.0
+    if fac.symmetric[0] == 1:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, fac.sol)
+    else:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, fac.sol)
+    return FINE
+
+
+@kernel
+def _factor_panel(panel, L, W, d):
+    at, nc, col = panel["at"], panel["nc"], panel["col"]
+    fixes = 0
+    for i in range(nc + panel["nr"]):
+        row = at + i * nc
+        w = i * nc
+        for j in range(min(i, nc)):
+            s = L[row + j]
+            lj = at + j * nc
+            for k in range(j):
+                s -= W[w + k] * L[lj + k]
+            W[w + j] = s
+        for j in range(min(i, nc)):
+            L[row + j] = W[w + j] / d[col + j]
+        if i < nc:
+            s = L[row + i]
+            for k in range(i):
+                s -= W[w + k] * L[row + k]
+            d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            fixes += fixed
+    return fixes
+
+
+@kernel
+def _update_low(panel, updates, L, W):
+    at, nc = panel["at"], panel["nc"]
+    for u in range(panel["update"], panel["update"] + panel["n_update"]):
+        up = updates[u]
+        for i in range(up["nx"]):
+            w = (up["x"] + i) * nc
+            target = up["at"] + i * up["stride"]
+            for j in range(i + 1 if up["diagonal"] == 1 else up["ny"]):
+                L[target + j] -= dot(W, w, L, at + (up["y"] + j) * nc, nc)
+
+
+@kernel
+def _factor_panel_pair(panel, L, U, W, V, d):
+    at, nc, col = panel["at"], panel["nc"], panel["col"]
+    fixes = 0
+    for i in range(nc + panel["nr"]):
+        row = at + i * nc
+        w = i * nc
+        for j in range(min(i, nc)):
+            s = L[row + j]
+            t = U[row + j]
+            lj = at + j * nc
+            for k in range(j):
+                s -= W[w + k] * U[lj + k]
+                t -= V[w + k] * L[lj + k]
+            W[w + j] = s
+            V[w + j] = t
+        for j in range(min(i, nc)):
+            L[row + j] = W[w + j] / d[col + j]
+            U[row + j] = V[w + j] / d[col + j]
+        if i < nc:
+            s = L[row + i]
+            for k in range(i):
+                s -= W[w + k] * U[row + k]
+            d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            fixes += fixed
+    return fixes
+
+
+@kernel
+def _update_pair(panel, updates, L, U, W, V):
+    at, nc = panel["at"], panel["nc"]
+    for u in range(panel["update"], panel["update"] + panel["n_update"]):
+        up = updates[u]
+        for i in range(up["nx"]):
+            w = (up["x"] + i) * nc
+            target = up["at"] + i * up["stride"]
+            for j in range(i + 1 if up["diagonal"] == 1 else up["ny"]):
+                y = at + (up["y"] + j) * nc
+                L[target + j] -= dot(W, w, U, y, nc)
+                U[target + j] -= dot(V, w, L, y, nc)
+
+
+@unit
+def solve(kkt: Kkt, fac: Factor, b: Vector) -> int:
+    """Solve in place with the factor; b is in elimination order."""
+    b[b.shape[0] - 1] = 0.0  # the place of all coordinates that are left out
+    if fac.symmetric[0] == 1:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, b)
+    else:
+        _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, b)
+    return FINE
+
+
+@kernel
+def _solve(panels, rows_of, L, U, d, b):
+    """b = U⁻¹ D⁻¹ L⁻¹ b; panels of few columns, which most are, without inner loops."""
+    n = panels.shape[0]
+    for p in range(n):
+        panel = panels[p]
+        at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
+        if nc <= 3:
+            _forward_small(at, nc, col, rows, nr, rows_of, L, b)
+        elif nc == 6:
+            _forward_six(at, col, rows, nr, rows_of, L, b)
+        else:
+            for i in range(1, nc):
+                b[col + i] -= dot(L, at + i * nc, b, col, i)
+            for i in range(nr):
+                b[rows_of[rows + i]] -= dot(L, at + (nc + i) * nc, b, col, nc)
+    for i in range(b.shape[0]):
+        b[i] /= d[i]
+    for q in range(n):
+        panel = panels[n - 1 - q]
+        at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
+        if nc <= 3:
+            _backward_small(at, nc, col, rows, nr, rows_of, U, b)
+        elif nc == 6:
+            _backward_six(at, col, rows, nr, rows_of, U, b)
+        else:
+            _backward(at, nc, col, rows, nr, rows_of, U, b)
+
+
+@kernel
+def _backward(at, nc, col, rows, nr, rows_of, U, b):
+    for i in range(nr):
+        x = b[rows_of[rows + i]]
+        o = at + (nc + i) * nc
+        for k in range(nc):
+            b[col + k] -= U[o + k] * x
+    for j in range(nc - 1):
+        i = nc - 1 - j
+        x = b[col + i]
+        o = at + i * nc
+        for k in range(i):
+            b[col + k] -= U[o + k] * x
+
+
+@kernel
+def _forward_small(at, nc, col, rows, nr, rows_of, L, b):
+    """The panel of one to three columns."""
+    x = b[col]
+    if nc == 1:
+        for i in range(nr):
+            b[rows_of[rows + i]] -= L[at + 1 + i] * x
+        return
+    y = b[col + 1] - L[at + nc] * x
+    b[col + 1] = y
+    if nc == 2:
+        for i in range(nr):
+            o = at + 4 + 2 * i
+            b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y
+        return
+    z = b[col + 2] - L[at + 6] * x - L[at + 7] * y
+    b[col + 2] = z
+    for i in range(nr):
+        o = at + 9 + 3 * i
+        b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y + L[o + 2] * z
+
+
+@kernel
+def _backward_small(at, nc, col, rows, nr, rows_of, U, b):
+    """The panel of one to three columns."""
+    if nc == 1:
+        s = b[col]
+        for i in range(nr):
+            s -= U[at + 1 + i] * b[rows_of[rows + i]]
+        b[col] = s
+    elif nc == 2:
+        s, t = b[col], b[col + 1]
+        for i in range(nr):
+            x, o = b[rows_of[rows + i]], at + 4 + 2 * i
+            s -= U[o] * x
+            t -= U[o + 1] * x
+        b[col + 1] = t
+        b[col] = s - U[at + 2] * t
+    else:
+        s, t, u = b[col], b[col + 1], b[col + 2]
+        for i in range(nr):
+            x, o = b[rows_of[rows + i]], at + 9 + 3 * i
+            s -= U[o] * x
+            t -= U[o + 1] * x
+            u -= U[o + 2] * x
+        t -= U[at + 7] * u
+        b[col + 2] = u
+        b[col + 1] = t
+        b[col] = s - U[at + 6] * u - U[at + 3] * t
+
+
+@kernel
+def _forward_six(at, col, rows, nr, rows_of, L, b):
+    """The panel of six columns: a rigid body in space."""
+    x, o = b[col], at + 6
+    y = b[col + 1] - L[o] * x
+    o += 6
+    z = b[col + 2] - L[o] * x - L[o + 1] * y
+    o += 6
+    u = b[col + 3] - L[o] * x - L[o + 1] * y - L[o + 2] * z
+    o += 6
+    v = b[col + 4] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u
+    o += 6
+    w = b[col + 5] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u - L[o + 4] * v
+    b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = y, z, u, v, w
+    for i in range(nr):
+        o += 6
+        s = L[o] * x + L[o + 1] * y + L[o + 2] * z
+        b[rows_of[rows + i]] -= s + L[o + 3] * u + L[o + 4] * v + L[o + 5] * w
+
+
+@kernel
+def _backward_six(at, col, rows, nr, rows_of, U, b):
+    """The panel of six columns: a rigid body in space."""
+    x, y, z, u, v, w = b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5]
+    o = at + 36
+    for i in range(nr):
+        s = b[rows_of[rows + i]]
+        x -= U[o] * s
+        y -= U[o + 1] * s
+        z -= U[o + 2] * s
+        u -= U[o + 3] * s
+        v -= U[o + 4] * s
+        w -= U[o + 5] * s
+        o += 6
+    o = at + 30
+    x, y, z, u, v = (
+        x - U[o] * w,
+        y - U[o + 1] * w,
+        z - U[o + 2] * w,
+        u - U[o + 3] * w,
+        v - U[o + 4] * w,
+    )
+    o = at + 24
+    x, y, z, u = x - U[o] * v, y - U[o + 1] * v, z - U[o + 2] * v, u - U[o + 3] * v
+    o = at + 18
+    x, y, z = x - U[o] * u, y - U[o + 1] * u, z - U[o + 2] * u
+    o = at + 12
+    x, y = x - U[o] * z, y - U[o + 1] * z
+    x -= U[at + 6] * y
+    b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = x, y, z, u, v, w
+
+
+@unit
+def multiply(kkt: Kkt, fac: Factor, x: Vector, y: Vector) -> int:
+    """y = S x with the unregularised matrix; both in elimination order."""
+    if fac.symmetric[0] == 1:
+        _multiply(kkt.panels, kkt.rows, fac.low0, fac.low0, fac.eps, x, y)
+    else:
+        _multiply(kkt.panels, kkt.rows, fac.low0, fac.up0, fac.eps, x, y)
+    return FINE
+
+
+@kernel
+def _multiply(panels, rows_of, L, U, eps, x, y):
+    for i in range(y.shape[0]):
+        y[i] = 0.0
+    for p in range(panels.shape[0]):
+        panel = panels[p]
+        at, nc, col, rows = panel["at"], panel["nc"], panel["col"], panel["rows"]
+        for i in range(nc + panel["nr"]):
+            r = col + i if i < nc else rows_of[rows + i - nc]
+            o = at + i * nc
+            n = min(i, nc)
+            y[r] += dot(L, o, x, col, n)
+            xr = x[r]
+            for k in range(n):
+                y[col + k] += U[o + k] * xr
+            if i < nc:
+                y[r] += (L[o + i] + eps[r]) * x[r]
+
+
+@unit
+def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
+    """fac.sol = S⁻¹ fac.rhs, refined against the matrix without regularisation."""
+    rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
+    for i in range(rhs.shape[0]):
+        x[i] = rhs[i]
+    solve(kkt, fac, x)
+    for _ in range(rounds):
+        multiply(kkt, fac, x, tmp)
+        for i in range(rhs.shape[0]):
+            tmp[i] = rhs[i] - tmp[i]
+        solve(kkt, fac, tmp)
+        for i in range(rhs.shape[0]):
+            x[i] += tmp[i]
+    return FINE

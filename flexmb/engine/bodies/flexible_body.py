@@ -1,0 +1,337 @@
+"""Inertia of flexible bodies with full coupling, from second-moment integrals.
+
+With x = s + N η in body axes, Z_ab = ∫ρ x_a N_b = P_ab + M_ba η, c = S1 + p η, B = ω̃'² and the
+frame of `rigid_body`, the modes add
+
+    moment   M_ωη η̈ + 2 (tr(V) − Vᵀ) ω',   V_ab = Z_ab·η̇
+    modes    p_bᵀ a'_b + M_ωηᵀ ω̇' + M_ηη η̈ + Σ B_bc Z_cb − 2 Σ ω'_k G_k η̇ + Kη + Dη̇
+
+M_ωη has the row x: Z_yz − Z_zy and cyclic; G_x = M_yz − M_zy and cyclic. Exact for solids, beams
+and shells (Shabana, Dynamics of Multibody Systems, 4th ed., §5.4, written with second moments).
+
+The mass block of the tangents is M; the velocity tangent the derivative of the inertia forces with
+v (gyroscopic and damping terms); the position tangent that with the configuration at constant v and
+v̇: elastic and centrifugal stiffness, the turning of inertia forces and weight with the body, and
+the change of the integrals with the deformation. All exact.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.algebra.blocks import add_body_block, add_column
+from flexmb.engine.algebra.vector import (
+    add_part,
+    dot,
+    inner,
+    modal_vector,
+    mode_vector,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.bodies.rigid_body import (
+    Bodies,
+    frame_energy,
+    prepare_rigid,
+    put_frame_forces,
+    put_frame_matrix,
+    rigid_energies,
+    turn_bodies,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Vector
+from flexmb.engine.state import Point, Run
+
+
+@unit
+def add_product(
+    pool: Vector, at: int, n: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
+) -> int:
+    """out[oo:oo+n] += f × (n × m block of the pool at `at`) v[o:o+m]."""
+    for i in range(n):
+        s = 0.0
+        row = at + i * m
+        for j in range(m):
+            s += pool[row + j] * v[o + j]
+        out[oo + i] += f * s
+    return FINE
+
+
+@unit
+def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
+    """J, c, Z and M_ωη of flexible bodies at q."""
+    parts, now, rows = run.system.parts, run.work.now, of.rows
+    pool, Z, q = parts.pool, now.Z, at.q
+    prepare_rigid(run, of, at)
+    for n in range(rows.shape[0]):
+        body, J, c = parts.bodies[rows[n]], now.body[rows[n]]["J"], now.body[rows[n]]["c"]
+        m, z, eta = body["m"], body["z"], body["iq"] + 7
+        at_P = body["flex"] + 3 * m
+        for k in range(9 * m):
+            Z[z + k] = pool[at_P + k]
+        add_product(pool, at_P + 9 * m, 9 * m, m, q, eta, 1.0, Z, z)
+        for a in range(3):
+            c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
+            for b in range(3):
+                s = dot(pool, at_P + (3 * b + a) * m, q, eta, m)
+                s += dot(Z, z + (3 * a + b) * m, q, eta, m)
+                J[a, b] -= s
+                if a == b:
+                    for d in range(3):
+                        J[d, d] += s
+            j, k = (a + 1) % 3, (a + 2) % 3
+            zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
+            for i in range(m):
+                Z[zw + i] = Z[zj + i] - Z[zk + i]
+    return FINE
+
+
+@unit
+def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
+    parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
+    for n in range(rows.shape[0]):
+        put_frame_forces(run, rows[n], at)
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        _put_modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
+    return FINE
+
+
+@kernel
+def put_modal_rate(a, at, i, j, v, o, m, V):
+    """V (3, 3): V_ab = m numbers of a from at + i a + j b on, times v[o:o+m]."""
+    for r in range(3):
+        for c in range(3):
+            V[r, c] = dot(a, at + i * r + j * c, v, o, m)
+
+
+@kernel
+def less_trace(V, x):
+    """tr(V) x − Vᵀ x."""
+    return plus(times(V[0, 0] + V[1, 1] + V[2, 2], x), -1.0, turned_back(V, x))
+
+
+@kernel
+def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
+    """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms.
+
+    And moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇.
+    """
+    m, iv, at, z, V = body["m"], body["iv"], body["flex"], body["z"], bn["V"]
+    pool, o, zw, size = parts.pool, iv + 6, z + 9 * m, m * m
+    a = turned_back(bn["A"], plus(part(vd, iv), -1.0, triple(parts.gravity)))
+    e, om = part(vd, iv + 3), part(v, iv + 3)
+    put_modal_rate(Z, z, 3 * m, m, v, o, m, V)
+    add_part(out, iv + 3, 2.0, less_trace(V, om))
+    add_product(Z, zw, 3, m, vd, o, 1.0, out, iv + 3)
+    for i in range(m):
+        out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)
+    at_G = at + 12 * m + 9 * size
+    add_product(pool, at_G + 3 * size, m, m, vd, o, 1.0, out, o)
+    add_product(pool, at_G + 4 * size, m, m, q, body["iq"] + 7, 1.0, out, o)
+    if body["damped"] == 1:
+        add_product(pool, at_G + 5 * size, m, m, v, o, 1.0, out, o)
+    square = inner(om, om)
+    for b in range(3):
+        if v[iv + 3 + b] != 0.0:
+            add_product(pool, at_G + b * size, m, m, v, o, -2.0 * v[iv + 3 + b], out, o)
+        for c in range(3):
+            f = v[iv + 3 + b] * v[iv + 3 + c] - (square if b == c else 0.0)
+            if f != 0.0:
+                for i in range(m):
+                    out[o + i] += f * Z[z + (3 * c + b) * m + i]
+
+
+@unit
+def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
+    """The same in rows and columns of the modes of body i; after its inertia stage and its frame.
+
+    The rate of the integrals also enters the frame's own block of ∂F/∂v.
+    """
+    parts, now, B = run.system.parts, run.work.now, run.work.dense.B
+    body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
+    m, flex, zw = body["m"], body["flex"], body["z"] + 9 * body["m"]
+    at_M = flex + 12 * m * (1 + m)
+    for k in range(m):
+        row = B[6 + k]
+        put_part(row, 0, turned(bn["A"], mode_vector(pool, flex + k, m)))
+        put_part(row, 3, mode_vector(Z, zw + k, m))
+        for r in range(6):
+            B[r, 6 + k] = row[r]
+        for r in range(m):
+            row[6 + r] = pool[at_M + k * m + r]
+    if cv != 0.0 or cp != 0.0:
+        a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
+        _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)
+        _add_modal_block(body, pool, at.v, at.vd, cv, cp, B)
+    return FINE
+
+
+@unit
+def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of flexible bodies, F inertia, elastic and damping forces."""
+    rows = of.rows
+    for n in range(rows.shape[0]):
+        put_frame_matrix(run, rows[n], at, cv, cp)
+        put_modal_matrix(run, rows[n], at, cv, cp)
+        add_body_block(run, rows[n], run.work.dense.B)
+    return FINE
+
+
+@unit
+def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of flexible bodies."""
+    rows, B, place = of.rows, run.work.dense.B, run.system.kkt.place
+    for n in range(rows.shape[0]):
+        body = run.system.parts.bodies[rows[n]]
+        o, size = body["iv"], 6 + body["m"]
+        put_frame_matrix(run, rows[n], at, 0.0, 0.0)
+        put_modal_matrix(run, rows[n], at, 0.0, 0.0)
+        for r in range(size):
+            run.work.factor.sol[place[o + r]] = dot(B[r], 0, run.work.trial.res, o, size)
+    return FINE
+
+
+@kernel
+def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
+    """What the modes change in the force and moment, and the frame in the modal forces.
+
+    a = a'. δc = p_k; δJ = 2 tr(Z_k) − Z_k − Z_kᵀ, Z_k the 3 × 3 matrix of mode k, and with it
+    2 (tr(Z_k) − Z_kᵀ) ω = δJ ω + ω × M_ωη,k; δV_ab = (M_ab η̇)_k, with M_ab at block 3 b + a of the
+    pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
+    """
+    m, iv, at, o, A, V = body["m"], body["iv"], body["flex"], body["iv"] + 6, bn["A"], bn["V"]
+    at_M, z, size = at + 12 * m, body["z"], m * m
+    at_G = at_M + 9 * size
+    om, e = part(v, iv + 3), part(vd, iv + 3)
+    put_modal_rate(Z, z, 3 * m, m, v, o, m, V)
+    for b in range(3):
+        for c in range(3):
+            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
+            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
+    for k in range(m):
+        p = mode_vector(pool, at + k, m)
+        turning, pulled = outer(om, p), outer(p, a)
+        force = plus(outer(om, turning), 1.0, outer(e, p))
+        add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
+        put_modal_rate(pool, at_M + k * m, size, 3 * size, v, o, m, V)
+        moment = plus(pulled, 2.0, less_trace(V, om))
+        trace = 0.0
+        for b in range(3):
+            trace += Z[z + 4 * b * m + k]
+        for b in range(3):
+            for c in range(3):
+                V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
+            V[b, b] += 2.0 * trace
+        spin = turned(V, om)  # δJ ω
+        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(moment, 1.0, outer(om, spin)), 1.0, turned(V, e))
+        add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
+        add_part(B[6 + k], 3, 1.0, plus(times(-cv, spin), cp, pulled))
+        for b in range(3):
+            row = at_G + (b * m + k) * m
+            B[3 + b, 6 + k] += cp * dot(pool, row, vd, o, m)
+            B[6 + k, 3 + b] -= 2.0 * cv * dot(pool, row, v, o, m)
+
+
+@kernel
+def _add_modal_block(body, pool, v, vd, cv, cp, B):
+    """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b)."""
+    m, o, at = body["m"], body["iv"] + 3, body["flex"] + 12 * body["m"]
+    om = part(v, o)
+    square = inner(om, om)
+    for b in range(5):  # blocks M_bc, then G_c, then M_ηη, K, D
+        for c in range(3):
+            if b < 3:
+                f = cp * (v[o + b] * v[o + c] - (square if b == c else 0.0))
+            elif b == 3:
+                f = -2.0 * cv * v[o + c] - cp * vd[o + c]
+            else:
+                f = cp if c == 1 else cv if c == 2 else 0.0
+            if f != 0.0:
+                for k in range(m):
+                    row = at + ((3 * b + c) * m + k) * m
+                    for r in range(m):
+                        B[6 + k, 6 + r] += f * pool[row + r]
+
+
+@kernel
+def _modal_form(parts, i, block, x, o):
+    """yᵀ A y of one body, y = x[o:o+m], A an (m, m) block of its pool: 12 is M_ηη, 13 K, 14 D."""
+    m, e = parts.bodies[i]["m"], 0.0
+    at = parts.bodies[i]["flex"] + 12 * m + block * m * m
+    for r in range(m):
+        e += x[o + r] * dot(parts.pool, at + r * m, x, o, m)
+    return e
+
+
+@kernel
+def _strain(parts, q, i):
+    """½ ηᵀ K η of one body, J."""
+    return 0.5 * _modal_form(parts, i, 13, q, parts.bodies[i]["iq"] + 7)
+
+
+@kernel
+def _modal_kinetic(parts, now, v, i):
+    """What the modes add to the kinetic energy: ṙ·A p η̇ + ω'·M_ωη η̇ + ½ η̇ᵀ M_ηη η̇."""
+    body = parts.bodies[i]
+    m, o = body["m"], body["iv"]
+    x = turned(now.body[i]["A"], modal_vector(parts.pool, body["flex"], m, v, o + 6))
+    y = modal_vector(now.Z, body["z"] + 9 * m, m, v, o + 6)
+    e = inner(part(v, o), x) + inner(part(v, o + 3), y)
+    return e + 0.5 * _modal_form(parts, i, 12, v, o + 6)
+
+
+@unit
+def body_energy(run: Run, i: int, what: int, at: Point) -> float:
+    """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
+    parts = run.system.parts
+    if what == 1:
+        return _strain(parts, at.q, i)
+    e = frame_energy(run, i, what, at)
+    if what == 0 and parts.bodies[i]["m"] > 0:
+        e += _modal_kinetic(parts, run.work.now, at.v, i)
+    return e
+
+
+@unit
+def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
+    """Kinetic, strain and gravity energy of flexible bodies."""
+    parts, rows, out = run.system.parts, of.rows, run.work.energies
+    rigid_energies(run, of, at)
+    for n in range(rows.shape[0]):
+        out[0] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
+        out[1] += _strain(parts, at.q, rows[n])
+    return FINE
+
+
+@unit
+def damping_power(run: Run, of: Bodies, at: Point) -> int:
+    """−η̇ᵀ D η̇ of flexible bodies."""
+    parts, rows, out = run.system.parts, of.rows, run.work.powers
+    for n in range(rows.shape[0]):
+        if parts.bodies[rows[n]]["damped"] == 1:
+            out[1] -= _modal_form(parts, rows[n], 14, at.v, parts.bodies[rows[n]]["iv"] + 6)
+    return FINE
+
+
+FLEXIBLE_BODIES = Kind(
+    "flexible_bodies",
+    Bodies,
+    {
+        "position": turn_bodies,
+        "inertia": prepare_flexible,
+        "force": flexible_inertia_forces,
+        "matrix": flexible_matrix,
+        "mass": flexible_mass_product,
+        "energy": flexible_energies,
+        "power": damping_power,
+    },
+    stiff=True,
+)

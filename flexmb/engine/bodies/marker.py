@@ -1,0 +1,317 @@
+"""Markers: position, velocity and acceleration bias.
+
+Rigid: p = r + A ρ. Flexible: p = r + A s, s = ρ + Φ_t η + E ŝ with E = exp(θ̃), θ = Φ_r η and an
+arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular velocity in body axes
+is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
+(f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
+
+Point markers are those whose place alone matters: their rows hold points together and nothing else.
+Such rows carry no moment and need no axes, so the position stage leaves out the turning of axes and
+the velocity stage the angular velocity; `axes` completes them where they are read, at outputs and
+for Python. The forces on them are those of `joints.point_joint`.
+Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of a body.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from flexmb.engine.algebra.rotation import cross, tangent_coefficients, transform
+from flexmb.engine.algebra.vector import (
+    axis_vector,
+    column,
+    inner,
+    modal_vector,
+    outer,
+    part,
+    plus,
+    put,
+    put_column,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
+    turned_by,
+)
+from flexmb.engine.bodies.wrench import pull_back
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, Run
+
+
+class Markers(NamedTuple):
+    """Markers of one sort."""
+
+    rows: Integers  # their rows in the table of markers
+
+
+@unit
+def place_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Position and orientation of the markers on rigid places and on ground."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        b = mk["body"]
+        if b < 0:
+            _ground_position(mk, mn)
+        else:
+            _rigid_position(mk, mn, body_now[b]["A"], q, bodies[b]["iq"])
+    return FINE
+
+
+@unit
+def place_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Position and orientation of the markers that modes move."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
+        m, iq = body["m"], body["iq"]
+        th = modal_vector(parts.pool, at_t + 3 * m, m, q, iq + 7)
+        square = inner(th, th)
+        c[0], c[1], c[2], c[3] = tangent_coefficients(square)
+        sine = 1.0 - c[1] * square  # sin θ/θ
+        arm = turned_by(th, sine, c[0], triple(mk["arm"]))
+        s = plus(triple(mk["rho"]), 1.0, modal_vector(parts.pool, at_t, m, q, iq + 7))
+        s = plus(s, 1.0, arm)
+        put_part(mn["th"], 0, th)
+        put_part(mn["arm"], 0, arm)
+        put_part(mn["s"], 0, s)
+        put_part(mn["x"], 0, plus(part(q, iq), 1.0, turned(A, s)))
+        for k in range(3):
+            put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis_vector(k)))
+            put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
+    return FINE
+
+
+@kernel
+def _ground_position(mk, mn):
+    for a in range(3):
+        mn["x"][a] = mk["rho"][a]
+        for c in range(3):
+            mn["R"][a, c] = mk["R"][a, c]
+
+
+@kernel
+def _rigid_position(mk, mn, A, q, iq):
+    R, rho, s, x, axes = mk["R"], mk["rho"], mn["s"], mn["x"], mn["R"]
+    for a in range(3):
+        s[a] = rho[a]
+        x[a] = q[iq + a] + A[a, 0] * rho[0] + A[a, 1] * rho[1] + A[a, 2] * rho[2]
+        for c in range(3):
+            axes[a, c] = A[a, 0] * R[0, c] + A[a, 1] * R[1, c] + A[a, 2] * R[2, c]
+
+
+@unit
+def move_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Velocity and angular velocity of the markers on rigid places, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        b = mk["body"]
+        if b < 0:
+            put(mn["vx"], 0, 0.0, 0.0, 0.0)
+            put(mn["om"], 0, 0.0, 0.0, 0.0)
+            continue
+        A, s, iv = body_now[b]["A"], mn["s"], bodies[b]["iv"]
+        wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+        ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
+        ux, uy, uz = transform(A, ux, uy, uz)
+        put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
+        wx, wy, wz = transform(A, wx, wy, wz)
+        put(mn["om"], 0, wx, wy, wz)
+    return FINE
+
+
+@unit
+def move_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Motion of the markers that modes move at zero v̇, global axes: velocities, accelerations."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
+        iv, m, arm, th = body["iv"], body["m"], triple(mn["arm"]), triple(mn["th"])
+        om, rate = part(v, iv + 3), modal_vector(parts.pool, at_t + 3 * m, m, v, iv + 6)
+        # u and e: velocities in the body; e = Tᵀ θ̇
+        e, x = turned_back(mn["T"], rate), outer(om, triple(mn["s"]))
+        u = plus(modal_vector(parts.pool, at_t, m, v, iv + 6), 1.0, outer(e, arm))
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, plus(x, 1.0, u))))
+        put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
+        y, slope = outer(th, rate), 2.0 * inner(th, rate)
+        change = plus(times(slope * c[2], y), c[1], outer(rate, y))
+        change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
+        # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
+        x = plus(outer(om, plus(x, 2.0, u)), 1.0, outer(e, outer(e, arm)))
+        put_part(mn["bx"], 0, turned(A, plus(x, 1.0, outer(change, arm))))
+        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
+    return FINE
+
+
+@unit
+def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers on rigid places at zero v̇, global axes: point, angular."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        put(mn["bx"], 0, 0.0, 0.0, 0.0)
+        put(mn["bom"], 0, 0.0, 0.0, 0.0)
+        b = mk["body"]
+        if b >= 0:
+            A, s, iv = now.body[b]["A"], mn["s"], bodies[b]["iv"]
+            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
+            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
+            ax, ay, az = transform(A, ax, ay, az)
+            put(mn["bx"], 0, ax, ay, az)
+    return FINE
+
+
+@unit
+def clear_wrenches(run: Run, markers: Markers, at: Point) -> int:
+    """No wrench on any marker."""
+    rows, marker_now = markers.rows, run.work.now.marker
+    for n in range(rows.shape[0]):
+        W = marker_now[rows[n]]["W"]
+        for c in range(6):
+            W[c] = 0.0
+    return FINE
+
+
+@unit
+def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
+    """Trial.res −= generalised forces of the wrenches of all markers."""
+    parts, now, out = run.system.parts, run.work.now, run.work.trial.res
+    rows, table, bodies, marker_now = markers.rows, parts.markers, parts.bodies, now.marker
+    for n in range(rows.shape[0]):
+        b = table[rows[n]]["body"]
+        if b >= 0:
+            o = bodies[b]["iv"]
+            pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+    return FINE
+
+
+RIGID_MARKERS = Kind(
+    "rigid_markers",
+    Markers,
+    {
+        "position": place_rigid,
+        "velocity": move_rigid,
+        "bias": bias_rigid,
+        "wrench": clear_wrenches,
+        "force": subtract_wrenches,
+    },
+)
+
+
+FLEXIBLE_MARKERS = Kind(
+    "flexible_markers",
+    Markers,
+    {
+        "position": place_flexible,
+        "velocity": move_flexible,
+        "wrench": clear_wrenches,
+        "force": subtract_wrenches,
+    },
+)
+
+
+@kernel
+def _prepare(table, marker_now, rows):
+    """What never changes: places of markers in their bodies, of those on ground at all."""
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], marker_now[rows[n]]
+        for a in range(3):
+            mn["s"][a] = mk["rho"][a]
+            if mk["body"] < 0:
+                mn["x"][a] = mk["rho"][a]
+                mn["vx"][a] = 0.0
+                mn["bx"][a] = 0.0
+
+
+@unit
+def prepare_points(run: Run, markers: Markers, at: Point) -> int:
+    """What never changes in a run."""
+    _prepare(run.system.parts.markers, run.work.now.marker, markers.rows)
+    return FINE
+
+
+@unit
+def place_points(run: Run, markers: Markers, at: Point) -> int:
+    """Position of the markers."""
+    parts, now, q = run.system.parts, run.work.now, at.q
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk = table[rows[n]]
+        b = mk["body"]
+        if b >= 0:
+            A, s, x, iq = body_now[b]["A"], mk["rho"], marker_now[rows[n]]["x"], bodies[b]["iq"]
+            for a in range(3):
+                x[a] = q[iq + a] + A[a, 0] * s[0] + A[a, 1] * s[1] + A[a, 2] * s[2]
+    return FINE
+
+
+@unit
+def move_points(run: Run, markers: Markers, at: Point) -> int:
+    """Velocity of the markers, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    body_now, marker_now = now.body, now.marker
+    for n in range(rows.shape[0]):
+        mk = table[rows[n]]
+        b = mk["body"]
+        if b >= 0:
+            s, iv = mk["rho"], bodies[b]["iv"]
+            ux, uy, uz = cross(v[iv + 3], v[iv + 4], v[iv + 5], s[0], s[1], s[2])
+            ux, uy, uz = transform(body_now[b]["A"], ux, uy, uz)
+            put(marker_now[rows[n]]["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
+    return FINE
+
+
+@unit
+def bias_points(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers at zero v̇, global axes."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        b = mk["body"]
+        put(mn["bom"], 0, 0.0, 0.0, 0.0)
+        if b >= 0:
+            s, iv = mk["rho"], bodies[b]["iv"]
+            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
+            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
+            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
+            ax, ay, az = transform(now.body[b]["A"], ax, ay, az)
+            put(mn["bx"], 0, ax, ay, az)
+    return FINE
+
+
+@unit
+def complete_points(run: Run, markers: Markers, at: Point) -> int:
+    """Axes and angular velocities of the markers too, as those of rigid markers."""
+    place_rigid(run, markers, at)
+    return move_rigid(run, markers, at)
+
+
+POINT_MARKERS = Kind(
+    "point_markers",
+    Markers,
+    {
+        "constants": prepare_points,
+        "position": place_points,
+        "velocity": move_points,
+        "bias": bias_points,
+        "axes": complete_points,
+    },
+)

@@ -1,0 +1,288 @@
+"""Rigid bodies, and the frame of flexible ones: inertia forces, their tangents, energies.
+
+With c = ∫ρ x, J = tr(S) I − S, S_ab = ∫ρ x_a x_b and a' = Aᵀ(r̈ − g):
+
+    force    m (r̈ − g) + A (ω̇'×c + ω'×(ω'×c) + 2 ω'×(p η̇) + p η̈)
+    moment   c × a' + J ω̇' + ω'×J ω'
+
+The terms of p are those of flexible bodies (`flexible_body`), whose modal rows stand there. Gravity
+enters as an acceleration of the frame, so it needs no force of its own. Columns and rows of the
+tangents follow v of the body, (r, ω', η).
+
+In a planar model a rigid body has three coordinates: it moves along two global axes a, b and turns
+about the normal, which is ± its own axis k; i, j are its other axes, (i, j, k) cyclic. With
+w = ω'_k and e = ω̇'_k its inertia force is the one above with all other components zero.
+Coordinates out of the plane stay as they are, and their residual is zero.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from flexmb.engine.algebra.blocks import add_body_block, add_column, add_skew
+from flexmb.engine.algebra.rotation import rotation_matrix, transform
+from flexmb.engine.algebra.vector import (
+    add_part,
+    column,
+    inner,
+    modal_vector,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, Run
+
+
+class Bodies(NamedTuple):
+    """Bodies of one sort; other records of bodies begin with the same field."""
+
+    rows: Integers  # their rows in the table of bodies
+
+
+@unit
+def turn_bodies(run: Run, of: Bodies, at: Point) -> int:
+    """Direction cosines of the bodies."""
+    bodies, body_now, rows, q = run.system.parts.bodies, run.work.now.body, of.rows, at.q
+    for n in range(rows.shape[0]):
+        rotation_matrix(q, bodies[rows[n]]["iq"] + 3, body_now[rows[n]]["A"])
+    return FINE
+
+
+@kernel
+def _put_inertia(J):
+    """From second moments, J = tr(S) I − S."""
+    trace = J[0, 0] + J[1, 1] + J[2, 2]
+    for a in range(3):
+        for b in range(3):
+            J[a, b] = (trace if a == b else 0.0) - J[a, b]
+
+
+@kernel
+def prepare_bodies(bodies, body_now, rows):
+    """J and c of undeformed bodies."""
+    for n in range(rows.shape[0]):
+        body, J, c = bodies[rows[n]], body_now[rows[n]]["J"], body_now[rows[n]]["c"]
+        for a in range(3):
+            c[a] = body["S1"][a]
+            for b in range(3):
+                J[a, b] = body["S0"][a, b]
+        _put_inertia(J)
+
+
+@unit
+def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
+    """J and c of rigid bodies, which never change."""
+    prepare_bodies(run.system.parts.bodies, run.work.now.body, of.rows)
+    return FINE
+
+
+@unit
+def put_frame_forces(run: Run, i: int, at: Point) -> int:
+    """Force and moment rows of the frame of body i in Trial.res, without M_ωη and V."""
+    parts, v, vd, out = run.system.parts, at.v, at.vd, run.work.trial.res
+    body, bn = parts.bodies[i], run.work.now.body[i]
+    iv, m, flex, A, J = body["iv"], body["m"], body["flex"], bn["A"], bn["J"]
+    c, om, e = triple(bn["c"]), part(v, iv + 3), part(vd, iv + 3)
+    a = plus(part(vd, iv), -1.0, triple(parts.gravity))
+    # ω̇×c + ω×(ω×c + 2 p η̇) + p η̈
+    x = plus(outer(om, c), 2.0, modal_vector(parts.pool, flex, m, v, iv + 6))
+    x = plus(outer(om, x), 1.0, outer(e, c))
+    x = turned(A, plus(x, 1.0, modal_vector(parts.pool, flex, m, vd, iv + 6)))
+    put_part(out, iv, plus(x, body["mass"], a))
+    moment = plus(turned(J, e), 1.0, outer(om, turned(J, om)))
+    put_part(out, iv + 3, plus(moment, 1.0, outer(c, turned_back(A, a))))
+    return FINE
+
+
+@unit
+def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
+    for n in range(of.rows.shape[0]):
+        put_frame_forces(run, of.rows[n], at)
+    return FINE
+
+
+@kernel
+def _add_rotated_skew(B, f, A, a):
+    """Add f A ã to the 3 × 3 block of B at (0, 3): the rows are those of A times a~."""
+    for k in range(3):
+        add_part(B[k], 3, f, outer(part(A[k], 0), a))
+
+
+@unit
+def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
+    """dense.B[:6, :6] = M + cv ∂F/∂v + cp ∂F/∂q of the frame of body i, F its inertia forces."""
+    parts, B, v, vd = run.system.parts, run.work.dense.B, at.v, at.vd
+    body, bn, pool = parts.bodies[i], run.work.now.body[i], parts.pool
+    A, J, c, iv, m = bn["A"], bn["J"], triple(bn["c"]), body["iv"], body["m"]
+    for r in range(3):
+        for k in range(3):
+            B[r, k] = body["mass"] if r == k else 0.0
+            B[r, 3 + k] = 0.0
+            B[3 + r, 3 + k] = J[r, k]
+    _add_rotated_skew(B, -1.0, A, c)
+    for r in range(3):
+        for k in range(3):
+            B[3 + r, k] = B[k, 3 + r]
+    om, e = part(v, iv + 3), part(vd, iv + 3)
+    turning = plus(outer(om, c), 2.0, modal_vector(pool, body["flex"], m, v, iv + 6))
+    if cv != 0.0:
+        # ∂ A(ω×(ω×c) + 2ω×(p η̇))/∂ω = −A (ω×c + 2 p η̇)~ − A ω̃ c̃,  ω̃ c̃ = c ωᵀ − (ω·c) I
+        _add_rotated_skew(B, -cv, A, turning)
+        add_skew(B, 3, 3, -cv, turned(J, om))
+        for k in range(3):
+            x = plus(times(inner(om, c), column(A, k)), -v[iv + 3 + k], turned(A, c))
+            add_column(B, 0, 3 + k, cv, x)
+            add_column(B, 3, 3 + k, cv, outer(om, column(J, k)))
+    if cp != 0.0:
+        x = plus(plus(outer(om, turning), 1.0, outer(e, c)), 1.0,
+                 modal_vector(pool, body["flex"], m, vd, iv + 6))  # fmt: skip
+        _add_rotated_skew(B, -cp, A, x)
+        # δ(c × a') = c̃ ã' δθ' = (a' cᵀ − (a'·c) I) δθ', a' = Aᵀ(r̈ − g)
+        a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
+        for k in range(3):
+            B[3 + k, 3 + k] -= cp * inner(a, c)
+            add_column(B, 3, 3 + k, cp * bn["c"][k], a)
+    return FINE
+
+
+@unit
+def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
+    rows = of.rows
+    for n in range(rows.shape[0]):
+        put_frame_matrix(run, rows[n], at, cv, cp)
+        add_body_block(run, rows[n], run.work.dense.B)
+    return FINE
+
+
+@unit
+def rigid_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of rigid bodies."""
+    bodies, body_now, rows = run.system.parts.bodies, run.work.now.body, of.rows
+    x, out, place = run.work.trial.res, run.work.factor.sol, run.system.kkt.place
+    for n in range(rows.shape[0]):
+        _multiply_rigid(bodies[rows[n]], body_now[rows[n]], x, bodies[rows[n]]["iv"], out, place)
+    return FINE
+
+
+@kernel
+def _multiply_rigid(body, bn, x, o, out, place):
+    """m a + A(α × c) and c × Aᵀa + J α of a rigid body with x = (a, α)."""
+    A, c, a, alpha = bn["A"], triple(bn["c"]), part(x, o), part(x, o + 3)
+    force = plus(turned(A, outer(alpha, c)), body["mass"], a)
+    moment = plus(turned(bn["J"], alpha), 1.0, outer(c, turned_back(A, a)))
+    out[place[o]], out[place[o + 1]], out[place[o + 2]] = force
+    out[place[o + 3]], out[place[o + 4]], out[place[o + 5]] = moment
+
+
+@kernel
+def rigid_kinetic(parts, now, v, i):
+    """½ vᵀ M v of one body without its modes, J: ½ m ṙ² + ṙ·A(ω'×c) + ½ ω'·J ω'."""
+    o, bn, mass = parts.bodies[i]["iv"], now.body[i], parts.bodies[i]["mass"]
+    c, J = bn["c"], bn["J"]
+    wx, wy, wz = v[o + 3], v[o + 4], v[o + 5]
+    x = wy * c[2] - wz * c[1]
+    y = wz * c[0] - wx * c[2]
+    z = wx * c[1] - wy * c[0]
+    x, y, z = transform(bn["A"], x, y, z)
+    hx, hy, hz = transform(J, wx, wy, wz)
+    e = 0.5 * mass * (v[o] * v[o] + v[o + 1] * v[o + 1] + v[o + 2] * v[o + 2])
+    e += v[o] * x + v[o + 1] * y + v[o + 2] * z
+    return e + 0.5 * (wx * hx + wy * hy + wz * hz)
+
+
+@kernel
+def body_weight(parts, now, q, i):
+    """−g·(m r + A c) of one body, J."""
+    g, o, m = parts.gravity, parts.bodies[i]["iq"], parts.bodies[i]["mass"]
+    c = now.body[i]["c"]
+    x, y, z = transform(now.body[i]["A"], c[0], c[1], c[2])
+    return -g[0] * (m * q[o] + x) - g[1] * (m * q[o + 1] + y) - g[2] * (m * q[o + 2] + z)
+
+
+@unit
+def frame_energy(run: Run, i: int, what: int, at: Point) -> float:
+    """Kinetic energy (0), without what modes add, or gravity energy (2) of one body, J."""
+    if what == 0:
+        return rigid_kinetic(run.system.parts, run.work.now, at.v, i)
+    return body_weight(run.system.parts, run.work.now, at.q, i)
+
+
+@unit
+def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
+    """Kinetic and gravity energy of rigid bodies."""
+    out, rows = run.work.energies, of.rows
+    for n in range(rows.shape[0]):
+        out[0] += frame_energy(run, rows[n], 0, at)
+        out[2] += frame_energy(run, rows[n], 2, at)
+    return FINE
+
+
+RIGID_BODIES = Kind(
+    "rigid_bodies",
+    Bodies,
+    {
+        "constants": prepare_rigid,
+        "position": turn_bodies,
+        "force": rigid_inertia_forces,
+        "matrix": rigid_matrix,
+        "mass": rigid_mass_product,
+        "energy": rigid_energies,
+    },
+)
+
+
+class PlanarBodies(NamedTuple):
+    """Rigid bodies of a planar model."""
+
+    rows: Integers  # their rows in the table of bodies
+    about: Integers  # (n,) their axis k along the normal
+    plane: Integers  # (3,) the global axes a, b, and the normal
+
+
+@unit
+def planar_inertia_forces(run: Run, of: PlanarBodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms + gravity in the plane."""
+    parts, body_now, out, rows = run.system.parts, run.work.now.body, run.work.trial.res, of.rows
+    bodies, g, v, vd, about = parts.bodies, parts.gravity, at.v, at.vd, of.about
+    a, b, c = of.plane[0], of.plane[1], of.plane[2]
+    for n in range(rows.shape[0]):
+        body, bn, k = bodies[rows[n]], body_now[rows[n]], about[n]
+        A, s, iv, mass = bn["A"], bn["c"], body["iv"], body["mass"]
+        i = k + 1 if k < 2 else 0
+        j = i + 1 if i < 2 else 0
+        w, e = v[iv + 3 + k], vd[iv + 3 + k]
+        x, y = vd[iv + a] - g[a], vd[iv + b] - g[b]
+        fi, fj = -e * s[j] - w * w * s[i], e * s[i] - w * w * s[j]
+        out[iv + a] = mass * x + A[a, i] * fi + A[a, j] * fj
+        out[iv + b] = mass * y + A[b, i] * fi + A[b, j] * fj
+        out[iv + c] = 0.0
+        pi, pj = A[a, i] * x + A[b, i] * y, A[a, j] * x + A[b, j] * y
+        out[iv + 3 + i] = 0.0
+        out[iv + 3 + j] = 0.0
+        out[iv + 3 + k] = bn["J"][k, k] * e + s[i] * pj - s[j] * pi
+    return FINE
+
+
+PLANAR_BODIES = Kind(
+    "planar_bodies",
+    PlanarBodies,
+    {
+        "constants": prepare_rigid,
+        "position": turn_bodies,
+        "force": planar_inertia_forces,
+        "matrix": rigid_matrix,
+        "mass": rigid_mass_product,
+        "energy": rigid_energies,
+    },
+)

@@ -1,0 +1,232 @@
+"""Wrenches at markers: how they act on the coordinates of a body, and the tangents of that.
+
+A wrench w of (force, moment) in global axes acts as Jᵀ w. The derivative of Jᵀ w has two parts:
+Jᵀ H J, H the change of the wrenches with the motion of the markers, and the change of J at
+constant w: the moment arms turn and deform.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.algebra.blocks import add_body_block, add_column, add_coupling, add_skew, clear
+from flexmb.engine.algebra.vector import (
+    add_part,
+    inner,
+    mode_vector,
+    outer,
+    part,
+    plus,
+    times,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import Now, Run
+from flexmb.engine.tables import Parts
+
+
+@unit
+def add_pulled_back(
+    parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector, o: int
+) -> int:
+    """out[o:o+6+m] += f Jᵀ w[i:i+6] for marker k; w = (force, moment) in global axes."""
+    pull_back(parts, now, k, w, i, f, out, o)
+    return FINE
+
+
+@kernel
+def pull_back(parts, now, k, w, i, f, out, o):
+    mk, mn = parts.markers[k], now.marker[k]
+    A, s = now.body[mk["body"]]["A"], mn["s"]
+    force = times(f, part(w, i))
+    add_part(out, o, 1.0, force)
+    force, moment = turned_back(A, force), turned_back(A, times(f, part(w, i + 3)))
+    add_part(out, o + 3, 1.0, plus(moment, 1.0, outer(triple(s), force)))
+    if mk["modes"] >= 0:
+        fx, fy, fz = force
+        tx, ty, tz = moment
+        add_modal_forces(parts, now, k, fx, fy, fz, tx, ty, tz, out, o + 6)
+
+
+@unit
+def add_modal_forces(
+    parts: Parts,
+    now: Now,
+    k: int,
+    fx: float,
+    fy: float,
+    fz: float,
+    tx: float,
+    ty: float,
+    tz: float,
+    out: Vector,
+    o: int,
+) -> int:
+    """out[o:o+m] += what a force and a moment in body axes on marker k do to the modes."""
+    mk, mn = parts.markers[k], now.marker[k]
+    m = parts.bodies[mk["body"]]["m"]
+    at, pool = mk["modes"], parts.pool
+    turn = turned(mn["T"], plus((tx, ty, tz), 1.0, outer(triple(mn["arm"]), (fx, fy, fz))))
+    for j in range(m):
+        s = pool[at + j] * fx + pool[at + m + j] * fy
+        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * turn[0]
+        out[o + j] += s + pool[at + 4 * m + j] * turn[1] + pool[at + 5 * m + j] * turn[2]
+    return FINE
+
+
+@unit
+def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
+    """Jm (6, 6+m): velocity and angular velocity of marker k, global axes, per v of its body."""
+    mk, mn = parts.markers[k], now.marker[k]
+    A, s = now.body[mk["body"]]["A"], mn["s"]
+    m = parts.bodies[mk["body"]]["m"]
+    for r in range(6):
+        for c in range(6 + m):
+            Jm[r, c] = 0.0
+    for r in range(3):
+        Jm[r, r] = 1.0
+        for c in range(3):
+            Jm[3 + r, 3 + c] = A[r, c]
+        Jm[r, 3] = A[r, 2] * s[1] - A[r, 1] * s[2]
+        Jm[r, 4] = A[r, 0] * s[2] - A[r, 2] * s[0]
+        Jm[r, 5] = A[r, 1] * s[0] - A[r, 0] * s[1]
+    if mk["modes"] >= 0:
+        for c in range(m):
+            point, turning = _modal_column(mk, mn, parts.pool, m, c)
+            add_column(Jm, 0, 6 + c, 1.0, turned(A, point))
+            add_column(Jm, 3, 6 + c, 1.0, turned(A, turning))
+    return FINE
+
+
+@kernel
+def _modal_column(mk, mn, pool, m, c):
+    """Translation Φ_t + (TᵀΦ_r) × ŝ and rotation TᵀΦ_r of a marker per η_c, body axes."""
+    at = mk["modes"] + c
+    turning = turned_back(mn["T"], mode_vector(pool, at + 3 * m, m))
+    return plus(mode_vector(pool, at, m), 1.0, outer(turning, triple(mn["arm"]))), turning
+
+
+@unit
+def put_product_block(
+    H: Matrix,
+    i: int,
+    j: int,
+    Ji: Matrix,
+    ni: int,
+    Jj: Matrix,
+    nj: int,
+    f: float,
+    T: Matrix,
+    B: Matrix,
+) -> int:
+    """B[:ni, :nj] = f J_iᵀ H[6i:6i+6, 6j:6j+6] J_j; T (6, nj) is scratch."""
+    for r in range(6):
+        for c in range(nj):
+            s = 0.0
+            for k in range(6):
+                s += H[6 * i + r, 6 * j + k] * Jj[k, c]
+            T[r, c] = s
+    for r in range(ni):
+        for c in range(nj):
+            B[r, c] = 0.0
+        for k in range(6):
+            x = f * Ji[k, r]
+            if x != 0.0:
+                for c in range(nj):
+                    B[r, c] += x * T[k, c]
+    return FINE
+
+
+@unit
+def add_moment_arm(parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, B: Matrix) -> int:
+    """Add f ∂(Jᵀ w[i:i+6])/∂(r, θ', η) of marker k, w constant in global axes, to B (6+m, 6+m)."""
+    mk, mn = parts.markers[k], now.marker[k]
+    A, s = now.body[mk["body"]]["A"], triple(mn["s"])
+    force, moment = turned_back(A, times(f, part(w, i))), turned_back(A, times(f, part(w, i + 3)))
+    add_skew(B, 3, 3, 1.0, moment)
+    # s̃ f̃' = f' sᵀ − (s·f') I
+    for c in range(3):
+        B[3 + c, 3 + c] -= inner(s, force)
+        add_column(B, 3, 3 + c, s[c], force)
+    if mk["modes"] >= 0:
+        _add_modal_arm(mk, mn, parts.pool, parts.bodies[mk["body"]]["m"], force, moment, B)
+    return FINE
+
+
+@kernel
+def _add_modal_arm(mk, mn, pool, m, force, moment, B):
+    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm all move with η."""
+    o, arm = mk["modes"] + 3 * m, triple(mn["arm"])
+    whole = plus(moment, 1.0, outer(arm, force))
+    for c in range(m):
+        point, turning = _modal_column(mk, mn, pool, m, c)
+        # moment row: δs × f'; modal rows, δθ': f' and τ' turn with the body
+        change = outer(point, force)
+        add_column(B, 3, 6 + c, 1.0, change)
+        add_part(B[6 + c], 3, 1.0, plus(change, 1.0, outer(turning, moment)))
+        # modal rows, δη: the arm turns, and T(θ) changes
+        change = turned(mn["T"], outer(outer(turning, arm), force))
+        slope = _tangent_slope(mn, mode_vector(pool, o + c, m), whole)
+        x, y, z = plus(change, 1.0, slope)
+        for r in range(m):
+            B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
+
+
+@kernel
+def _tangent_slope(mn, r, m):
+    """Derivative of T(θ) m along δθ = r."""
+    th, c = triple(mn["th"]), mn["c"]
+    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
+    x = plus(times(-c[0], w), -s * c[2], u)
+    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
+    return plus(x, s * c[3], outer(th, u))
+
+
+@unit
+def add_own(run: Run, k: int, side: int, f: float) -> int:
+    """Add f Jᵀ H J of marker k, one end of a pair, to its body; returns 6 + m.
+
+    H (12, 12) is in dense.H, J is left in dense.J[side].
+    """
+    parts, d = run.system.parts, run.work.dense
+    b = parts.markers[k]["body"]
+    if b < 0:
+        return 0
+    n = 6 + parts.bodies[b]["m"]
+    J = d.J[side]
+    marker_jacobian(parts, run.work.now, k, J)
+    put_product_block(d.H, side, side, J, n, J, n, f, d.T, d.B)
+    add_body_block(run, b, d.B)
+    return n
+
+
+@unit
+def add_pair(run: Run, i: int, j: int, link: int, f: float) -> int:
+    """Add f Jᵀ H J for the bodies of markers i and j, H (12, 12) in dense.H."""
+    parts, d = run.system.parts, run.work.dense
+    n0, n1 = add_own(run, i, 0, f), add_own(run, j, 1, f)
+    if link < 0:
+        return FINE
+    a, b = parts.markers[i]["body"], parts.markers[j]["body"]
+    put_product_block(d.H, 0, 1, d.J[0], n0, d.J[1], n1, f, d.T, d.B)
+    add_coupling(run, a, b, link, 0, d.B)
+    put_product_block(d.H, 1, 0, d.J[1], n1, d.J[0], n0, f, d.T, d.B)
+    add_coupling(run, b, a, link, 1, d.B)
+    return FINE
+
+
+@unit
+def add_moment_arms(run: Run, i: int, j: int, f: float) -> int:
+    """Change of the moment arms of the wrench pair dense.g[1] on markers i and j (−1: none)."""
+    parts, d = run.system.parts, run.work.dense
+    for side in range(2):
+        k = i if side == 0 else j
+        b = parts.markers[k]["body"] if k >= 0 else -1
+        if b >= 0:
+            n = 6 + parts.bodies[b]["m"]
+            clear(d.B, n, n)
+            add_moment_arm(parts, run.work.now, k, d.g[1], 6 * side, f, d.B)
+            add_body_block(run, b, d.B)
+    return FINE

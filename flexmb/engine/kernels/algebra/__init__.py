@@ -1,1 +1,0 @@
-"""Rotations, small vectors, blocks and the factorisation."""

@@ -1,1 +1,0 @@
-"""Inertia, markers and motion of bodies, with their tangents."""

@@ -1,0 +1,394 @@
+"""Interfaces of a model: nodes that move with a reference point (RBE2) or carry it (RBE3).
+
+Nodes are those of a group, a node, several, or all within a radius of a centre. The reference point
+is the area centroid of a surface group (length centroid of a line group, mean of nodes, the centre
+of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u with W = (G^T w G)^-1 G^T
+w, G how nodes follow a rigid motion; loads at the point spread over the nodes by W^T. Displacements
+alone count; where they do not determine all rotations (nodes on a line) the nodes' own rotations
+count too, with the square of the group's radius of gyration as weight. Source: MSC Nastran, Linear
+Static Analysis User's Guide, RBE3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from flexmb.errors import MeshError, Problem, nearest
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.connections import rigid_rows, spans_rotation
+from flexmb.fe.assembly.numbering import Numbering
+from flexmb.fe.meshes.facets import group_centroid, tributary
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.tables import word_problems
+from flexmb.flexbody.arrays import FloatArray, IntArray
+
+INTERFACE_WORDS = ("group", "node", "nodes", "center", "radius", "type", "weights", "position")
+"""What the table of an interface may say."""
+
+_SELECTORS = ("group", "node", "nodes", "center")
+_TYPES = ("rbe2", "rbe3")
+_WEIGHTS = ("uniform", "area")
+_SHOWN = 8  # nodes named in a message
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSelection:
+    """The nodes of an interface and how they are tied.
+
+    Parameters
+    ----------
+    where, about : str
+        For messages: the interface's place in the scene, and what was chosen.
+    nodes : (k,) int
+        Ascending.
+    position : (3,) float
+        Reference point, body frame [m].
+    type : str
+        ``"rbe2"`` or ``"rbe3"``.
+    weights : str or (k,) float or None
+        As given, those of the nodes in their order here.
+    group : str or None
+        The mesh group, if one was named.
+    """
+
+    where: str
+    about: str
+    nodes: IntArray
+    position: FloatArray
+    type: str
+    weights: str | FloatArray | None
+    group: str | None
+
+
+def select_interface(fe: FEMatrices, where: str, given: str | Mapping[str, Any]) -> NodeSelection:
+    """Read the words of one interface.
+
+    Raises
+    ------
+    MeshError
+        Unknown, missing or contradicting words, no such group or node, no nodes of the body.
+    """
+    words = interface_words(where, given)
+    about, asked = select_nodes(fe.mesh, where, words)
+    nodes = np.intersect1d(asked, fe.numbering.nodes)
+    if not len(nodes):
+        raise MeshError.from_problems([Problem(where, _no_nodes(fe, about, words))])
+    group = words.get("group")
+    if "position" in words:
+        position = np.array(words["position"], dtype=float)
+    elif "center" in words:
+        position = np.array(words["center"], dtype=float)
+    elif group is not None:
+        position = group_centroid(fe.mesh, group, nodes)
+    else:
+        position = fe.mesh.points[nodes].mean(axis=0)
+    weights = _selected_weights(where, words.get("weights"), asked, nodes)
+    return NodeSelection(where, about, nodes, position, words.get("type", "rbe2"), weights, group)
+
+
+def listed(nodes: IntArray) -> str:
+    """The first few node numbers as text."""
+    shown = ", ".join(str(node) for node in nodes[:_SHOWN])
+    return f"{shown}, ..." if len(nodes) > _SHOWN else shown
+
+
+def interface_words(where: str, given: str | Mapping[str, Any]) -> Mapping[str, Any]:
+    """The words of an interface as a table.
+
+    Raises
+    ------
+    MeshError
+        Unknown, missing or contradicting words, and values that cannot be; all at once.
+    """
+    words = {"group": given} if isinstance(given, str) else given
+    problems = word_problems(words, where, INTERFACE_WORDS)
+    chosen = [key for key in _SELECTORS if key in words]
+    if len(chosen) != 1:
+        what = f"says {' and '.join(chosen)}" if chosen else "says no nodes"
+        what += "; it takes one of group, node, nodes, or center with radius"
+        problems.append(Problem(where, what))
+    if ("center" in words) != ("radius" in words):
+        problems.append(Problem(where, "center and radius go together"))
+    for key in ("center", "position"):
+        if key in words and not _numbers(words[key], 3):
+            what = f"must be three finite numbers [m], given {words[key]!r}"
+            problems.append(Problem(f"{where}.{key}", what))
+    if "radius" in words and not (_number(words["radius"]) and words["radius"] > 0):
+        what = f"must be a positive number [m], given {words['radius']!r}"
+        problems.append(Problem(f"{where}.radius", what))
+    kind = words.get("type", "rbe2")
+    if kind not in _TYPES:
+        what = f"unknown type {kind!r}"
+        problems.append(Problem(f"{where}.type", what, _TYPES, nearest(str(kind), _TYPES)))
+    weights = words.get("weights")
+    if weights is not None and kind == "rbe2":
+        what = "are for rbe3 alone: nodes of an rbe2 move rigidly"
+        problems.append(Problem(f"{where}.weights", what))
+    elif isinstance(weights, str) and weights not in _WEIGHTS:
+        what = f'unknown weights "{weights}"'
+        problems.append(Problem(f"{where}.weights", what, _WEIGHTS, nearest(weights, _WEIGHTS)))
+    if problems:
+        raise MeshError.from_problems(problems)
+    return words
+
+
+def select_nodes(mesh: Mesh, where: str, words: Mapping[str, Any]) -> tuple[str, IntArray]:
+    """What the words choose, for messages, and the nodes of the mesh in the order of the words.
+
+    Raises
+    ------
+    MeshError
+        No such group or node.
+    """
+    if "group" in words:
+        group = words["group"]
+        return f'of the group "{group}"', mesh.group_nodes(group, where)
+    if "center" in words:
+        gap = np.linalg.norm(mesh.points - np.array(words["center"], dtype=float), axis=1)
+        place = ", ".join(f"{value:g}" for value in words["center"])
+        return f"within {words['radius']:g} m of ({place})", np.flatnonzero(gap <= words["radius"])
+    key = "node" if "node" in words else "nodes"
+    given = [words[key]] if key == "node" else list(words[key])
+    count = len(mesh.points)
+    wrong = [n for n in given if not _whole(n) or not 0 <= n < count]
+    if wrong:
+        what = f"{wrong[0]!r} is no node: numbers run from 0 to {count - 1}"
+        raise MeshError.from_problems([Problem(f"{where}.{key}", what)])
+    if len(set(given)) < len(given):
+        raise MeshError.from_problems([Problem(f"{where}.{key}", "names a node twice")])
+    nodes = np.array(given, dtype=np.int64)
+    return f"given ({listed(nodes)})", nodes
+
+
+def _no_nodes(fe: FEMatrices, about: str, words: Mapping[str, Any]) -> str:
+    if "group" in words:
+        return f'the group "{words["group"]}" has no nodes of the body\'s elements'
+    what = f"there are no nodes of the body's elements among those {about}"
+    if "center" in words:
+        nodes = fe.numbering.nodes
+        gap = np.linalg.norm(fe.mesh.points[nodes] - np.array(words["center"]), axis=1)
+        k = int(np.argmin(gap))
+        what += f"; the nearest is node {nodes[k]}, {gap[k]:.4g} m away"
+    return what
+
+
+def _selected_weights(
+    where: str, given: Any, asked: IntArray, nodes: IntArray
+) -> str | FloatArray | None:
+    if given is None or isinstance(given, str):
+        return given
+    if not _numbers(given, len(asked)) or not min(given) > 0:
+        what = f"must be {len(asked)} positive numbers, one for each node, given {given!r}"
+        raise MeshError.from_problems([Problem(f"{where}.weights", what)])
+    order = np.argsort(asked)
+    found = np.array(given, dtype=float)[order]
+    return found[np.isin(asked[order], nodes)]
+
+
+def _number(value: Any) -> bool:
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return real and bool(np.isfinite(value))
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _numbers(given: Any, count: int) -> bool:
+    if isinstance(given, str | Mapping) or not hasattr(given, "__len__"):
+        return False
+    return len(given) == count and all(_number(value) for value in given)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidInterface:
+    """Nodes that move as one rigid body with a reference point.
+
+    Parameters
+    ----------
+    name : str
+        Name of the marker.
+    position : (3,) float
+        Reference point, body frame [m].
+    nodes : (k,) int
+        The nodes.
+    dofs : (s,) int
+        Their degrees of freedom.
+    T : (s, 6) float
+        Motion of these per displacement and rotation of the reference point.
+    """
+
+    name: str
+    position: FloatArray
+    nodes: IntArray
+    dofs: IntArray
+    T: FloatArray
+
+    def motion(self, U: FloatArray) -> FloatArray:
+        """(6, k) motion of the point in fields U (n, k) in which the nodes move rigidly."""
+        return np.linalg.lstsq(self.T, U[self.dofs], rcond=None)[0]
+
+    def loads(self) -> tuple[IntArray, FloatArray]:
+        """Degrees of freedom (s,), and loads (s, 6) on them with unit force or moment each."""
+        return self.dofs, np.linalg.pinv(self.T).T
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedInterface:
+    """A point that moves as the weighted mean of nodes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the marker.
+    position : (3,) float
+        Reference point, body frame [m].
+    nodes : (k,) int
+        The nodes.
+    dofs : (s,) int
+        Those of their degrees of freedom that count.
+    W : (6, s) float
+        Displacement and rotation of the point per unit of each.
+    """
+
+    name: str
+    position: FloatArray
+    nodes: IntArray
+    dofs: IntArray
+    W: FloatArray
+
+    def motion(self, U: FloatArray) -> FloatArray:
+        """(6, k) motion of the point in fields U (n, k)."""
+        return self.W @ U[self.dofs]
+
+    def loads(self) -> tuple[IntArray, FloatArray]:
+        """Degrees of freedom (s,), and loads (s, 6) on them with unit force or moment each."""
+        return self.dofs, self.W.T
+
+
+def weighted_rows(
+    numbering: Numbering, nodes: IntArray, arms: FloatArray, weights: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Degrees of freedom (s,) that count, and W (6, s).
+
+    Parameters
+    ----------
+    numbering : Numbering
+        Of the model.
+    nodes : (k,) int
+        The nodes; they must be able to hold all six motions.
+    arms : (k, 3) float
+        Their positions from the reference point [m].
+    weights : (k,) float
+        Positive.
+    """
+    dofs, G = rigid_rows(numbering, nodes, arms)
+    exists = numbering.table[nodes] >= 0
+    turning = np.broadcast_to(np.arange(6) >= 3, exists.shape)[exists]
+    w = np.broadcast_to(weights[:, None], exists.shape)[exists]
+    if spans_rotation(arms):
+        dofs, G, w = dofs[~turning], G[~turning], w[~turning]
+    else:
+        middle = weights @ arms / weights.sum()
+        gyration = weights @ np.sum((arms - middle) ** 2, axis=1) / weights.sum()
+        w = np.where(turning, w * (gyration if gyration > 0 else 1.0), w)
+    Q, R = np.linalg.qr(np.sqrt(w)[:, None] * G)
+    return dofs, solve_triangular(R, Q.T * np.sqrt(w))
+
+
+InterfaceLike = str | Mapping[str, Any]
+ModelInterface = RigidInterface | WeightedInterface
+
+
+def make_interfaces(
+    fe: FEMatrices, given: Mapping[str, InterfaceLike]
+) -> tuple[ModelInterface, ...]:
+    """Tie nodes to reference points.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    given : mapping of str to str or mapping
+        By name a mesh group, or a table: one of ``group``, ``node``, ``nodes`` or ``center`` [m]
+        with ``radius`` [m]; ``type`` ``"rbe2"`` (default) or ``"rbe3"``; for the latter
+        ``weights`` ``"area"`` (default where the group has facets), ``"uniform"`` or one number a
+        node; ``position`` [m] of the reference point. Node numbers count from 0 in the mesh.
+
+    Raises
+    ------
+    MeshError
+        All unknown words and groups, interfaces on no nodes, nodes that cannot hold a rotation,
+        nodes tied already, and interfaces that share nodes.
+    """
+    found: list[ModelInterface] = []
+    problems: list[Problem] = []
+    for name, words in given.items():
+        try:
+            found.append(make_interface(fe, name, words))
+        except MeshError as error:
+            problems += error.problems
+    for k, one in enumerate(found):
+        for other in found[:k]:
+            shared = np.intersect1d(one.nodes, other.nodes)
+            if len(shared):
+                what = f"shares {len(shared)} nodes ({listed(shared)}) with the interface "
+                problems.append(Problem(f"interfaces.{one.name}", f'{what}"{other.name}"'))
+    if problems:
+        raise MeshError.from_problems(problems)
+    return tuple(found)
+
+
+def make_interface(
+    fe: FEMatrices, name: str, words: InterfaceLike, where: str | None = None
+) -> ModelInterface:
+    """One interface; ``where`` stands in messages, ``interfaces.<name>`` by default."""
+    choice = select_interface(fe, f"interfaces.{name}" if where is None else where, words)
+    _check_ties(fe, choice)
+    _check_rotation(fe, choice)
+    arms = fe.mesh.points[choice.nodes] - choice.position
+    if choice.type == "rbe2":
+        dofs, T = rigid_rows(fe.numbering, choice.nodes, arms)
+        return RigidInterface(name, choice.position, choice.nodes, dofs, T)
+    dofs, W = weighted_rows(fe.numbering, choice.nodes, arms, _nodal_weights(fe, choice))
+    return WeightedInterface(name, choice.position, choice.nodes, dofs, W)
+
+
+def _nodal_weights(fe: FEMatrices, choice: NodeSelection) -> FloatArray:
+    if not isinstance(choice.weights, str | None):
+        return choice.weights
+    if choice.weights != "uniform" and choice.group is not None:
+        area = tributary(fe.mesh, choice.group, choice.nodes)
+        if area is not None:
+            return area
+    if choice.weights == "area":
+        what = f'the nodes {choice.about} have no facets: weights "area" need a group of them'
+        raise MeshError.from_problems([Problem(choice.where, what)])
+    return np.ones(len(choice.nodes))
+
+
+def _check_ties(fe: FEMatrices, choice: NodeSelection) -> None:
+    following = np.intersect1d(choice.nodes, fe.numbering.tied)
+    if len(following):
+        what = f"{len(following)} of its nodes ({listed(following)}) follow a tie of the body; use "
+        what += "the tie's reference node"
+        raise MeshError.from_problems([Problem(choice.where, what)])
+
+
+def _check_rotation(fe: FEMatrices, choice: NodeSelection) -> None:
+    turning = np.isin(choice.nodes, fe.numbering.rotating)
+    if turning.any() or spans_rotation(fe.mesh.points[choice.nodes]):
+        return
+    if len(choice.nodes) == 1:
+        what = f"node {choice.nodes[0]} belongs to solids, which have no rotations: one such node "
+        what += "lies on a line or a point and cannot hold a rotation; choose a surface, or all "
+        what += "nodes within a radius"
+    else:
+        what = f"the {len(choice.nodes)} nodes {choice.about} lie on a line or a point: "
+        what += "they cannot hold a rotation; choose a surface"
+    raise MeshError.from_problems([Problem(choice.where, what)])

@@ -1,0 +1,228 @@
+"""All element families, and which elements of a mesh form the body with which section.
+
+Volume elements always belong to the body; surfaces and lines do if a section names their group,
+else they only mark groups. :func:`select_elements` returns :class:`Block` objects, the elements of
+one kind with one section. An element that cannot be used is refused by name, never skipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexmb.errors import MeshError, Problem
+from flexmb.fe.elements import solid_elements
+from flexmb.fe.elements.beam_elements import LINE
+from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.shell_elements import QUAD, TRIANGLE
+from flexmb.fe.elements.shell_elements import SHELL_ADVICE as SHELL_ADVICE
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.sections.beam_chain import bind_section
+from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.flexbody.arrays import IntArray
+from flexmb.materials import AnyMaterial
+
+FAMILIES: dict[str, Family] = {
+    family.kind: family
+    for family in (
+        solid_elements.TETRA,
+        solid_elements.TETRA10,
+        solid_elements.HEXAHEDRON,
+        solid_elements.HEXAHEDRON20,
+        solid_elements.HEXAHEDRON27,
+        solid_elements.WEDGE15,
+        LINE,
+        TRIANGLE,
+        QUAD,
+    )
+}
+"""Family by kind of cells."""
+
+ELEMENTS: dict[str, str] = {kind: family.about for kind, family in FAMILIES.items()}
+"""Kinds of elements that make up a body, by their names in meshes, and what they are."""
+
+ADVICE = {
+    **solid_elements.SOLID_ADVICE,
+    **SHELL_ADVICE,
+    "line3": "beams have two nodes: mesh them with first-order elements",
+}
+"""What to do about kinds that cannot be used."""
+
+
+_DIMENSION_NAMES = {1: "line", 2: "surface", 3: "volume"}
+_CURES = {
+    1: 'lines are beams with a section such as { type = "circle", radius = ... }',
+    2: 'surfaces are shells with a thickness: { type = "shell", thickness = ... }',
+}
+_CHUNK = 3e7  # bytes of one batch of element matrices
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Elements of one kind with one section.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the cells in the mesh.
+    nodes : (ne, k) int
+        Mesh nodes of the elements.
+    rows : (ne,) int
+        Their rows among the mesh's cells of that kind.
+    section : SolidSection, ShellSection or BeamSection
+        With its material.
+    group : str
+        The group that gave it; ``"all"`` if none.
+    """
+
+    kind: str
+    nodes: IntArray
+    rows: IntArray
+    section: Any
+    group: str
+
+    @property
+    def family(self) -> Family:
+        """The element family."""
+        return FAMILIES[self.kind]
+
+    @property
+    def width(self) -> int:
+        """Degrees of freedom of one element."""
+        return self.nodes.shape[1] * (6 if self.family.rotations else 3)
+
+    def chunks(self, matrices: int = 1) -> Iterator[IntArray]:
+        """Nodes of the elements in batches that keep ``matrices`` (d, d) each within memory."""
+        size = max(1, int(_CHUNK / (8 * matrices * self.width**2)))
+        for start in range(0, len(self.nodes), size):
+            yield self.nodes[start : start + size]
+
+
+def select_elements(
+    mesh: Mesh, sections: Mapping[str, Any] | None, material: AnyMaterial | None = None
+) -> tuple[Block, ...]:
+    """Choose the elements of the body.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres.
+    sections : mapping of str to section
+        By mesh group; ``"all"`` takes whatever elements of its dimension no other section names.
+    material : Material or OrthotropicMaterial, optional
+        Of all sections that name none.
+
+    Raises
+    ------
+    MeshError
+        Unusable kinds, unknown groups, groups without such elements, elements with two sections,
+        elements turned inside out, or nothing to make a body of; all at once.
+    """
+    given = dict(sections or {})
+    if "all" in given and "all" not in mesh.element_sets:
+        given["all"] = given.pop("all")  # last: what is left
+    owners = {kind: np.full(len(cells), -1) for kind, cells in mesh.blocks.items()}
+    names, problems = list(given), []
+    for number, name in enumerate(names):
+        problems += _assign(mesh, owners, names, number, given[name].dimension)
+    problems += _unusable_kinds(mesh, owners)
+    if not problems and not _has_elements(mesh, owners):
+        problems.append(Problem(mesh.source, _no_elements_text(mesh)))
+    if problems:
+        raise MeshError.from_problems(problems)
+    blocks = [
+        block
+        for kind in mesh.blocks
+        for block in _blocks(mesh, kind, owners[kind], given, material)
+    ]
+    _check_shapes(mesh, blocks)
+    return tuple(blocks)
+
+
+def _assign(
+    mesh: Mesh, owners: dict[str, IntArray], names: list[str], number: int, dim: int
+) -> list[Problem]:
+    """Give a section its elements; what is wrong with it."""
+    name = names[number]
+    where = f"sections.{name}"
+    if name == "all" and name not in mesh.element_sets:
+        found = {kind: np.flatnonzero(owners[kind] < 0) for kind in mesh.kinds(dim)}
+    else:
+        try:
+            group = mesh.group_elements(name, where)
+        except MeshError as error:
+            return list(error.problems)
+        found = {kind: rows for kind, rows in group.items() if kind in mesh.kinds(dim)}
+    if not any(len(rows) for rows in found.values()):
+        return [
+            Problem(where, f"the group has no {_DIMENSION_NAMES[dim]} elements in {mesh.source}")
+        ]
+    problems = []
+    for kind, rows in found.items():
+        taken = rows[owners[kind][rows] >= 0]
+        if len(taken):
+            other = names[owners[kind][taken[0]]]
+            what = (
+                f"{len(taken)} {_DIMENSION_NAMES[dim]} elements have a section from {other} already"
+            )
+            problems.append(Problem(where, what))
+        owners[kind][rows] = number
+    return problems
+
+
+def _unusable_kinds(mesh: Mesh, owners: Mapping[str, IntArray]) -> list[Problem]:
+    problems = []
+    for kind, owner in owners.items():
+        wanted = kind in mesh.kinds(3) or (owner >= 0).any()
+        if len(owner) and wanted and kind not in FAMILIES:
+            what = f'has {len(owner)} elements of kind "{kind}", which cannot be used'
+            advice = ADVICE.get(kind, "mesh with elements of an allowed kind")
+            problems.append(Problem(mesh.source, f"{what}; {advice}", allowed=tuple(FAMILIES)))
+    return problems
+
+
+def _has_elements(mesh: Mesh, owners: Mapping[str, IntArray]) -> bool:
+    return bool(mesh.kinds(3)) or any((owner >= 0).any() for owner in owners.values())
+
+
+def _no_elements_text(mesh: Mesh) -> str:
+    found = ", ".join(f"{len(cells)} {kind}" for kind, cells in mesh.blocks.items())
+    what = "has no volume elements, and no lines or surfaces with a section"
+    cures = [cure for dim, cure in _CURES.items() if mesh.kinds(dim)]
+    return "; ".join([what, f"it has {found or 'no elements'}", *cures])
+
+
+def _blocks(
+    mesh: Mesh, kind: str, owner: IntArray, given: Mapping[str, Any], material: AnyMaterial | None
+) -> Iterator[Block]:
+    cells, names = mesh.blocks[kind], list(given)
+    plain = np.flatnonzero(owner < 0)
+    if kind in mesh.kinds(3) and len(plain):
+        yield Block(kind, cells[plain], plain, SolidSection().with_material(material), "all")
+    for number in np.unique(owner[owner >= 0]):
+        rows = np.flatnonzero(owner == number)
+        section = given[names[number]].with_material(material)
+        parts = [(np.arange(len(rows)), section)]
+        if section.dimension == 1:
+            parts = bind_section(section, mesh.points[cells[rows]], cells[rows])
+        for part, bound in parts:
+            yield Block(kind, cells[rows[part]], rows[part], bound, names[number])
+
+
+def _check_shapes(mesh: Mesh, blocks: list[Block]) -> None:
+    problems = []
+    for block in blocks:
+        bad = block.family.defects(mesh.points[block.nodes])
+        if len(bad):
+            nodes = ", ".join(str(node) for node in block.nodes[bad[0]][:4])
+            wrong = "flat, folded or turned inside out"
+            if block.family.dimension == 1:
+                wrong = "without length"
+            what = f'{len(bad)} of {len(block.nodes)} elements of kind "{block.kind}" are {wrong}'
+            what += f", the first with corner nodes {nodes}"
+            problems.append(Problem(mesh.source, what))
+    if problems:
+        raise MeshError.from_problems(problems)

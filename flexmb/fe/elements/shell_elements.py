@@ -1,0 +1,212 @@
+"""Flat shells with three or four corners: plates in bending, membranes, both.
+
+Membrane and bending share the quadratic interpolation of :mod:`flexmb.fe.elements.shell_fields` and
+may be coupled; transverse shear is interpolated from the edges; a penalty ties nodal rotations
+about the normal to the rotation of the mid-surface. Mass: a point at height z over the mid-surface
+moves by u + z beta, all integrals over area and thickness are exact. Nodal rotations about the
+normal in excess of that of the mid-surface swirl the mid-sides around the element: without that
+they would have no mass where all are equal.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexmb.fe.elements.family import ComponentMass
+from flexmb.fe.elements.shell_fields import (
+    EDGES,
+    Fields,
+    degenerate_elements,
+    extrapolation,
+    make_fields,
+    make_points,
+    shell_functions,
+)
+from flexmb.fe.sections.shell_section import ShellSection
+from flexmb.flexbody.arrays import FloatArray, IntArray
+
+DRILLING = 0.3
+"""Stiffness against drilling, as a share of the in-plane shear stiffness: 1e-6 to 1 do alike."""
+
+
+def _stiffness_product(rows: FloatArray, elasticity: FloatArray, weight: FloatArray) -> FloatArray:
+    """(ne, d, d) sum over the points of weight rows^T elasticity rows."""
+    ne, _, _, d = rows.shape
+    forces = np.matmul(elasticity, rows) * weight[..., None, None]
+    return np.matmul(rows.reshape(ne, -1, d).transpose(0, 2, 1), forces.reshape(ne, -1, d))
+
+
+def _stress_axes(axes: FloatArray) -> FloatArray:
+    """(ne, 6, 3) stress in body axes per stress 11, 22, 12 in element axes."""
+    a, b = [0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]
+    e1, e2 = axes[:, :, 0], axes[:, :, 1]
+    mixed = e1[:, a] * e2[:, b] + e2[:, a] * e1[:, b]
+    return np.stack([e1[:, a] * e1[:, b], e2[:, a] * e2[:, b], mixed], axis=2)
+
+
+def _mass_motion(fields: Fields) -> FloatArray:
+    """(ne, 2n, 3, d) displacement of the nodes, then rotation of the normal, along body axes."""
+    ne, n, _, d = fields.nodal.shape
+    k = n // 2
+    local = np.zeros((ne, 2 * n, 3, d))
+    local[:, :n] = fields.nodal[:, :, :3]
+    swirl = (fields.length / 8)[..., None] * fields.drill[:, None]
+    local[:, k:n, 0] += fields.tangent[..., :1] * swirl
+    local[:, k:n, 1] += fields.tangent[..., 1:] * swirl
+    local[:, n:, :2] = fields.nodal[:, :, 3:]
+    return np.matmul(fields.flat.axes[:, None], local)
+
+
+def _mass_position(kind: str, fields: Fields, offset: float) -> FloatArray:
+    """(ne, 2n, 4) place of the nodes and direction of the normal, each with 1 and 0 behind."""
+    flat = fields.flat
+    ne, k = flat.height.shape
+    corners = np.concatenate([flat.xy, np.full((ne, k, 1), offset)], axis=2)
+    places = flat.center[:, None] + np.matmul(corners, flat.axes.transpose(0, 2, 1))
+    edges = np.array(EDGES[kind])
+    out = np.zeros((ne, 4 * k, 4))
+    out[:, :k, :3] = places
+    out[:, k : 2 * k, :3] = places[:, edges].mean(axis=2)
+    out[:, : 2 * k, 3] = 1.0
+    out[:, 2 * k :, :3] = flat.axes[:, None, :, 2]
+    return out
+
+
+SHELL_ADVICE = dict.fromkeys(
+    ("triangle6", "quad8", "quad9"),
+    "shells have three or four corners and no mid-sides: mesh with first-order elements",
+)
+"""What to do about surface elements that cannot be used with a shell section."""
+
+
+class Shell:
+    """Flat shells with k corners as a family."""
+
+    dimension = 2
+    rotations = True
+    warning = ""
+
+    def __init__(self, kind: str, about: str) -> None:
+        self.kind, self.about = kind, about
+        self.edges = EDGES[kind]
+        self.faces = (tuple(range(len(self.edges))),)
+
+    def measure(self, x: FloatArray, section: Any) -> FloatArray:
+        """(ne,) areas [m^2], of the projections on the mean planes."""
+        s = x - x[:, :1]
+        return 0.5 * np.linalg.norm(np.cross(s, np.roll(s, -1, axis=1)).sum(axis=1), axis=1)
+
+    def defects(self, x: FloatArray) -> IntArray:
+        """Elements that are flat, folded or concave."""
+        return degenerate_elements(x)
+
+    def stiffness(self, x: FloatArray, section: ShellSection) -> FloatArray:
+        """(ne, d, d) stiffness."""
+        fields = make_fields(self.kind, x, section)
+        points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
+        K = _stiffness_product(points.strains(fields), section.laminate.ABD, points.area)
+        if section.shear:
+            K += _stiffness_product(points.shear_strains(fields), section.laminate.S, points.area)
+        hold = DRILLING * section.laminate.ABD[2, 2] * points.area.sum(axis=1)
+        K += (hold[:, None] * fields.drill)[:, :, None] * fields.drill[:, None, :]
+        return 0.5 * (K + K.transpose(0, 2, 1))
+
+    def mass(self, x: FloatArray, section: ShellSection) -> ComponentMass:
+        """Consistent mass."""
+        fields = make_fields(self.kind, x, section)
+        points = make_points(fields.flat, shell_functions(self.kind, "mass"))
+        ne, n = len(x), points.values.shape[1]
+        products = (points.values[:, :, None] * points.values[:, None]).reshape(-1, n * n)
+        area = (points.area @ products).reshape(ne, n, n)
+        area = 0.5 * (area + area.transpose(0, 2, 1))
+        m0, m1, m2 = section.laminate.mass
+        W = np.concatenate(  # over u at the nodes, then beta
+            [
+                np.concatenate([m0 * area, m1 * area], axis=2),
+                np.concatenate([m1 * area, m2 * area], 2),
+            ],
+            axis=1,
+        )
+        N = _mass_motion(fields)  # (ne, 2n, 3, d)
+        s = _mass_position(self.kind, fields, section.offset)  # (ne, 2n, 4)
+        d = N.shape[3]
+        flat = N.reshape(ne, 2 * n, 3 * d)
+        weighted = np.matmul(W, flat)
+        M = np.matmul(flat.transpose(0, 2, 1), weighted)
+        M = 0.5 * (M + M.transpose(0, 2, 1))
+        moments = np.matmul(s.transpose(0, 2, 1), weighted).reshape(ne, 4, 3, d)
+        rigid = np.matmul(s.transpose(0, 2, 1), np.matmul(W, s))
+        return ComponentMass(
+            M.reshape(ne, 3, d, 3, d).transpose(0, 1, 3, 2, 4),
+            moments[:, :3],
+            moments[:, 3],
+            rigid[:, 3, 3],
+            rigid[:, :3, 3],
+            0.5 * (rigid[:, :3, :3] + rigid[:, :3, :3].transpose(0, 2, 1)),
+        )
+
+    def geometric_stiffness(
+        self, x: FloatArray, section: ShellSection, u: FloatArray
+    ) -> FloatArray:
+        """(ne, d, d) int N_ab u_c,a u_c,b over the three displacements c of the mid-surface.
+
+        N are the membrane forces that the displacements ``u`` (ne, d) cause. Bending moments do not
+        contribute: their second-order work depends on how rotations are composed.
+        """
+        fields = make_fields(self.kind, x, section)
+        points = make_points(fields.flat, shell_functions(self.kind, "mass"))
+        ne, nq = points.area.shape
+        strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
+        N = (strains @ section.laminate.ABD[:3].T) * points.area[..., None]
+        H = points.gradients(fields)[:, :, :, :3]
+        forces = N[..., [[0, 2], [2, 1]]]
+        NH = np.matmul(forces, H.reshape(ne, nq, 2, -1)).reshape(ne, nq * 6, -1)
+        K = np.matmul(H.reshape(ne, nq * 6, -1).transpose(0, 2, 1), NH)
+        return 0.5 * (K + K.transpose(0, 2, 1))
+
+    def stress_layers(self, section: Any) -> tuple[str, ...]:
+        """The outer faces; the element normal points from bottom to top."""
+        return ("bottom", "top")
+
+    def stress(self, x: FloatArray, section: ShellSection) -> FloatArray:
+        """(ne, k, 2, 6, d) stress at the corners of the bottom and of the top face, body axes.
+
+        Strains are taken at the points of the quadrature of order 2, where they are best, and
+        extrapolated to the corners. Transverse shear stress vanishes on the faces.
+        """
+        fields = make_fields(self.kind, x, section)
+        strains = make_points(fields.flat, shell_functions(self.kind, "sampling")).strains(fields)
+        ne, nq, _, d = strains.shape
+        at_corners = np.matmul(extrapolation(self.kind), strains.reshape(ne, nq, -1)).reshape(
+            ne, -1, 6, d
+        )
+        laminate = section.laminate
+        faces = np.stack(
+            [np.hstack([C, z * C]) for C, z in zip(laminate.outer, laminate.z, strict=True)]
+        )
+        to_body = np.matmul(_stress_axes(fields.flat.axes)[:, None], faces)  # (ne, 2, 6, 6)
+        found = np.matmul(to_body.reshape(ne, 1, 12, 6), at_corners)
+        return found.reshape(ne, -1, 2, 6, d)
+
+    def rotation(self, x: FloatArray) -> FloatArray:
+        """(ne, k, 3, d) the nodes' own rotations."""
+        ne, k, _ = x.shape
+        out = np.zeros((k, 3, k, 6))
+        for node in range(k):
+            out[node, :, node, 3:] = np.eye(3)
+        return np.broadcast_to(out.reshape(k, 3, 6 * k), (ne, k, 3, 6 * k))
+
+
+QUAD = Shell(
+    "quad",
+    "shell: flat quadrilateral, four nodes with six motions each, thin or thick, layered "
+    "(DKMQ bending, Allman membrane); needs a section",
+)
+TRIANGLE = Shell(
+    "triangle",
+    "shell: flat triangle, three nodes with six motions each, thin or thick, layered "
+    "(DKMT bending, Allman membrane); needs a section; too stiff where thin shells are twisted: "
+    "quadrilaterals are better there",
+)

@@ -1,0 +1,210 @@
+"""Checks of a finite-element model before it is reduced: releases, mass, units, unconnected parts.
+
+A release is a hinge only if something else at its node holds the motion: another element, a tie, or
+an interface of several nodes. An interface of that node alone would get a coordinate without mass
+or stiffness. The nominal mass is the sum of volumes (areas, lengths) times density.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexmb.errors import MeshError, Problem
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.elements.blocks import Block
+from flexmb.fe.material import plausibility
+from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
+from flexmb.fe.reduction.reduced_basis import STATIC, ReducedBasis, ReducedModes
+from flexmb.fe.sections.beam_chain import BoundBeam
+from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.parts import ModeInfo
+
+_NO_STIFFNESS = 1e-12  # smallest over largest stiffness of what moves without any
+
+
+def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
+    """Refuse a model in which a released motion of a node meets no stiffness at all.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : sequence of (k,) int
+        Their nodes.
+
+    Raises
+    ------
+    MeshError
+        With all such nodes, and about or along what they move.
+    """
+    ends = [
+        block.nodes.ravel()
+        for block in fe.blocks
+        if isinstance(block.section, BoundBeam) and block.section.released
+    ]
+    held = [nodes for nodes in interfaces if len(nodes) > 1]
+    held_nodes = np.concatenate([fe.numbering.tied, *held])
+    problems = []
+    for node in np.setdiff1d(np.concatenate(ends) if ends else [], held_nodes).astype(int):
+        for first, what in ((0, "moves along"), (3, "turns about")):
+            dofs = fe.numbering.table[node, first : first + 3]
+            values, axes = np.linalg.eigh(fe.K[dofs][:, dofs].toarray())
+            if values[0] <= _NO_STIFFNESS * values[-1]:
+                problems.append(_free_motion_problem(fe.mesh.source, int(node), what, axes[:, 0]))
+    if problems:
+        raise MeshError.from_problems(problems)
+
+
+def _free_motion_problem(source: str, node: int, what: str, axis: FloatArray) -> Problem:
+    place = ", ".join(f"{value:.3g}" for value in axis * np.sign(axis[np.argmax(np.abs(axis))]))
+    sentence = f"node {node} {what} ({place}) without any stiffness: only released ends meet there"
+    return Problem(
+        source, f"{sentence}; release one less; between bodies a joint of the scene turns freely"
+    )
+
+
+_DIFFERENCE = 1e-3  # relative; curved elements are measured by another quadrature than their mass
+_SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
+
+
+def nominal_mass(blocks: Iterable[Block], points: FloatArray) -> float:
+    """Volumes, areas or lengths of all elements times their density, and mass per area or length
+    that adds no stiffness [kg]; the materials of all blocks are known."""
+    total = 0.0
+    for block in blocks:
+        size = block.family.measure(points[block.nodes], block.section)
+        total += float(np.sum(size * _density(block.section, block.family.dimension)))
+    return total
+
+
+def point_mass(masses: Mapping[str, Mapping[str, Any]] | None) -> float:
+    """Sum of the masses at nodes and groups [kg]."""
+    return float(sum(words["mass"] for words in (masses or {}).values()))
+
+
+def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
+    """What is wrong with the assembled mass; empty if nothing is.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    points : float
+        Masses at nodes [kg].
+    """
+    expected = nominal_mass(fe.blocks, fe.mesh.points) + points
+    R = fe.rigid[:, :3]
+    found = np.einsum("ij,ij->j", R, fe.M @ R)
+    worst = float(found[np.argmax(np.abs(found - expected))])
+    if abs(worst - expected) <= _DIFFERENCE * expected:
+        return ""
+    return (
+        f"the mass matrix holds {worst:.6g} kg, but volumes times density of the elements and the "
+        f"masses at nodes are {expected:.6g} kg"
+    )
+
+
+def _density(section: Any, dimension: int) -> float | FloatArray:
+    """Mass per volume, area or length."""
+    if dimension == 3:
+        return float(section.material.density)
+    if dimension == 2:
+        layers = sum(layer.thickness * layer.material.density for layer in section.layers)
+        return float(layers + section.nonstructural)
+    span = getattr(section, "span", None)
+    if span is None:
+        return float(section.material.density * section.A + section.nonstructural)
+    return np.array([_mean_line_mass(section.section, *ends) for ends in span])
+
+
+def _mean_line_mass(section: Any, start: float, end: float) -> float:
+    """Mean mass per length of a section that varies, from one fraction of its chain to another."""
+    parts = [(section.at(start + s * (end - start)), weight) for s, weight in _SIMPSON]
+    return float(
+        sum(w * (part.A * section.material.density + part.nonstructural) for part, w in parts)
+    )
+
+
+_RIGID_MOTIONS = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
+
+
+def suspicions(
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], points: float = 0.0
+) -> list[Finding]:
+    """What is worth telling of a model: notes, and what hints at a slip in mesh, units or mass.
+
+    Parameters
+    ----------
+    fe, interfaces
+        The model.
+    points : float
+        Masses at its nodes [kg].
+
+    Raises
+    ------
+    MeshError
+        The mesh falls into parts that are joined neither by nodes nor by an interface, a tie or a
+        spring.
+    """
+    linked = [part.nodes for part in (*interfaces, *fe.springs)]
+    linked += [np.append(tie.nodes, tie.reference) for tie in fe.ties]
+    found = mesh_report(fe.mesh, fe.blocks, linked)
+    errors = [finding.sentence for finding in found if finding.level == "error"]
+    if errors:
+        raise MeshError.from_problems([Problem(fe.mesh.source, sentence) for sentence in errors])
+    told = plausibility(fe.material)
+    told.append(size_sentence(fe.mesh.points[fe.numbering.nodes]))
+    told.append(mass_sentence(fe, points))
+    return [*(Finding("warning", sentence) for sentence in told if sentence), *found]
+
+
+def orphans(fe: FEMatrices) -> int:
+    """How many nodes of the mesh belong to no element of the body (they are left out)."""
+    return len(fe.mesh.points) - len(fe.numbering.nodes)
+
+
+def mode_infos(
+    fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
+) -> tuple[ModeInfo, ...]:
+    """The six rigid motions, dropped, then the modal coordinates with their energy shares.
+
+    Parameters
+    ----------
+    fe, reduced, modes
+        The model, the reduced basis and the modes made of it.
+    Mab : (3, 3, m, m) float
+        Mass components reduced onto the modes.
+    """
+    R = fe.rigid
+    energy, mass = np.sum(R * (fe.K @ R), axis=0), np.sum(R * (fe.M @ R), axis=0)
+    residual = np.sqrt(np.maximum(energy / mass, 0.0)) / (2 * np.pi)
+    why = "rigid motion"
+    rigid = [
+        ModeInfo(-1, "rigid", float(f), False, why, name)
+        for f, name in zip(residual, _RIGID_MOTIONS, strict=True)
+    ]
+    return (*rigid, *_elastic_infos(reduced, modes, Mab))
+
+
+def _elastic_infos(reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
+    static = reduced.columns(*STATIC)
+    strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
+    largest = np.argmax(strain, axis=0)
+    kinetic = np.einsum("bbjj->jb", Mab)
+    return [
+        ModeInfo(
+            j,
+            "elastic",
+            float(frequency),
+            True,
+            "",
+            reduced.labels[largest[j]],
+            float(strain[static, j].sum()),
+            tuple(kinetic[j]),
+        )
+        for j, frequency in enumerate(modes.frequencies)
+    ]

@@ -1,1 +1,0 @@
-"""From modal coordinates back to the mesh: displacement, rotation, stress, section forces."""

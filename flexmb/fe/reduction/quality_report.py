@@ -1,0 +1,444 @@
+"""Quality report of a reduced body: all comparisons with the full model, as numbers and tables.
+
+:func:`quality_report` returns frequencies and modal assurance criterion, effective masses, energy
+shares, static compliance, mass and inertia, time and memory. The full model is factorised and
+solved again for it, which takes about as long as the reduction did. :class:`Stopwatch` is a
+progress callback that measures wall time, processor time and peak memory of each phase.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.free_interface import (
+    free_count,
+    free_modes_of,
+    lowest_free,
+    relieved_inverse,
+)
+from flexmb.fe.reduction.quality import (
+    EffectiveMass,
+    EnergyShares,
+    FrequencyCheck,
+    StaticCheck,
+    compare_modes,
+    effective_masses,
+    energy_shares,
+    interface_error,
+    missing_compliance,
+    unit_loads,
+)
+from flexmb.fe.reduction.reduced_basis import DIRECTIONS, ReducedBasis, ReducedModes
+from flexmb.fe.reduction.residual_vectors import InertiaRelief
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.body import FlexBody
+from flexmb.progress import Progress, silent
+
+try:
+    import resource
+except ImportError:  # no such module on Windows
+    resource = None  # type: ignore[assignment]
+
+
+_BETWEEN = "other"
+
+
+@dataclass
+class Phase:
+    """What one phase took: wall and processor time [s], and peak memory until its end [bytes].
+
+    Memory is zero where the system does not tell it.
+    """
+
+    name: str
+    wall: float = 0.0
+    cpu: float = 0.0
+    peak: int = 0
+
+
+class Stopwatch:
+    """A progress that measures, and passes every call on to another one."""
+
+    def __init__(self, progress: Progress = silent) -> None:
+        self._progress = progress
+        self._last = time.perf_counter(), time.process_time()
+        self._found: dict[str, Phase] = {}
+
+    def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
+        """Charge the time since the last call to ``phase``, or to what lay between two phases."""
+        now = time.perf_counter(), time.process_time()
+        entry = self._found.setdefault(phase, Phase(phase))
+        charged = entry
+        if fraction == 0.0:
+            charged = self._found.setdefault(_BETWEEN, Phase(_BETWEEN))
+        charged.wall += now[0] - self._last[0]
+        charged.cpu += now[1] - self._last[1]
+        charged.peak = _peak()
+        self._last = now
+        self._progress(phase, fraction, detail)
+
+    def lap(self) -> tuple[Phase, ...]:
+        """The phases so far; the next ones begin anew."""
+        phases, self._found = self.phases, {}
+        return phases
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The phases in the order they were first told of, what lay between them last."""
+        found = [part for name, part in self._found.items() if name != _BETWEEN]
+        between = self._found.get(_BETWEEN)
+        return (*found, between) if between is not None else tuple(found)
+
+
+def _peak() -> int:
+    if resource is None:
+        return 0
+    size = int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return size if sys.platform == "darwin" else 1024 * size
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaCheck:
+    """Rigid data from the mass matrix, R^T M R, beside the integrals the body carries.
+
+    Parameters
+    ----------
+    matrix, integrals : (10,) float
+        Mass [kg], centre of mass [m], moments xx, yy, zz and xy, yz, zx of inertia about it
+        [kg m^2].
+    error : float
+        Largest difference of the two (6, 6) mass matrices, entries over the geometric mean of
+        their diagonal ones.
+    """
+
+    matrix: FloatArray
+    integrals: FloatArray
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class QualityReport:
+    """What :func:`quality_report` found; tables for reading by
+    :func:`flexmb.fe.reduction.quality_report.report_tables`.
+
+    Parameters
+    ----------
+    coordinates : int
+        Modal coordinates of the body.
+    frequencies : FrequencyCheck
+        Against the full model.
+    effective : EffectiveMass or None
+        Of the fixed-interface modes; None in a basis without.
+    shares : EnergyShares
+        Of the modal coordinates.
+    static : StaticCheck
+        Against the full model.
+    inertia : InertiaCheck
+        Mass matrix against integrals.
+    phases : tuple of Phase
+        Time and memory of the reduction, where it was measured, and of this report.
+    """
+
+    coordinates: int
+    frequencies: FrequencyCheck
+    effective: EffectiveMass | None
+    shares: EnergyShares
+    static: StaticCheck
+    inertia: InertiaCheck
+    phases: tuple[Phase, ...]
+
+
+def quality_report(
+    fe: FEMatrices,
+    basis: ReducedBasis,
+    elastic: ReducedModes,
+    body: FlexBody | None = None,
+    up_to: float | None = None,
+    *,
+    nodes: Sequence[int] = (),
+    mirror: SymmetryPlane | None = None,
+    phases: Sequence[Phase] = (),
+    progress: Progress = silent,
+) -> QualityReport:
+    """Judge a reduced body by the model it was made of.
+
+    Parameters
+    ----------
+    fe, basis, elastic
+        The model, its reduced basis and the modes made of it.
+    body : FlexBody, optional
+        The body, to take the modes' mass components from; else they are integrated again.
+    up_to : float, optional
+        Compare frequencies up to this one [Hz]; without it half as many modes as the body has,
+        twenty at most: the upper ones serve static deformation.
+    nodes : sequence of int
+        Mesh nodes where unit forces are tried, besides the loads the basis knows.
+    mirror : Mirror, optional
+        The plane of a planar reduction.
+    phases : sequence of Phase
+        Time and memory of the reduction, from a :class:`Stopwatch`.
+    progress : Progress
+        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+
+    Raises
+    ------
+    ReductionError
+        A node that is not of the body.
+    """
+    watch = Stopwatch(progress)
+    directions = basis.directions
+    patterns = [*basis.loads, *unit_loads(fe, nodes, directions)]
+    if mirror is not None:
+        patterns = [_symmetric(load, mirror) for load in patterns]
+    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
+    held = (
+        FixedInterfaceModel(fe, basis.interfaces, directions, watch) if basis.interfaces else None
+    )
+    respond, lowest, limit = _full_model(fe, held, relief, mirror, watch)
+    frequencies = compare_modes(fe, elastic, lowest, limit, up_to)
+    watch("modes", 1.0)
+    error = None if held is None else interface_error(held, basis, elastic)
+    missing = missing_compliance(elastic, relief, respond, patterns)
+    has_fixed = held is not None and basis.columns("fixed-interface").any()
+    Mab = fe.reduced_mass(elastic.Phi) if body is None else body.Mab
+    effective = effective_masses(basis, held) if held is not None and has_fixed else None
+    shares = energy_shares(basis, elastic, Mab)
+    watch("compare", 1.0)
+    spent = [Phase(f"report: {part.name}", part.wall, part.cpu, part.peak) for part in watch.phases]
+    return QualityReport(
+        len(elastic.omega2),
+        frequencies,
+        effective,
+        shares,
+        StaticCheck(error, tuple(load.name for load in patterns), missing),
+        _inertia_check(fe),
+        (*phases, *spent),
+    )
+
+
+def _full_model(
+    fe: FEMatrices,
+    held: FixedInterfaceModel | None,
+    relief: InertiaRelief,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
+) -> tuple[Callable[[FloatArray], FloatArray], Callable[[int], tuple[FloatArray, FloatArray]], int]:
+    """Static response and lowest modes of the full free model, and how many it has."""
+    if held is None:
+        inverse = relieved_inverse(fe, InertiaRelief(fe.M, fe.rigid), progress)
+        limit = fe.numbering.n - 6
+        return inverse, lambda k: lowest_free(fe, inverse, k, mirror, progress), limit
+    return (
+        lambda f: relief.fields(held.free(f)),
+        lambda k: free_modes_of(held, relief, k, mirror, progress),
+        free_count(held),
+    )
+
+
+def _symmetric(load: LoadPattern, mirror: SymmetryPlane) -> LoadPattern:
+    f = 0.5 * (load.f + mirror.S.T @ load.f)
+    return LoadPattern(load.name, f, load.force, load.moment, load.residual)
+
+
+def _inertia_check(fe: FEMatrices) -> InertiaCheck:
+    found = fe.rigid.T @ (fe.M @ fe.rigid)
+    inertia = fe.inertia
+    S = inertia.S0 - np.outer(inertia.S1, inertia.S1) / inertia.mass
+    J = np.trace(S) * np.eye(3) - S
+    told = np.zeros((6, 6))
+    told[:3, :3], told[3:, 3:] = inertia.mass * np.eye(3), J
+    size = np.sqrt(np.diag(told))
+    size = np.where(size > 0, size, 1.0)
+    error = float(np.abs((found - told) / np.outer(size, size)).max())
+    moment = found[:3, 3:]  # -m c~ with c from the integrals' centre to that of the matrix
+    offset = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / found[0, 0]
+    center = fe.center + offset
+    return InertiaCheck(
+        _row(found[0, 0], center, found[3:, 3:]), _row(inertia.mass, fe.center, J), error
+    )
+
+
+def _row(mass: float, center: FloatArray, J: FloatArray) -> FloatArray:
+    return np.array([mass, *center, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[1, 2], J[2, 0]])
+
+
+_ZERO_SHARE = 1e-12  # of a share: rounding
+_MAC = 12  # rows and columns of the MAC table that are shown
+_INERTIA = ("mass kg", "x m", "y m", "z m", "Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jzx")
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table: title, columns, rows of texts, and a sentence on how to read it."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+def report_tables(report: QualityReport) -> tuple[ReportTable, ...]:
+    """The tables of a report, most important first."""
+    found = [_summary_table(report), _frequency_table(report), _mac_table(report)]
+    if report.effective is not None:
+        found.append(_effective_mass_table(report))
+    found += [
+        _share_table(report),
+        _static_table(report),
+        _inertia_table(report),
+        _phase_table(report),
+    ]
+    return tuple(table for table in found if table.rows)
+
+
+def report_text(report: QualityReport) -> str:
+    """All tables as plain text."""
+    return "\n\n".join(_table_text(table) for table in report_tables(report)) + "\n"
+
+
+def _summary_table(report: QualityReport) -> ReportTable:
+    rows = [("modal coordinates", str(report.coordinates))]
+    check = report.frequencies
+    if len(check.full):
+        worst = int(np.argmax(np.nan_to_num(np.abs(check.error), nan=np.inf)))
+        rows += [
+            ("frequencies compared up to", f"{check.full[-1]:.5g} Hz"),
+            ("largest frequency error", f"{check.error[worst]:.2e} in mode {worst + 1}"),
+            ("least MAC with its partner", f"{check.likeness.min():.4f}"),
+        ]
+    if report.effective is not None:
+        rows.append(("effective interface mass", f"{report.effective.interface.sum():.4f} of 1"))
+    if report.static.interfaces is not None:
+        rows.append(("error of interface compliance", f"{report.static.interfaces:.1e}"))
+    missing = report.static.missing[np.isfinite(report.static.missing)]
+    if len(missing):
+        rows.append(("largest share of compliance missing", _share_text(missing.max())))
+    rows.append(("mass matrix against integrals", f"{report.inertia.error:.1e}"))
+    return ReportTable("In short", ("what", "value"), tuple(rows))
+
+
+def _frequency_table(report: QualityReport) -> ReportTable:
+    check = report.frequencies
+    rows = tuple(
+        (str(k + 1), f"{f:.6g}", f"{check.reduced[j]:.6g}", f"{e:+.2e}", f"{alike:.4f}")
+        if j >= 0
+        else (str(k + 1), f"{f:.6g}", "none", "", "")
+        for k, (f, j, e, alike) in enumerate(
+            zip(check.full, check.partner, check.error, check.likeness, strict=True)
+        )
+    )
+    columns = ("mode", "full Hz", "reduced Hz", "error", "MAC")
+    note = "Free body, interfaces tied as in the reduction; each mode with its most alike."
+    return ReportTable("Frequencies against the full model", columns, rows, note)
+
+
+def _mac_table(report: QualityReport) -> ReportTable:
+    mac = report.frequencies.mac[:_MAC, :_MAC]
+    columns = ("full \\ reduced", *(str(j + 1) for j in range(mac.shape[1])))
+    rows = tuple(
+        (str(k + 1), *("." if v < 0.005 else f"{v:.2f}" for v in row)) for k, row in enumerate(mac)
+    )
+    note = f"Share of kinetic energy in common; the first {_MAC} modes, a point is below 0.005."
+    return ReportTable("Modal assurance criterion", columns, rows, note)
+
+
+def _effective_mass_table(report: QualityReport) -> ReportTable:
+    found = report.effective
+    assert found is not None
+    axes = DIRECTIONS if found.share.shape[1] == 6 else ("1", "2", "3")
+    rows = [
+        (label, f"{f:.6g}", *(_share_text(v) for v in row), _share_text(part))
+        for label, f, row, part in zip(
+            found.labels, found.frequency, found.share, found.interface, strict=True
+        )
+    ]
+    total = found.share.sum(axis=0)
+    rows.append(
+        ("all kept", "", *(_share_text(v) for v in total), _share_text(found.interface.sum()))
+    )
+    note = (
+        "Effective mass over the body's own as all interfaces move together, and share in the "
+        "effective interface mass, of which all modes together have 1."
+    )
+    columns = ("mode", "Hz", *axes, "interface")
+    return ReportTable("Effective masses", columns, tuple(rows), note)
+
+
+def _share_table(report: QualityReport) -> ReportTable:
+    shares = report.shares
+    columns = ("coordinate", "Hz", "kinetic x", "y", "z")
+    columns += shares.kinds
+    both = np.concatenate([shares.direction, shares.strain], axis=1)
+    rows = tuple(
+        (str(j), f"{f:.6g}", *(_share_text(v) for v in row))
+        for j, (f, row) in enumerate(zip(report.frequencies.reduced, both, strict=True))
+    )
+    note = (
+        "Kinetic energy by direction; strain energy, and kinetic as well, by kind of column of the "
+        "basis."
+    )
+    return ReportTable("Energy shares", columns, rows, note)
+
+
+def _static_table(report: QualityReport) -> ReportTable:
+    static = report.static
+    rows = []
+    if static.interfaces is not None:
+        rows.append(("interfaces, loads without resultant", f"error {static.interfaces:.1e}"))
+    rows += [
+        (label, _share_text(value) if np.isfinite(value) else "does not deform the free body")
+        for label, value in zip(static.labels, static.missing, strict=True)
+    ]
+    note = "Share of each load's own compliance that the modes lack; the free body, relieved."
+    return ReportTable("Static compliance", ("load", "missing"), tuple(rows), note)
+
+
+def _inertia_table(report: QualityReport) -> ReportTable:
+    check = report.inertia
+    rows = tuple(
+        (name, f"{a:.9g}", f"{b:.9g}")
+        for name, a, b in zip(_INERTIA, check.matrix, check.integrals, strict=True)
+    )
+    note = "Inertia about the centre of mass, kg m^2."
+    return ReportTable("Mass and inertia", ("", "mass matrix", "integrals"), rows, note)
+
+
+def _phase_table(report: QualityReport) -> ReportTable:
+    rows = tuple(
+        (p.name, f"{p.wall:.2f}", f"{p.cpu:.2f}", f"{p.peak / 2**30:.2f}" if p.peak else "-")
+        for p in report.phases
+    )
+    columns = ("phase", "wall s", "processor s", "peak GiB")
+    note = "Peak memory of the process until the phase ended."
+    return ReportTable("Time and memory", columns, rows, note)
+
+
+def _share_text(value: float | FloatArray) -> str:
+    """A share with four digits; rounding about zero and one is told as such."""
+    number = float(value)
+    if abs(number) < _ZERO_SHARE:
+        return "0"
+    return f"{number:.1e}" if 0 < abs(number) < 5e-5 else f"{number:.4f}"
+
+
+def _table_text(table: ReportTable) -> str:
+    widths = [
+        max(len(row[k]) for row in (table.columns, *table.rows)) for k in range(len(table.columns))
+    ]
+    lines = [table.title]
+    for row in (table.columns, *table.rows):
+        first = row[0].ljust(widths[0])
+        rest = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))
+        lines.append("  ".join(["", first, *rest]).rstrip())
+    if table.note:
+        lines.append(f"  {table.note}")
+    return "\n".join(lines)

@@ -1,0 +1,236 @@
+"""A reduced basis: its columns and matrices, the modal coordinates made of it, their inertia.
+
+:class:`ReducedBasis` is the same for every reduction method. :func:`orthonormalise` makes modal
+coordinates of it with diagonal mass and stiffness: the six rigid motions are known exactly, so they
+are projected out (mass-orthogonally: a mean-axis frame), never counted by small frequencies.
+:func:`integrals` reduces the inertia: p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T int
+rho N_a^T N_b Phi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, eigh, qr, solve_triangular
+
+from flexmb.errors import ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.assembly.numbering import skew
+from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
+from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
+from flexmb.flexbody.arrays import FloatArray, IntArray
+
+DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
+"""Names of the motions of an interface."""
+SPATIAL = (0, 1, 2, 3, 4, 5)
+STATIC = ("constraint", "attachment")
+"""Kinds of columns that are static responses to interfaces."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """Columns that describe a body's deformation, rigid motions among them.
+
+    Parameters
+    ----------
+    basis : (n, k) float
+        Columns over all degrees of freedom of the model.
+    K, M : (k, k) float
+        Reduced stiffness and mass.
+    rigid : (k, r) float
+        The rigid motions about the centre of mass in these coordinates: six, three in a plane.
+    motion : (i, 6, k) float
+        Displacement and rotation of each interface per unit of each coordinate.
+    interfaces : tuple of RigidInterface or WeightedInterface
+        The interfaces.
+    labels, kinds : tuple of str
+        Name of each column, and what it is: ``"rigid"``, ``"constraint"``, ``"fixed-interface"``,
+        ``"free"``, ``"attachment"``, ``"load"`` or ``"user"``.
+    directions : tuple of int
+        Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
+    loads : tuple of LoadPattern
+        Loads the body shall know.
+    """
+
+    basis: FloatArray
+    K: FloatArray
+    M: FloatArray
+    rigid: FloatArray
+    motion: FloatArray
+    interfaces: tuple[ModelInterface, ...]
+    labels: tuple[str, ...]
+    kinds: tuple[str, ...]
+    directions: tuple[int, ...] = SPATIAL
+    loads: tuple[LoadPattern, ...] = ()
+
+    def columns(self, *kinds: str) -> FloatArray:
+        """(k,) bool, which columns are of these kinds."""
+        return np.isin(self.kinds, kinds)
+
+
+def directions_of(mirror: SymmetryPlane | None) -> tuple[int, ...]:
+    """Motions an interface keeps: all, or those in the plane of a mirror."""
+    return SPATIAL if mirror is None else mirror.directions
+
+
+def interface_labels(
+    interfaces: tuple[ModelInterface, ...], directions: tuple[int, ...]
+) -> tuple[str, ...]:
+    """Names of all motions of all interfaces, such as ``"tip.Tx"``."""
+    return tuple(f"{part.name}.{DIRECTIONS[k]}" for part in interfaces for k in directions)
+
+
+def rigid_motion_of_interfaces(
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], directions: tuple[int, ...]
+) -> FloatArray:
+    """(c, r) motions of all interfaces in the rigid motions about the centre of mass."""
+    chosen = list(directions)
+    rows = [np.zeros((0, len(chosen)))]
+    for interface in interfaces:
+        about = np.eye(6)
+        about[:3, 3:] = -skew(interface.position - fe.center)
+        rows.append(about[np.ix_(chosen, chosen)])
+    return np.concatenate(rows)
+
+
+_ZERO_STIFFNESS = (
+    1e-12  # a squared frequency this small relative to the largest is zero but for rounding
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModes:
+    """Elastic modes with unit modal mass.
+
+    Parameters
+    ----------
+    omega2 : (m,) float
+        Squared circular frequencies of the free body, ascending [1/s^2].
+    Z : (k, m) float
+        Modes in the coordinates of the reduced basis.
+    Phi : (n, m) float
+        Modes over all degrees of freedom of the model.
+    """
+
+    omega2: FloatArray
+    Z: FloatArray
+    Phi: FloatArray
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """(m,) Hz."""
+        return np.sqrt(self.omega2) / (2 * np.pi)
+
+
+def orthonormalise(fe: FEMatrices, reduced: ReducedBasis) -> ReducedModes:
+    """Modes of the reduced free body without its rigid motions, unique in sign and direction.
+
+    Raises
+    ------
+    ReductionError
+        The reduced body is looser than a single solid: a mechanism or a part that nothing holds.
+    """
+    omega2, Z = elastic_modes(reduced.K, reduced.M, reduced.rigid)
+    if len(omega2) and omega2[0] <= _ZERO_STIFFNESS * omega2[-1]:
+        where = moving_nodes(fe, reduced.basis @ Z[:, :1])
+        raise ReductionError(
+            f"the body has a motion without stiffness besides the six rigid ones: {where}"
+        )
+    products = (polynomial_fields(fe).T @ (fe.M @ reduced.basis)) @ Z
+    Z = Z @ mode_signs(omega2, products)
+    return ReducedModes(omega2, Z, reduced.basis @ Z)
+
+
+def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues, ascending, and mass-normalised modes that are mass-orthogonal to R.
+
+    Parameters
+    ----------
+    K, M : (k, k) float
+        Reduced matrices; K R = 0.
+    R : (k, 6) float
+        Rigid motions, fewer in a plane.
+
+    Raises
+    ------
+    ReductionError
+        A motion without mass.
+    """
+    massless = ~(np.diag(M) > 0)
+    scale = 1.0 / np.sqrt(np.where(massless, 1.0, np.diag(M)))
+    try:
+        L = cholesky(scale[:, None] * M * scale, lower=True)
+    except np.linalg.LinAlgError as error:
+        raise ReductionError(
+            "a motion of the reduced body has no mass, so its modes have no frequency: nodes that "
+            "hang on springs or ties alone need a mass, or must be no interface"
+        ) from error
+    rigid = L.T @ (R / scale[:, None])
+    rest = qr(rigid)[0][:, R.shape[1] :]
+    half = solve_triangular(L, rest, lower=True, trans="T") * scale[:, None]
+    A = half.T @ K @ half
+    omega2, W = eigh(0.5 * (A + A.T))
+    return omega2, half @ W
+
+
+_MOVING_SHARE = 0.05  # of the largest motion: nodes below that are held
+_SHOWN = 5
+
+
+def free_part(fe: FEMatrices, dofs: IntArray) -> str:
+    """What to say of degrees of freedom that move freely with all interfaces held."""
+    u = np.zeros((fe.numbering.n, 1))
+    u[dofs] = 1.0
+    where = moving_nodes(fe, u)
+    return f"with all interfaces held, a part of the mesh still moves freely: {where}"
+
+
+def moving_nodes(fe: FEMatrices, u: FloatArray) -> str:
+    """The nodes that move in a field (n, 1): how many, the first few, and where."""
+    nodes = fe.numbering.nodes
+    padded = np.append(fe.expand(u[:, 0]), 0.0)  # -1 in the table is the zero at the end
+    extent = float(np.ptp(fe.mesh.points[nodes], axis=0).max())
+    size = np.abs(padded[fe.numbering.table[nodes]]) * ([1.0] * 3 + [extent] * 3)
+    amount = size.max(axis=1)
+    moving = nodes[amount > _MOVING_SHARE * amount.max()]
+    shown = ", ".join(str(node) for node in moving[:_SHOWN])
+    more = ", ..." if len(moving) > _SHOWN else ""
+    places = fe.mesh.points[moving]
+    low, high = _point_text(places.min(axis=0)), _point_text(places.max(axis=0))
+    many = f"{len(moving)} of {len(nodes)} nodes" if len(moving) > 1 else "one node"
+    return (
+        f"{many} ({shown}{more}) between {low} and {high} m; they are joined to "
+        "the rest by too few nodes, or by a hinge"
+    )
+
+
+def _point_text(point: FloatArray) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in point) + ")"
+
+
+@dataclass(frozen=True, eq=False)
+class Integrals:
+    """What the inertia of a flexible body needs, as in :class:`flexmb.flexbody.FlexBody`."""
+
+    mass: float
+    S1: FloatArray
+    S0: FloatArray
+    p: FloatArray
+    P: FloatArray
+    Mab: FloatArray
+
+
+def integrals(fe: FEMatrices, Phi: FloatArray) -> Integrals:
+    """Reduce the inertia of a model onto modes ``Phi`` (n, m)."""
+    inertia, everywhere = fe.inertia, fe.expand(Phi)
+    return Integrals(
+        float(inertia.mass),
+        inertia.S1,
+        inertia.S0,
+        inertia.p @ everywhere,
+        inertia.P @ everywhere,
+        fe.reduced_mass(Phi),
+    )

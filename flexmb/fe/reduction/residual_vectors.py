@@ -1,0 +1,126 @@
+"""Inertia relief, and residual vectors: static responses that the kept modes leave out.
+
+A free body under a load accelerates as a whole; it is deformed by the load less the inertia of that
+acceleration, P f with P = I - M R (R^T M R)^-1 R^T, and its deformation about mean axes is P^T u.
+Residual vectors complete the kept modes so that the static response to each load is exact; they
+have diagonal mass and stiffness among themselves and are orthogonal to the kept modes. Sources:
+Rose (1991), Using residual vectors in MSC/NASTRAN dynamic analysis; Craig, Chang (1977), AIAA/ASME
+18th SDM conference (residual attachment modes).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigh, solve_triangular
+from scipy.linalg.lapack import dpstrf
+from scipy.sparse import csr_array
+
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.flexbody.arrays import FloatArray
+
+_MASSLESS = 1e-12  # relative; a line of point masses has no inertia about itself
+
+
+class InertiaRelief:
+    """Inertia relief with mass M (n, n) and rigid motions R (n, r)."""
+
+    def __init__(self, M: csr_array, R: FloatArray) -> None:
+        self._R, self._MR = R, M @ R
+        gram = R.T @ self._MR
+        size = np.sqrt(np.diag(gram))
+        scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+        values, Q = eigh(scale[:, None] * gram * scale)
+        inverse = np.where(values > _MASSLESS, 1.0 / np.where(values > 0, values, 1.0), 0.0)
+        self._inverse = scale[:, None] * (Q * inverse) @ Q.T * scale
+
+    def acceleration(self, f: FloatArray) -> FloatArray:
+        """(r, ...) rigid acceleration under loads f (n, ...)."""
+        return self._solve(self._R.T @ f)
+
+    def inertia(self, f: FloatArray) -> FloatArray:
+        """(n, ...) inertia loads M R a of the rigid acceleration under f: what relief takes off."""
+        return self._MR @ self.acceleration(f)
+
+    def loads(self, f: FloatArray) -> FloatArray:
+        """P f: loads (n, ...) in equilibrium with the inertia of the acceleration they cause."""
+        return f - self.inertia(f)
+
+    def fields(self, u: FloatArray) -> FloatArray:
+        """P^T u: fields (n, ...) without rigid motion, in the measure of the mass."""
+        return u - self._R @ self._solve(self._MR.T @ u)
+
+    def _solve(self, b: FloatArray) -> FloatArray:
+        return self._inverse @ b
+
+
+_REPRESENTED = (
+    1e-10  # share of a response's energy below which the kept modes hold it but for rounding
+)
+_NO_RESPONSE = (
+    1e-14  # of what a load would do to its own degrees of freedom, the rest held: rounding
+)
+
+Modes = tuple[FloatArray, FloatArray]
+
+
+def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Modes:
+    """What ``responses`` (n, r) add to orthonormal modes V (n, m).
+
+    Returns
+    -------
+    omega2 : (k,) float
+        Stiffness over mass of each new vector, ascending; k <= r.
+    U : (n, k) float
+        The vectors, of unit modal mass.
+    """
+    if not responses.shape[1]:
+        return np.zeros(0), responses
+    X = responses - V @ (V.T @ (fe.M @ responses))
+    X = X - V @ (V.T @ (fe.M @ X))
+    X = X / np.sqrt(np.sum(responses * (fe.K @ responses), axis=0))
+    energy = X.T @ (fe.K @ X)
+    L, pivots, rank, _ = dpstrf(0.5 * (energy + energy.T), tol=_REPRESENTED, lower=1)
+    chosen = X[:, pivots[:rank] - 1]
+    Y = solve_triangular(L[:rank, :rank], chosen.T, lower=True).T if rank else chosen
+    mass = Y.T @ (fe.M @ Y)
+    sigma, Q = eigh(0.5 * (mass + mass.T)) if rank else (np.zeros(0), np.zeros((0, 0)))
+    sigma, Q = sigma[::-1], Q[:, ::-1]
+    return 1.0 / sigma, Y @ (Q / np.sqrt(sigma))
+
+
+def fixed_interface_responses(
+    held: FixedInterfaceModel, relief: InertiaRelief, loads: tuple[LoadPattern, ...]
+) -> FloatArray:
+    """(n, r) responses of the held body to loads, and to the inertia of the motion they cause.
+
+    With both, the response is exact whether reactions at the interfaces or the inertia of the
+    free body balance the load.
+    """
+    F = load_columns(held.fe, loads)
+    responses = held.solve(np.concatenate([F, relief.inertia(F)], axis=1))
+    return deforming_responses(held.fe, responses, np.concatenate([F, F], axis=1))
+
+
+def free_body_responses(
+    held: FixedInterfaceModel, relief: InertiaRelief, F: FloatArray
+) -> FloatArray:
+    """(n, r) deformation of the free body under loads F (n, r), about mean axes."""
+    return deforming_responses(held.fe, relief.fields(held.free(relief.loads(F))), F)
+
+
+def deforming_responses(fe: FEMatrices, responses: FloatArray, F: FloatArray) -> FloatArray:
+    """The responses (n, r) that are more than rounding of loads (n, r) leaves.
+
+    Such are those to the weight of a free body, or to the inertia of a load without resultant.
+    """
+    energy = np.sum(responses * (fe.K @ responses), axis=0)
+    local = np.sum(F**2 / fe.K.diagonal()[:, None], axis=0)
+    return responses[:, energy > _NO_RESPONSE * local]
+
+
+def load_columns(fe: FEMatrices, loads: tuple[LoadPattern, ...]) -> FloatArray:
+    """(n, r) the loads whose static response the basis shall hold."""
+    chosen = [load.f for load in loads if load.residual]
+    return np.stack(chosen, axis=1) if chosen else np.zeros((fe.numbering.n, 0))

@@ -1,0 +1,327 @@
+"""Stress at the nodes of a body per unit modal coordinate, and section forces of its beams.
+
+Each element's stress at its nodes is linear in its displacements; it is applied to the modes and
+averaged over the elements of one section that meet at a node, never across sections or layers.
+Shells are averaged along an edge where they are nearly level and have the same normal, since across
+a fold top meets something else than top; beams where two of them, and no third, continue in nearly
+the same direction. Stress is largest at the skin of a solid, so its inner nodes may be left out.
+Source: Hinton and Campbell (1974), Local and global smoothing of discontinuous finite element
+functions, IJNME 8.
+
+Section forces N, Vy, Vz, T, My, Mz are those of the side of larger x on the other, in the element's
+principal axes: N, My, Mz at the centroid, T about the shear centre. They balance the forces of the
+nodes; between the ends they are linear, exact where no load acts along the element.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
+from flexmb.fe.elements.blocks import Block
+from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import SectionForceModes, StressModes
+from flexmb.progress import Progress, silent
+
+_MIN_COSINE = np.cos(
+    np.radians(35.0)
+)  # a larger angle is a fold, also where a curved shell is coarse
+
+
+def smooth_parts(blocks: Sequence[Block], points: FloatArray) -> list[IntArray]:
+    """(ne,) the number of each element's part, for each block; blocks are of one dimension."""
+    counts = [len(block.nodes) for block in blocks]
+    dimension = blocks[0].family.dimension
+    if dimension == 3:
+        return [np.zeros(count, dtype=np.int64) for count in counts]
+    direction = _normals if dimension == 2 else _tangents
+    directions = np.concatenate([direction(points[block.nodes]) for block in blocks])
+    meet = _shared_edges if dimension == 2 else _shared_ends
+    first, second = meet(blocks)
+    level = np.einsum("ka,ka->k", directions[first], directions[second]) > _MIN_COSINE
+    graph = coo_array(
+        (np.ones(level.sum()), (first[level], second[level])), shape=(sum(counts), sum(counts))
+    )
+    numbers = connected_components(graph, directed=False)[1].astype(np.int64)
+    return np.split(numbers, np.cumsum(counts)[:-1])
+
+
+def _normals(x: FloatArray) -> FloatArray:
+    corners = 3 if x.shape[1] in (3, 6) else 4
+    last = x[:, corners - 1]
+    normal = np.cross(x[:, 2] - x[:, 0], last - x[:, 1]) if corners == 4 else None
+    if normal is None:
+        normal = np.cross(x[:, 1] - x[:, 0], last - x[:, 0])
+    return _unit(normal)
+
+
+def _tangents(x: FloatArray) -> FloatArray:
+    return _unit(x[:, 1] - x[:, 0])
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _shared_edges(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
+    """Pairs of elements with a common edge."""
+    edges, owners, start = [], [], 0
+    for block in blocks:
+        for edge in block.family.edges:
+            edges.append(np.sort(block.nodes[:, edge], axis=1))
+            owners.append(start + np.arange(len(block.nodes)))
+        start += len(block.nodes)
+    return _neighbours(np.concatenate(edges), np.concatenate(owners))
+
+
+def _shared_ends(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
+    """Pairs of beam elements that meet at a node where there is no third."""
+    ends = np.concatenate([block.nodes[:, :2] for block in blocks])
+    nodes, owners = ends.reshape(-1), np.repeat(np.arange(len(ends)), 2)
+    met = np.bincount(nodes)
+    two = met[nodes] == 2
+    return _neighbours(nodes[two][:, None], owners[two])
+
+
+def _neighbours(keys: IntArray, owners: IntArray) -> tuple[IntArray, IntArray]:
+    """Owners of equal keys, next to each other in a list of all."""
+    order = np.lexsort(keys.T)
+    same = (np.diff(keys[order], axis=0) == 0).all(axis=1)
+    return owners[order][:-1][same], owners[order][1:][same]
+
+
+STRESS_OPTIONS = ("surface", "all", "none")
+_CHUNK = 5e7  # bytes of one batch of stress matrices and their products
+
+
+def stress_option(given: bool | str) -> str:
+    """One of ``STRESS_OPTIONS``: ``True`` means ``"surface"``, ``False`` ``"none"``.
+
+    Raises
+    ------
+    ReductionError
+        Anything else.
+    """
+    if isinstance(given, bool):
+        return "surface" if given else "none"
+    if given in STRESS_OPTIONS:
+        return given
+    what, near = f'unknown "{given}"', nearest(str(given), STRESS_OPTIONS)
+    raise ReductionError.from_problems([Problem("stress", what, STRESS_OPTIONS, near)])
+
+
+def stress_modes(
+    fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None, progress: Progress = silent
+) -> StressModes | None:
+    """Stress per unit modal coordinate at all places of some nodes; None if no element tells any.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    Phi : (n, m) float
+        Modes.
+    nodes : (k,) int, optional
+        Mesh nodes where stress is wanted, such as those of the skin; all by default.
+    progress : Progress
+        Told the phase ``"stress"``.
+    """
+    U = fe.expand(Phi)
+    wanted = np.ones(len(fe.mesh.points), dtype=bool)
+    if nodes is not None:
+        wanted[:] = False
+        wanted[nodes] = True
+    parts, layers, found = [], [], []
+    groups = _sections(fe.blocks)
+    for number, blocks in enumerate(groups):
+        progress("stress", number / len(groups))
+        names = blocks[0].family.stress_layers(blocks[0].section)
+        ids, values = _averaged(fe, blocks, len(names), U, wanted)
+        parts += [name for name in (blocks[0].group,) if name not in parts]
+        layers += [name for name in names if name not in layers]
+        rows = np.tile([layers.index(name) for name in names], len(ids))
+        part = np.full(len(rows), parts.index(blocks[0].group))
+        found.append((np.repeat(ids, len(names)), part, rows, values.reshape(-1, 6, U.shape[1])))
+    progress("stress", 1.0)
+    if not found:
+        return None
+    ids, part, layer, modes = (np.concatenate(column) for column in zip(*found, strict=True))
+    order = np.argsort(ids, kind="stable")
+    columns = (column[order] for column in (ids, part, layer))
+    return StressModes(*columns, tuple(parts), tuple(layers), modes[order])
+
+
+def _sections(blocks: Sequence[Block]) -> list[list[Block]]:
+    """Blocks whose elements may share their stress: of one group and the same layers."""
+    groups: dict[tuple[object, ...], list[Block]] = {}
+    for block in blocks:
+        layers = block.family.stress_layers(block.section)
+        if layers:
+            groups.setdefault((block.group, block.family.dimension, layers), []).append(block)
+    return list(groups.values())
+
+
+def _averaged(
+    fe: FEMatrices, blocks: list[Block], layers: int, U: FloatArray, wanted: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Nodes (p,) and the mean of the elements' stresses there (p, layers, 6, m), single precision.
+
+    A node appears once for each part of the section that is smooth on its own.
+    """
+    smooth = smooth_parts(blocks, fe.mesh.points)
+    keys = [
+        np.stack([block.nodes, np.broadcast_to(number[:, None], block.nodes.shape)], axis=-1)
+        for block, number in zip(blocks, smooth, strict=True)
+    ]
+    flat = np.concatenate([key.reshape(-1, 2) for key in keys])
+    kept = wanted[flat[:, 0]]
+    places, inverse = np.unique(flat[kept], axis=0, return_inverse=True)
+    row_of = np.full(len(flat), -1)
+    row_of[kept] = inverse.ravel()
+    count = np.bincount(inverse.ravel(), minlength=len(places))
+    total = np.zeros((len(places), layers * 6 * U.shape[1]), dtype=np.float32)
+    start = 0
+    for block in blocks:
+        size = block.nodes.size
+        rows = row_of[start : start + size].reshape(block.nodes.shape)
+        start += size
+        for part, values in _element_stress(fe, block, rows, layers, U):
+            at = rows[part].ravel()
+            used = np.flatnonzero(at >= 0)
+            met, local = np.unique(at[used], return_inverse=True)
+            share = csr_array((1 / count[at[used]], (local.ravel(), used)), (len(met), len(at)))
+            total[met] += share @ values
+    return places[:, 0], total.reshape(len(places), layers, 6, -1)
+
+
+def _element_stress(
+    fe: FEMatrices, block: Block, rows: IntArray, layers: int, U: FloatArray
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Batches of elements that have a wanted node, and (ne * k, layers * 6 * m) their stress."""
+    chosen = np.flatnonzero((rows >= 0).any(axis=1))
+    k, d, m = block.nodes.shape[1], block.width, U.shape[1]
+    size = max(1, int(_CHUNK / (48 * k * layers * (d + m))))
+    for start in range(0, len(chosen), size):
+        part = chosen[start : start + size]
+        nodes = block.nodes[part]
+        S = block.family.stress(fe.mesh.points[nodes], block.section)
+        u = U[fe.numbering.of(nodes, 6 if block.family.rotations else 3)]
+        values = np.matmul(S.reshape(len(part), k * layers * 6, d), u)
+        yield part, values.reshape(len(part) * k, layers * 6 * m)
+
+
+def with_recovery(
+    body: FlexBody,
+    fe: FEMatrices,
+    Phi: FloatArray,
+    stress: bool | str = True,
+    progress: Progress = silent,
+) -> FlexBody:
+    """The body with its stress and the section forces of its beams.
+
+    Parameters
+    ----------
+    body : FlexBody
+        With a surface: its nodes are those of ``"surface"``.
+    fe, Phi
+        The model and its modes (n, m).
+    stress : bool or str
+        ``"surface"`` (or True): at the nodes of the skin, where stress is largest; ``"all"``: also
+        at the nodes inside solids; ``"none"`` (or False): neither stress nor section forces.
+    progress : Progress
+        Told the phase ``"stress"``.
+
+    Raises
+    ------
+    ReductionError
+        An unknown option.
+    """
+    where = stress_option(stress)
+    if where == "none":
+        return body
+    skin = None if where == "all" or body.surface is None else np.unique(body.surface.node_ids)
+    forces = section_force_modes(fe, Phi)
+    return replace(
+        body,
+        stress=stress_modes(fe, Phi, skin, progress),
+        section_forces=SectionForceModes(forces.nodes, forces.axes, forces.ends)
+        if len(forces.nodes)
+        else None,
+    )
+
+
+_BEAM_BATCH = 1000  # elements at once
+
+
+@dataclass(frozen=True, eq=False)
+class SectionForces:
+    """Section forces of all beam elements per unit of each motion.
+
+    Parameters
+    ----------
+    nodes : (ne, 2) int
+        Mesh nodes of the elements.
+    groups : tuple of str
+        Group of each element.
+    axes : (ne, 3, 3) float
+        Principal axes x, y, z of each element as columns, body frame.
+    ends : (ne, 2, 6, m) float
+        N, Vy, Vz [N], T, My, Mz [N m] at both ends for each of m motions.
+    """
+
+    nodes: IntArray
+    groups: tuple[str, ...]
+    axes: FloatArray
+    ends: FloatArray
+
+    def at(self, motion: FloatArray, stations: Sequence[float] = (0.0, 0.5, 1.0)) -> FloatArray:
+        """(ne, stations, 6) section forces.
+
+        Parameters
+        ----------
+        motion : (m,) float
+            Amount of each motion, such as modal coordinates.
+        stations : sequence of float
+            Fractions of the element's length, 0 at its first node.
+        """
+        forces, t = self.ends @ np.asarray(motion, dtype=float), np.asarray(stations)[:, None]
+        return (1 - t) * forces[:, :1] + t * forces[:, 1:]
+
+
+def section_force_modes(fe: FEMatrices, V: FloatArray) -> SectionForces:
+    """Section forces per unit of each column of ``V``.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    V : (n, m) or (n,) float
+        Motions of the independent degrees of freedom: modes, or one solution.
+    """
+    every = fe.expand(V.reshape(len(V), -1))
+    nodes, groups, axes, ends = [np.zeros((0, 2), dtype=int)], [], [np.zeros((0, 3, 3))], []
+    for block, part in _beam_batches(fe):
+        fields = BeamFields(fe.mesh.points[part], block.section)
+        u = every[fe.numbering.of(part, 6)]
+        nodes.append(part)
+        groups += [block.group] * len(part)
+        axes.append(fields.axes)
+        ends.append(np.einsum("enci,eim->encm", section_forces(fields), u))
+    none = np.zeros((0, 2, len(FORCES), every.shape[1]))
+    found = np.concatenate([none, *ends])
+    return SectionForces(np.concatenate(nodes), tuple(groups), np.concatenate(axes), found)
+
+
+def _beam_batches(fe: FEMatrices) -> Iterator[tuple[Block, IntArray]]:
+    for block in fe.blocks:
+        if block.family.dimension == 1:
+            for start in range(0, len(block.nodes), _BEAM_BATCH):
+                yield block, block.nodes[start : start + _BEAM_BATCH]

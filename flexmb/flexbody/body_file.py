@@ -1,0 +1,313 @@
+"""Reading and writing flexible-body files (HDF5, no code objects inside).
+
+A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
+``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
+points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
+d loads, u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group
+may be empty only where the table says so. ``RESERVED`` groups exist in every file, empty until a
+body carries such data.
+
+In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
+is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
+The layout is the table in :mod:`flexmb.flexbody.body_file`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from flexmb.errors import BodyFileError, OutputError, ReductionError
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import (
+    Interface,
+    LoadVector,
+    ModeInfo,
+    NodeModes,
+    SectionForceModes,
+    StressModes,
+    Surface,
+)
+
+FORMAT = "flexmb-flexbody"
+VERSION = 2
+FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
+RESERVED = ("geometric_stiffness",)
+
+
+class Dataset(NamedTuple):
+    """One dataset: where it is, what it holds, and whether a body may lack it."""
+
+    path: str
+    kind: str  # "f8", "f4", "i8", "bool" or "text"
+    shape: tuple[str | int, ...]
+    meaning: str
+    optional: bool = False
+
+
+TABLE = (
+    Dataset("inertia/S1", "f8", (3,), "int rho s [kg m]"),
+    Dataset("inertia/S0", "f8", (3, 3), "int rho s s^T [kg m^2]"),
+    Dataset("inertia/p", "f8", (3, "m"), "int rho N_b Phi"),
+    Dataset("inertia/P", "f8", (3, 3, "m"), "int rho s_a N_b Phi"),
+    Dataset("inertia/Mab", "f8", (3, 3, "m", "m"), "Phi^T int rho N_a^T N_b Phi"),
+    Dataset("stiffness/K", "f8", ("m", "m"), "modal stiffness"),
+    Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
+    Dataset("interfaces/name", "text", ("i",), "names of the markers"),
+    Dataset("interfaces/position", "f8", ("i", 3), "reference points [m]"),
+    Dataset("interfaces/Phi_t", "f8", ("i", 3, "m"), "translation per unit eta [m]"),
+    Dataset("interfaces/Phi_r", "f8", ("i", 3, "m"), "rotation per unit eta [rad]"),
+    Dataset("modes/index", "i8", ("c",), "modal coordinate, -1 if dropped"),
+    Dataset("modes/kind", "text", ("c",), "rigid or elastic"),
+    Dataset("modes/frequency", "f8", ("c",), "of the free body [Hz]"),
+    Dataset("modes/kept", "bool", ("c",), "is a modal coordinate"),
+    Dataset("modes/why", "text", ("c",), "why kept or dropped"),
+    Dataset("modes/mostly", "text", ("c",), "largest Craig-Bampton contribution"),
+    Dataset("modes/interface_share", "f8", ("c",), "of the constraint modes in strain energy"),
+    Dataset("modes/kinetic_share", "f8", ("c", 3), "of motion along x, y, z in kinetic energy"),
+    Dataset("surface/points", "f8", ("n", 3), "undeformed [m]", True),
+    Dataset("surface/faces", "i8", ("t", 3), "triangles", True),
+    Dataset("surface/lines", "i8", ("l", 2), "beam lines", True),
+    Dataset("surface/modes", "f8", ("n", 3, "m"), "displacement per unit eta [m]", True),
+    Dataset("surface/node_ids", "i8", ("n",), "mesh node of each point", True),
+    Dataset("nodes/ids", "i8", ("k",), "mesh nodes, ascending", True),
+    Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
+    Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
+    Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("groups/name", "text", ("u",), "named groups of mesh nodes", True),
+    Dataset("groups/count", "i8", ("u",), "how many nodes each holds", True),
+    Dataset("groups/nodes", "i8", ("x",), "their mesh nodes, group by group", True),
+    Dataset("stress_recovery/ids", "i8", ("e",), "mesh node of each place, ascending", True),
+    Dataset("stress_recovery/part", "i8", ("e",), "its section, among the parts", True),
+    Dataset("stress_recovery/layer", "i8", ("e",), "its place across, among the layers", True),
+    Dataset("stress_recovery/parts", "text", ("g",), "sections by mesh group", True),
+    Dataset("stress_recovery/layers", "text", ("y",), "places across sections", True),
+    Dataset("stress_recovery/modes", "f4", ("e", 6, "m"), "xx yy zz yz zx xy, body [Pa]", True),
+    Dataset("section_forces/elements", "i8", ("b", 2), "mesh nodes of the beams", True),
+    Dataset("section_forces/axes", "f8", ("b", 3, 3), "local axes as columns", True),
+    Dataset("section_forces/modes", "f8", ("b", 2, 6, "m"), "N Vy Vz T My Mz [N, N m]", True),
+    Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
+    Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
+    Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
+    Dataset("load_vectors/modal", "f8", ("d", "m"), "work per unit eta", True),
+    Dataset("provenance/key", "text", ("s",), "what is told"),
+    Dataset("provenance/value", "text", ("s",), "and what it is"),
+)
+
+_PARTS = {  # groups that hold one part of a body, by the field that has it
+    "surface": "surface",
+    "nodes": "nodes",
+    "stress_recovery": "stress",
+    "section_forces": "section_forces",
+}
+_NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
+
+
+def to_datasets(body: FlexBody) -> dict[str, Any]:
+    """Arrays and lists of text by path in the file."""
+    i, m, c = len(body.interfaces), body.m, len(body.modes)
+    found: dict[str, Any] = {
+        f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
+    }
+    found |= {"stiffness/K": body.K, "stiffness/D": body.D}
+    for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
+        rows = [getattr(part, name) for part in body.interfaces]
+        found[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
+    found["interfaces/name"] = [part.name for part in body.interfaces]
+    for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
+        found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
+    for name, sizes in (("interface_share", [c]), ("kinetic_share", [c, 3])):
+        values = [getattr(mode, name) for mode in body.modes]
+        found[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
+    for name in ("kind", "why", "mostly"):
+        found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
+    for row in TABLE:
+        owner, _, name = row.path.partition("/")
+        part = getattr(body, _PARTS[owner]) if owner in _PARTS else None
+        value = getattr(part, name, None)
+        if value is not None:
+            found[row.path] = list(value) if row.kind == "text" else value
+    groups = {} if body.nodes is None else body.nodes.groups
+    if groups:
+        found["groups/name"] = list(groups)
+        found["groups/count"] = np.array([len(nodes) for nodes in groups.values()], dtype=int)
+        found["groups/nodes"] = np.concatenate(list(groups.values())).astype(int)
+    for name in ("name", "force", "moment", "modal") if body.loads else ():
+        values = [getattr(load, name) for load in body.loads]
+        found[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
+    found["provenance/key"] = list(body.provenance)
+    found["provenance/value"] = list(body.provenance.values())
+    return found
+
+
+def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
+    """The body that these arrays describe; validated as any other."""
+    group = {owner: _members(found, owner) for owner in ("inertia", "stiffness", *_PARTS)}
+    loads = _members(found, "load_vectors")
+    return FlexBody(
+        name=name,
+        mass=mass,
+        **group["inertia"],
+        **group["stiffness"],
+        interfaces=tuple(Interface(**row) for row in _rows(_members(found, "interfaces"))),
+        modes=tuple(ModeInfo(**row) for row in _rows(_members(found, "modes"))),
+        surface=Surface(**group["surface"]) if group["surface"] else None,
+        nodes=NodeModes(**group["nodes"], groups=_groups(found)) if group["nodes"] else None,
+        stress=StressModes(**group["stress_recovery"]) if group["stress_recovery"] else None,
+        section_forces=(
+            SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
+        ),
+        loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
+        provenance=dict(zip(found["provenance/key"], found["provenance/value"], strict=True)),
+    )
+
+
+def _groups(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Nodes of each named group."""
+    if "groups/name" not in found:
+        return {}
+    ends = np.cumsum(found["groups/count"])[:-1]
+    return dict(zip(found["groups/name"], np.split(found["groups/nodes"], ends), strict=True))
+
+
+def may_hold_nan(path: str) -> bool:
+    """Whether the dataset may hold NaN, which there means unknown."""
+    return path in _NAN_ALLOWED
+
+
+def _members(found: Mapping[str, Any], owner: str) -> dict[str, Any]:
+    prefix = owner + "/"
+    return {path[len(prefix) :]: value for path, value in found.items() if path.startswith(prefix)}
+
+
+def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
+    plain = {
+        name: values.tolist() if isinstance(values, np.ndarray) and values.ndim == 1 else values
+        for name, values in columns.items()
+    }
+    count = len(next(iter(plain.values())))
+    return [{name: values[row] for name, values in plain.items()} for row in range(count)]
+
+
+def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
+    """Write a body; the file appears under its name only when it is complete.
+
+    Parameters
+    ----------
+    body : FlexBody
+        What to write.
+    path : path
+        Where; customarily ``<name>.flexbody.h5``.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    target = Path(path)
+    partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
+    try:
+        with h5py.File(partial, "w", locking=False) as file:
+            _write(file, body)
+        os.replace(partial, target)
+    except OSError as error:
+        if target.parent.is_dir():
+            partial.unlink(missing_ok=True)
+        why = os.strerror(error.errno) if error.errno else error
+        raise OutputError(f"{target}: cannot write the flexible body: {why}") from error
+    return target
+
+
+def load(path: str | os.PathLike[str]) -> FlexBody:
+    """Read a body.
+
+    Raises
+    ------
+    BodyFileError
+        No such file, not HDF5, not a flexible body, of another version, incomplete, or with
+        numbers that cannot be.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise BodyFileError(f"{source}: there is no such file")
+    try:
+        with h5py.File(source, "r", locking=False) as file:
+            _check_header(file, source)
+            datasets = {row.path: _read_dataset(file, row, source) for row in TABLE}
+            name, mass = str(file.attrs["name"]), float(file.attrs["mass"])
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        what = "is damaged" if h5py.is_hdf5(source) else "is not an HDF5 file, or is cut short"
+        raise BodyFileError(f"{source}: {what}; write the body again ({error})") from error
+    found = {key: value for key, value in datasets.items() if value is not None}
+    _check_lengths(found, source)
+    try:
+        return from_datasets(name, mass, found)
+    except (ReductionError, TypeError) as error:
+        raise BodyFileError(f"{source}: the body inside is not valid\n{error}") from error
+
+
+def _write(file: h5py.File, body: FlexBody) -> None:
+    file.attrs.update({"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass})
+    for row in TABLE:
+        file.require_group(row.path.partition("/")[0])
+    for path, value in to_datasets(body).items():
+        if isinstance(value, list):
+            file.create_dataset(path, data=np.array(value, dtype=object), dtype=h5py.string_dtype())
+        else:
+            file.create_dataset(path, data=value)
+    for name in RESERVED:
+        file.create_group(name).attrs["content"] = "none"
+    file.create_group("frame").attrs["choice"] = FRAME
+
+
+def _check_header(file: h5py.File, source: Path) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise BodyFileError(f"{source}: is an HDF5 file, but not a flexible body of flexmb")
+    version = file.attrs.get("version")
+    if version != VERSION:
+        what = f"is a flexible body of file version {version}; this flexmb reads {VERSION}"
+        raise BodyFileError(f"{source}: {what}: reduce the mesh again")
+    frame = file["frame"].attrs.get("choice") if "frame" in file else None
+    filled = [name for name in RESERVED if _content(file, name) != "none"]
+    if frame != FRAME or filled:
+        what = ", ".join(filled) or f"frame {frame}"
+        raise BodyFileError(f"{source}: holds what this flexmb does not know ({what})")
+
+
+def _content(file: h5py.File, group: str) -> Any:
+    return file[group].attrs.get("content") if group in file else None
+
+
+def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
+    item = file.get(row.path)
+    if item is None:
+        if row.optional:
+            return None
+        raise BodyFileError(f"{source}: the dataset {row.path} is missing; write the body again")
+    values = item.asstr()[()].tolist() if row.kind == "text" else item[()]
+    if row.kind != "text":
+        values = np.asarray(values, dtype=row.kind)
+        may_be_unknown = row.kind[0] != "f" or may_hold_nan(row.path)
+        if not (may_be_unknown or np.isfinite(values).all()):
+            raise BodyFileError(f"{source}: the dataset {row.path} has entries that are not finite")
+    return values
+
+
+def _check_lengths(found: dict[str, Any], source: Path) -> None:
+    lengths: dict[str, int] = {}
+    for row in TABLE:
+        if row.path not in found:
+            continue
+        shape = np.shape(found[row.path])
+        if len(shape) != len(row.shape) or any(
+            lengths.setdefault(want, have) != have if isinstance(want, str) else want != have
+            for want, have in zip(row.shape, shape, strict=True)
+        ):
+            raise BodyFileError(
+                f"{source}: the dataset {row.path} has shape {shape}, not {row.shape}"
+            )

@@ -1,0 +1,108 @@
+"""Natural modes of a flexible body with some of its interfaces held.
+
+In: a body and names of interfaces. Out: frequencies [Hz] and shapes. The rigid motions of the frame
+and the modal coordinates together, with the interfaces' six motions (as the rows of Phi say) at
+zero; so the answer is that of the reduced model, exact in its static part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh, null_space
+
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.body import FlexBody
+
+_PAIRS = ((1, 2), (2, 0), (0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalModes:
+    """Natural modes of unit modal mass, ascending in frequency.
+
+    Parameters
+    ----------
+    frequencies : (k,) float
+        Hz.
+    frame : (6, k) float
+        Displacement of the origin of the body frame [m] and rotation of the frame [rad].
+    eta : (m, k) float
+        Modal coordinates.
+    """
+
+    frequencies: FloatArray
+    frame: FloatArray
+    eta: FloatArray
+
+    def shapes(self, points: FloatArray, modes: FloatArray) -> FloatArray:
+        """(n, 3, k) displacement of points (n, 3) that unit eta move by modes (n, 3, m) [m]."""
+        turned = np.cross(self.frame[3:].T[None], points[:, None]).transpose(0, 2, 1)
+        return np.asarray(self.frame[:3] + turned + modes @ self.eta)
+
+
+def natural_modes(body: FlexBody, interfaces: Sequence[str] = ()) -> NaturalModes:
+    """Natural modes with these interfaces held.
+
+    Parameters
+    ----------
+    body : FlexBody
+        The body.
+    interfaces : sequence of str
+        Names; without any the body is free and its rigid motions are left out.
+
+    Raises
+    ------
+    ReductionError
+        An unknown interface.
+    """
+    M, K = _matrices(body)
+    free = _free(body, interfaces, np.sqrt(np.diag(M)))
+    omega2, W = eigh(free.T @ K @ free, free.T @ M @ free)
+    shapes = free @ W
+    if body.m:
+        largest = np.abs(shapes[6:]).argmax(axis=0)
+        shapes = shapes * np.sign(shapes[6 + largest, np.arange(len(omega2))])
+    frequencies = np.asarray(np.sqrt(np.maximum(omega2, 0.0)) / (2 * np.pi))
+    return NaturalModes(frequencies, shapes[:6], shapes[6:])
+
+
+def natural_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArray:
+    """(k,) natural frequencies [Hz] with these interfaces held; see :func:`held_modes`."""
+    return natural_modes(body, interfaces).frequencies
+
+
+def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatArray:
+    """(6 + m, k) motions of the frame and eta that are left; scaled by the roots of the masses."""
+    if not interfaces:
+        return np.eye(6 + body.m)[:, 6:]
+    rows = []
+    for name in interfaces:
+        part = body.interface(name)
+        arm = _cross(part.position)
+        rows.append(np.hstack([np.eye(3), -arm, part.Phi_t]))
+        rows.append(np.hstack([np.zeros((3, 3)), np.eye(3), part.Phi_r]))
+    return np.asarray(null_space(np.vstack(rows) / size) / size[:, None])
+
+
+def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:
+    """Mass and stiffness (6 + m, 6 + m) at rest: translation, rotation about the origin, modes."""
+    n = 6 + body.m
+    M, K = np.zeros((n, n)), np.zeros((n, n))
+    M[:3, :3] = body.mass * np.eye(3)
+    M[:3, 3:6] = -_cross(body.S1)
+    M[3:6, 3:6] = np.trace(body.S0) * np.eye(3) - body.S0
+    M[:3, 6:] = body.p
+    M[3:6, 6:] = [body.P[a, b] - body.P[b, a] for a, b in _PAIRS]
+    M[6:, 6:], K[6:, 6:] = body.M_eta, body.K
+    lower = np.tril_indices(n, -1)
+    M[lower] = M.T[lower]
+    return M, K
+
+
+def _cross(s: FloatArray) -> FloatArray:
+    """(3, 3) with _cross(s) @ u = s x u."""
+    x, y, z = s
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,0 +1,217 @@
+"""The file below a result file: one writer, no torn writes, no crash when the disk fails.
+
+`DiskFile` remembers its first failure instead of raising it. HDF5 2.0 crashes the process when a
+write fails inside it (disk full, quota, file-size limit), or when it does not read back what it
+wrote; with this file it never learns of the failure: the pages that the disk did not take are
+stored in memory. The caller asks for the failure after every flush; what was flushed before stays
+whole. `WriteLock` admits one writer; `uninterrupted` delays Ctrl-C until a write is complete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+_PAGE = 1 << 16  # bytes of a page in memory
+_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk
+_SECONDS = 0.05  # for a lock file that its last owner is removing at this moment
+
+
+class WriteLock:
+    """The claim to write `path`, until it is released or the process ends, also by a kill.
+
+    The lock is a file of its own, named like `path` with ``.lock`` at the end, so that every
+    program may read `path` itself while it is written. A lock file left by a killed process does no
+    harm. Where a disk has no locks there is nothing to claim.
+
+    Raises
+    ------
+    BlockingIOError
+        Another run has it.
+    OSError
+        The folder cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        from filelock import FileLock, Timeout
+
+        self._file = path.with_name(path.name + ".lock")
+        self._lock = FileLock(self._file, thread_local=False, mode=0o666)
+        try:
+            self._lock.acquire(timeout=_SECONDS, poll_interval=_SECONDS / 5)
+        except Timeout:
+            raise BlockingIOError(errno.EAGAIN, "another run is writing it") from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+
+    def release(self) -> None:
+        """Give the claim back; calling it again does nothing."""
+        if self._lock.is_locked:
+            with contextlib.suppress(OSError):  # Windows removes no open file; filelock does it
+                self._file.unlink()  # while it is ours, so that nobody removes the next owner's
+            self._lock.release()
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Delay an interruption (Ctrl-C) until the end of the ``with`` block.
+
+    HDF5 calls back into Python for every write; an exception from there would leave the file half
+    written, or end the process. Only the main thread is ever interrupted.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.getsignal(signal.SIGINT) if main else None
+    if before is None:  # another thread, or a handler that Python cannot put back
+        yield
+        return
+    waiting = []
+    signal.signal(signal.SIGINT, lambda *_: waiting.append(True))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if waiting:
+            signal.raise_signal(signal.SIGINT)
+
+
+class DiskFile(io.RawIOBase):
+    """An unbuffered binary file for reading and writing.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    new : bool
+        Whether an empty file is made there, or the present one is opened.
+
+    Raises
+    ------
+    BlockingIOError
+        Another run is writing the file; it is left untouched.
+    OSError
+        The file cannot be opened.
+    """
+
+    def __init__(self, path: Path, *, new: bool = True) -> None:
+        super().__init__()
+        self._lock = WriteLock(path)
+        try:
+            self._file = (  # closed by close()
+                open(path, "w+b", buffering=0) if new else open(path, "r+b", buffering=0)  # noqa: SIM115
+            )
+        except OSError:
+            self._lock.release()
+            raise
+        self.failure: OSError | None = None
+        self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
+        self._position = 0
+
+    def readable(self) -> bool:
+        """True: HDF5 reads back what it evicted from its cache."""
+        return True
+
+    def writable(self) -> bool:
+        """True."""
+        return True
+
+    def seekable(self) -> bool:
+        """True."""
+        return True
+
+    def readinto(self, buffer: Any) -> int | None:
+        """Fill `buffer` from the current position."""
+        view = memoryview(buffer).cast("B")
+        if self.failure is not None:
+            for start, stop, page, inside in self._parts(len(view)):
+                view[start:stop] = self._page(page)[inside : inside + stop - start]
+            self._position += len(view)
+            return len(view)
+        self._file.seek(self._position)
+        n = self._file.readinto(view)
+        self._position += n or 0
+        return n
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Move to a position."""
+        if whence == io.SEEK_END:
+            offset += self._end()
+        self._position = offset + (self._position if whence == io.SEEK_CUR else 0)
+        return self._position
+
+    def tell(self) -> int:
+        """The current position."""
+        return self._position
+
+    def write(self, data: Any) -> int:
+        """Write all of `data`, or note why not; reports success in either case."""
+        view = memoryview(data).cast("B")
+        self._unless_failed(lambda: self._write_all(view))
+        if self.failure is not None:
+            for start, stop, page, inside in self._parts(len(view)):
+                self._page(page)[inside : inside + stop - start] = view[start:stop]
+        self._position += len(view)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length of the file, or note why not."""
+        length = self.tell() if size is None else size
+        self._unless_failed(lambda: self._file.truncate(length))
+        return length
+
+    def reserve(self, size: int) -> None:
+        """Take room for `size` more bytes at the end, or note why not."""
+        end = self._file.seek(0, io.SEEK_END)
+        self._position = end
+        while size > 0 and self.failure is None:
+            size -= self.write(bytes(min(size, _PAGE)))
+        if self.failure is not None:
+            with contextlib.suppress(OSError):
+                self._file.truncate(end)
+
+    def close(self) -> None:
+        """Close the file on the disk."""
+        if not self.closed:
+            self._unless_failed(self._file.close)
+            self._lock.release()
+        super().close()
+
+    def _end(self) -> int:
+        last = max(self._pages, default=-1)
+        return max(self._file.seek(0, io.SEEK_END), (last + 1) * _PAGE)
+
+    def _parts(self, n: int) -> Iterator[tuple[int, int, int, int]]:
+        """The next `n` bytes by pages: from and to in them, number of the page, place in it."""
+        start = 0
+        while start < n:
+            page, inside = divmod(self._position + start, _PAGE)
+            stop = min(n, start + _PAGE - inside)
+            yield start, stop, page, inside
+            start = stop
+
+    def _page(self, number: int) -> bytearray:
+        """A page in memory, at first as on the disk."""
+        if number not in self._pages:
+            self._file.seek(number * _PAGE)
+            self._pages[number] = bytearray((self._file.read(_PAGE) or b"").ljust(_PAGE, b"\0"))
+        return self._pages[number]
+
+    def _write_all(self, view: memoryview) -> None:
+        self._file.seek(self._position)
+        done = 0
+        while done < len(view):
+            done += self._file.write(view[done:])
+
+    def _unless_failed(self, action: Callable[[], Any]) -> None:
+        if self.failure is not None:
+            return
+        try:
+            action()
+        except OSError as error:
+            self.failure = error

@@ -1,0 +1,288 @@
+"""Reading a result: facts of the run, and its tables over time.
+
+In: the path of a file. Out: properties, read when they are used; read-only arrays. A result in a
+temporary folder (`TemporaryFolder`) removes it when it is no longer used.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ResultFileError
+from flexmb.results.columns import Columns, widths
+from flexmb.results.output_request import describe_missing, row_bytes
+from flexmb.results.result_file import read_contents, read_state, read_table
+from flexmb.units import UnitSystem, unit_system
+
+Array = NDArray[np.float64]
+Places = list[int] | NDArray[np.int64] | slice
+
+_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
+_ALL = slice(None)
+_WORK = "_work"  # energies of this ending were done by something, the others are stored
+_ERRORS = {  # statistic -> its name, and what it is relative to
+    "measured_error_of_positions": (
+        "measured error", " of the peak-to-peak of the worst sensor",
+    ),
+    "estimated_error": ("estimated error", " of the motion"),
+    "energy_balance_error": ("energy balance error", " of the energy moved"),
+    "largest_position_drift": ("largest position drift", " m or rad"),
+}  # fmt: skip
+
+
+class TemporaryFolder:
+    """A new folder for results without a place of their own; removed with the last of them.
+
+    It exists while this object or a `ResultReader` of a file in it does, at the latest until Python
+    ends. `Result.save` copies what is worth keeping.
+    """
+
+    living: ClassVar[weakref.WeakValueDictionary[Path, TemporaryFolder]]
+    living = weakref.WeakValueDictionary()
+    permanent: ClassVar[list[TemporaryFolder]] = []
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="flexmb-")).resolve()
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+        self.living[self.path] = self
+
+    def preserve(self) -> None:
+        """Keep the folder until Python ends, for a user to whom its path was reported."""
+        self.permanent.append(self)
+
+
+class ResultReader:
+    """Facts and tables of one run; see `Result`."""
+
+    def __init__(self, path: str | Path) -> None:
+        path = Path(path)
+        inside = path / "result.h5"
+        self.path = inside if inside.is_file() else path
+        self._contents = read_contents(self.path)
+        self._tables: dict[str, Array] = {}
+        self._folder = TemporaryFolder.living.get(self.path.parent.resolve())
+
+    @property
+    def status(self) -> str:
+        """How the run ended, or ``"running"``."""
+        return self._contents.status
+
+    @property
+    def message(self) -> str:
+        """One sentence on the end of a run that stopped or failed; else empty."""
+        return self._contents.message
+
+    @property
+    def created(self) -> str:
+        """When the run was started, ISO 8601 in UTC."""
+        return self._contents.created
+
+    @property
+    def statistics(self) -> dict[str, float | int | str]:
+        """Steps, iterations, seconds by phase and so on."""
+        return self._contents.statistics
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall time by phase [s]: compile, assemble, integrate, flexible_bodies."""
+        return {
+            name.removeprefix(_SECONDS): float(value)
+            for name, value in self.statistics.items()
+            if name.startswith(_SECONDS)
+        }
+
+    @property
+    def extended(self) -> bool:
+        """Whether the duration is no longer the one that the scene began with."""
+        return self._contents.extended
+
+    @property
+    def model(self) -> dict[str, Any]:
+        """The scene that was run, as data."""
+        return self._contents.scene
+
+    @property
+    def units(self) -> UnitSystem:
+        """The unit system of the scene, in which times, channels and energies are."""
+        return unit_system(str(self.model.get("units", "SI")))
+
+    @property
+    def title(self) -> str:
+        """The title of the scene."""
+        return str(self.model.get("title", ""))
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Further texts stored with the result, such as the scene file's own."""
+        return self._contents.texts
+
+    @property
+    def layout(self) -> Columns:
+        """Names and offsets of bodies, constraint rows, channels and energies."""
+        return self._contents.columns
+
+    @property
+    def flexbodies(self) -> dict[str, Path]:
+        """For each flexible body the path of its file."""
+        folder = self.path.parent
+        return {name: folder / file for name, file in self._contents.flexbodies.items()}
+
+    @property
+    def time(self) -> Array:
+        """Output times (n,) in the scene's units."""
+        return self.in_scene_units(self.table("time"), "s")
+
+    @property
+    def q(self) -> Array:
+        """Positions (n, nq), SI: per body r, p, eta."""
+        return self.table("q")
+
+    @property
+    def v(self) -> Array:
+        """Velocities (n, nv), SI: per body r_dot (global axes), w (body axes), eta_dot."""
+        return self.table("v")
+
+    @property
+    def vd(self) -> Array:
+        """Accelerations (n, nv), SI: the time derivative of `v`."""
+        return self.table("vd")
+
+    @property
+    def lam(self) -> Array:
+        """Constraint multipliers (n, nc) [N or N m], columns named by ``layout.rows``."""
+        return self.table("lam")
+
+    @property
+    def energy(self) -> dict[str, Array]:
+        """Energies and works by name, each (n,) in the scene's units, as far as they are stored.
+
+        Stored: kinetic, strain, gravity, spring. Done since the start: driver_work, damper_work,
+        applied_work.
+        """
+        numbers = self._contents.stored["energy"]
+        table = self.in_scene_units(self.part("energy", numbers), "J")
+        return {self.layout.energies[k]: table[:, i] for i, k in enumerate(numbers)}
+
+    @property
+    def balance(self) -> Array:
+        """Energy stored less work done, less its first value (n,): 0 but for errors."""
+        if "balance" not in self._tables:
+            self.table("energy")  # all of them
+            total = np.zeros(len(self.time))
+            for name, values in self.energy.items():
+                total += -values if name.endswith(_WORK) else values
+            self._tables["balance"] = total - total[:1]
+            self._tables["balance"].flags.writeable = False
+        return self._tables["balance"]
+
+    @property
+    def drift(self) -> Array:
+        """Largest violation of the constraints (n, 2): at position level, at velocity level."""
+        return self.table("drift")
+
+    @property
+    def row_bytes(self) -> tuple[int, int]:
+        """Bytes that a row takes in the file, and would take if everything were stored."""
+        return row_bytes(self._contents.stored), 8 * sum(widths(self.layout).values())
+
+    def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
+        """The newest whole state of the integrator, and how many rows were written before it.
+
+        None where the run was cut off before the first state was stored.
+        """
+        return read_state(self.path, self._contents.run)
+
+    def refresh(self) -> None:
+        """Read the file again, for a run that has continued since."""
+        self._contents = read_contents(self.path)
+        self.close()
+
+    def close(self) -> None:
+        """Release the arrays read so far; the file itself does not stay open."""
+        self._tables.clear()
+
+    def in_scene_units(self, values: Array, unit: str) -> Array:
+        """SI values in the scene's units, read-only like their table."""
+        scaled: Array = self.units.outward(values, unit) if unit else values
+        scaled.flags.writeable = False
+        return scaled
+
+    def table(self, name: str) -> Array:
+        """A whole table, SI; names as in `columns`.
+
+        Raises
+        ------
+        ResultFileError
+            The run did not store all of it.
+        """
+        return self._stored(name) if name == "time" else self.part(name)
+
+    def part(self, name: str, columns: Places = _ALL) -> Array:
+        """Columns of a table (n, k) by their numbers in the layout, SI.
+
+        Raises
+        ------
+        ResultFileError
+            The run did not store them.
+        """
+        stored, width = self._contents.stored[name], widths(self.layout)[name]
+        if len(stored) == width:
+            return np.asarray(self._stored(name)[:, columns])
+        wanted = np.arange(width)[columns]
+        missing = np.setdiff1d(wanted, stored)
+        if len(missing):
+            what = describe_missing(self.layout, self.model, name, missing.tolist())
+            raise ResultFileError(f"{self.path}: {what}")
+        return np.asarray(self._stored(name)[:, np.searchsorted(stored, wanted)])
+
+    def has_columns(self, name: str, columns: Places = _ALL) -> bool:
+        """Whether the run stored these columns of a table."""
+        if name == "balance":
+            name, columns = "energy", _ALL
+        wanted = np.arange(widths(self.layout)[name])[columns]
+        return bool(np.isin(wanted, self._contents.stored[name]).all())
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        """How the run ended, its time, steps and errors, in words; nothing for what is missing."""
+        statistics, t = self.statistics, self.time
+        yield "status", self.status + (f": {self.message}" if self.message else "")
+        if len(t):
+            yield "time", f"{t[0]:g} to {t[-1]:g} {self.units.label('s')}, {len(t)} rows"
+        if "steps" in statistics:
+            whole = "integrate" in self.seconds and "resumed_at_s" not in statistics
+            spent = f" in {self.seconds['integrate']:.3g} s" if whole else ""
+            yield "steps", f"{statistics['steps']}{spent}"
+        for key, (name, unit) in _ERRORS.items():
+            if key in statistics:
+                yield name, f"{statistics[key]:.2g}{unit}"
+
+    def _row_at(self, time: float) -> tuple[int, float]:
+        """Row before a time in the scene's units, and the fraction of the way to the next one."""
+        t, unit = self.time, self.units.label("s")
+        if not len(t):
+            raise ResultFileError(f"{self.path}: holds no output rows")
+        slack = 1e-9 * max(abs(t[0]), abs(t[-1]))  # a time the user typed in decimals
+        if not t[0] - slack <= time <= t[-1] + slack:
+            span = f"{t[0]:g} to {t[-1]:g} {unit}"
+            raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
+        i = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 1))
+        if i == len(t) - 1:
+            return i, 0.0
+        return i, float(np.clip((time - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0))
+
+    def _stored(self, name: str) -> Array:
+        """A table as the file holds it."""
+        if name not in self._tables:
+            contents = self._contents
+            table = read_table(self.path, contents.run, name, contents.rows)
+            table.flags.writeable = False  # all callers share it
+            self._tables[name] = table
+        return self._tables[name]

@@ -1,0 +1,364 @@
+"""The result file in HDF5: creating, reading and extending it.
+
+Every dataset has its final shape and its place in the file before the run starts, so that no
+bookkeeping of HDF5 changes during the run: only numbers are written, the row counter last. That
+is why a file is readable after a kill at any moment. `/progress` says how many rows are valid;
+rows beyond it hold nothing. `columns` describes the tables over time; the other datasets are:
+
+=============  ==================  ==========================================================
+dataset        shape               meaning
+=============  ==================  ==========================================================
+/progress      (2,)                valid rows; status code (index into `STATUS`)
+/span          (2,)                duration and number of output intervals, NaN if not stated;
+                                   they replace those of the scene when a run is extended
+/report        text of fixed size  JSON: statistics and the message of the end
+/layout/*                          names and offsets of all columns
+/layout/kept/* (k,)                numbers of the stored columns of each table
+/scene         text                the scene as JSON
+/texts/*       text                further texts, such as the scene file's own
+/flexbodies/*  text                per body the path of its file, relative to this file
+/state/0, 1    (bytes,)            two slots of the integrator's complete state
+/state/arrays  text                its arrays, JSON: names, types, shapes
+/state/saves   (2,)                number of the save in each slot, 0: none; /state/rows: rows then
+=============  ==================  ==========================================================
+
+A reader opens the file for each reading and closes it again: a run may write it at the same time,
+and a new run may replace it; then the next reading says so.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+from uuid import uuid4
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.layout import BodyColumns
+from flexmb.errors import OutputError, ResultFileError
+from flexmb.results.columns import TABLES, Columns, widths
+from flexmb.results.kill_safe_file import DiskFile, WriteLock
+from flexmb.results.output_request import StoredColumns
+
+STATUS: Final = ("running", "finished", "stopped", "failed")
+_FORMAT, _VERSION = "flexmb-result", 3
+_REPORT_BYTES = 65536  # room for statistics and message, reserved before the run
+_CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes again at most
+_NAMES = ("bodies", "coordinates", "rows", "reactions", "channels", "energies")
+_REQUIRED = (
+    *TABLES, "progress", "span", "report", "scene", "texts", "flexbodies", "state", "layout",
+    *(f"layout/{name}" for name in ("bodies", "iq", "iv", "m", "rows", "channels", "energies")),
+    "layout/kept",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a result file says about itself; `rows` of each table are valid."""
+
+    run: str
+    created: str
+    rows: int
+    status: str
+    message: str
+    statistics: dict[str, float | int | str]
+    columns: Columns
+    stored: StoredColumns
+    scene: dict[str, Any]
+    extended: bool  # whether duration and outputs are no longer those of the scene as begun
+    texts: dict[str, str]
+    flexbodies: dict[str, str]
+
+
+def create_content(
+    file: h5py.File,
+    columns: Columns,
+    rows: int,
+    stored: StoredColumns,
+    scene: Mapping[str, Any],
+    texts: Mapping[str, str],
+    flexbodies: Mapping[str, str],
+) -> None:
+    """Write everything that is fixed before the run, and reserve `rows` rows of every table."""
+    file.attrs["format"] = _FORMAT
+    file.attrs["version"] = _VERSION
+    file.attrs["run"] = uuid4().hex  # tells a file of another run from the one opened first
+    file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+    for name, numbers in stored.items():
+        _reserve(file, name, (rows,) if name == "time" else (rows, len(numbers)))
+    file.create_dataset("progress", data=np.array([0, STATUS.index("running")], dtype=np.int64))
+    dynamics = scene.get("dynamics", {})
+    span = [dynamics.get(key, np.nan) for key in ("duration", "outputs")]
+    span = [np.nan if isinstance(value, list) else float(value) for value in span]
+    file.create_dataset("span", data=np.array(span))
+    file.create_dataset("report", data=report_text({}, ""), dtype=f"S{_REPORT_BYTES}")
+    _write_layout(file.create_group("layout"), columns)
+    for name, numbers in stored.items():
+        file["layout"].create_dataset(f"kept/{name}", data=numbers)
+    _write_text(file, "scene", json.dumps(scene))
+    for group, content in (("texts", texts), ("flexbodies", flexbodies)):
+        file.create_group(group)
+        for name, text in content.items():
+            _write_text(file[group], name, text)
+    file.create_group("state")
+
+
+def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Make both slots of the integrator's state, none of them valid yet."""
+    group.create_dataset("saves", data=np.zeros(2, dtype=np.int64))
+    group.create_dataset("rows", data=np.zeros(2, dtype=np.int64))
+    _write_text(group, "arrays", arrays_text(arrays))
+    for slot in ("0", "1"):
+        group.create_dataset(slot, data=state_bytes(arrays))
+
+
+def arrays_text(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Names, types and shapes of the arrays of a state, as JSON in their order."""
+    return json.dumps([[name, value.dtype.str, value.shape] for name, value in arrays.items()])
+
+
+def state_bytes(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """The arrays of a state one behind the other: one write is much cheaper than fifty."""
+    return np.frombuffer(b"".join(value.tobytes() for value in arrays.values()), np.uint8)
+
+
+def report_text(statistics: Mapping[str, float | int | str], message: str) -> np.bytes_:
+    """Statistics and message as JSON in the fixed size that was reserved for them."""
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in statistics.items()}
+    text = json.dumps({"message": message, "statistics": plain}).encode()
+    if len(text) > _REPORT_BYTES:
+        message = message[: max(len(message) - (len(text) - _REPORT_BYTES) - 3, 0)] + "..."
+        text = json.dumps({"message": message, "statistics": plain}).encode()
+    return np.bytes_(text)
+
+
+def extend_file(path: Path, duration: float, outputs: int) -> None:
+    """Make room for `outputs` intervals and note the new duration of the run as a whole.
+
+    A copy with more room replaces the file when it is complete, so that a kill at any moment leaves
+    one of the two.
+
+    Parameters
+    ----------
+    path : Path
+        The result.
+    duration : float
+        In the scene's units.
+    outputs : int
+        Output intervals from the start.
+
+    Raises
+    ------
+    OutputError
+        Another run is writing the file, the disk has no room, or the file cannot be replaced.
+    """
+    partial = path.with_name(path.name + ".part")
+    try:
+        lock = WriteLock(path)
+        try:
+            _write_copy(path, partial, duration, outputs)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+            lock.release()
+    except BlockingIOError as error:
+        raise OutputError(f"{path}: another run is writing it") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be extended ({error.strerror or error})") from error
+
+
+def file_format(path: str | Path) -> str | None:
+    """The format an HDF5 file says it has, such as ``"flexmb-result"``; None for other files."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            name = file.attrs.get("format")
+            return name if isinstance(name, str) else None
+    except OSError:
+        return None
+
+
+def read_contents(path: Path) -> Contents:
+    """Read and check everything but the tables.
+
+    Raises
+    ------
+    ResultFileError
+        No such file, not HDF5, not a flexmb result, another version, or damaged.
+    """
+    with _open(path) as file:
+        _check_identity(path, file)
+        try:
+            return _contents(file)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise ResultFileError(f"{path}: is a damaged result file ({error})") from error
+
+
+def read_table(path: Path, run: str, name: str, rows: int) -> NDArray[np.float64]:
+    """The first `rows` rows of one table of the run that was opened first.
+
+    Raises
+    ------
+    ResultFileError
+        The file is gone, or holds another run by now.
+    """
+    with _open(path, run) as file:
+        return np.asarray(file[name][:rows], dtype=np.float64)
+
+
+def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | None:
+    """The newest whole state of the integrator and the number of rows written before it.
+
+    Raises
+    ------
+    ResultFileError
+        The file is gone, or holds another run by now.
+    """
+    with _open(path, run) as file:
+        group = file["state"]
+        saves = group["saves"][:] if "saves" in group else np.zeros(2, dtype=np.int64)
+        slot = int(np.argmax(saves))
+        if saves[slot] == 0:
+            return None
+        data, start, arrays = group[str(slot)][:].tobytes(), 0, dict[str, NDArray[Any]]()
+        for name, kind, shape in json.loads(group["arrays"].asstr()[()]):
+            dtype, n = np.dtype(kind), math.prod(shape)
+            arrays[name] = np.frombuffer(data, dtype, n, start).reshape(shape).copy()
+            start += n * dtype.itemsize
+        return int(group["rows"][slot]), arrays
+
+
+def _open(path: Path, run: str | None = None) -> h5py.File:
+    """The open file, of that run if one is named."""
+    if path.is_dir():
+        raise ResultFileError(f"{path}: is a folder without a result.h5")
+    if not path.exists():
+        raise ResultFileError(f"{path}: there is no such file")
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except OSError as error:
+        if "locking flag" in str(error):
+            what = "is held open in this program by other means than flexmb; close it there first"
+            raise ResultFileError(f"{path}: {what}") from error
+        what = "a damaged HDF5 file" if h5py.is_hdf5(path) else "not an HDF5 file"
+        raise ResultFileError(f"{path}: is {what}, so not a result of flexmb") from error
+    if run is not None and file.attrs.get("run") != run:
+        file.close()
+        raise ResultFileError(f"{path}: was replaced by another run since it was opened; reopen it")
+    return file
+
+
+def _check_identity(path: Path, file: h5py.File) -> None:
+    name = file.attrs.get("format")
+    if name != _FORMAT:
+        kind = f'a "{name}" file' if isinstance(name, str) else "an HDF5 file of another program"
+        raise ResultFileError(f"{path}: is {kind}, not a result of flexmb")
+    version = file.attrs.get("version")
+    if version != _VERSION:
+        raise ResultFileError(
+            f"{path}: is a result of format version {version}; this flexmb reads version "
+            f"{_VERSION}; run the scene again, or use the flexmb that wrote it"
+        )
+    missing = next((name for name in _REQUIRED if name not in file), None)
+    if missing is not None:
+        raise ResultFileError(f"{path}: is a damaged result file ({missing} is missing)")
+
+
+def _contents(file: h5py.File) -> Contents:
+    columns = _read_layout(file["layout"])
+    rows, code = (int(number) for number in file["progress"][:])
+    stored = {name: np.asarray(file["layout/kept"][name][:]) for name in TABLES}
+    for name, width in widths(columns).items():
+        shape, k = file[name].shape, len(stored[name])
+        if k > width or shape[1:] != (() if name == "time" else (k,)) or shape[0] < rows:
+            raise ValueError(f"{name} has shape {shape}, {rows} rows and {k} columns expected")
+    report = json.loads(file["report"][()])
+    scene = json.loads(file["scene"].asstr()[()])
+    original = scene.get("dynamics", {})
+    duration, outputs = (float(number) for number in file["span"][:])
+    if math.isfinite(duration) and math.isfinite(outputs):
+        scene["dynamics"] = {**original, "duration": duration, "outputs": int(outputs)}
+    return Contents(
+        run=str(file.attrs["run"]),
+        created=str(file.attrs["created"]),
+        rows=rows,
+        status=STATUS[code],
+        message=report["message"],
+        statistics=report["statistics"],
+        columns=columns,
+        stored=stored,
+        scene=scene,
+        extended=scene.get("dynamics", {}) != original,
+        texts={name: data.asstr()[()] for name, data in file["texts"].items()},
+        flexbodies={name: data.asstr()[()] for name, data in file["flexbodies"].items()},
+    )
+
+
+def _read_layout(group: h5py.Group) -> Columns:
+    names = {key: tuple(group[key].asstr()[:]) for key in _NAMES}
+    offsets = zip(group["iq"][:], group["iv"][:], group["m"][:], strict=True)
+    bodies = tuple(
+        BodyColumns(name, int(iq), int(iv), int(m))
+        for name, (iq, iv, m) in zip(names.pop("bodies"), offsets, strict=True)
+    )
+    return Columns(
+        bodies=bodies,
+        nq=sum(7 + body.m for body in bodies) + len(names["coordinates"]),
+        nv=sum(6 + body.m for body in bodies) + len(names["coordinates"]),
+        nc=len(names["rows"]),
+        fingerprint=str(group.attrs["fingerprint"]),
+        **names,
+    )
+
+
+def _write_layout(group: h5py.Group, columns: Columns) -> None:
+    group.attrs["fingerprint"] = columns.fingerprint
+    for key in _NAMES:
+        names = [getattr(item, "name", item) for item in getattr(columns, key)]
+        group.create_dataset(key, data=names, shape=(len(names),), dtype=h5py.string_dtype())
+    for key in ("iq", "iv", "m"):
+        offsets = [getattr(body, key) for body in columns.bodies]
+        group.create_dataset(key, data=np.array(offsets, dtype=np.int64))
+
+
+def _write_text(group: h5py.Group, name: str, text: str) -> None:
+    group.create_dataset(name, data=text, dtype=h5py.string_dtype())
+
+
+def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
+    """A table of doubles that can grow in time, its space taken now and not filled."""
+    width = max(shape[1], 1) if len(shape) > 1 else 1
+    rows = max(1, min(_CHUNK_BYTES // (8 * width), shape[0]))
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_chunk((rows, width)[: len(shape)])
+    properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    properties.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    space = h5py.h5s.create_simple(shape, (h5py.h5s.UNLIMITED, width)[: len(shape)])
+    h5py.h5d.create(file.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)
+
+
+def _write_copy(path: Path, partial: Path, duration: float, outputs: int) -> None:
+    disk = DiskFile(partial)
+    try:
+        with h5py.File(path, "r", locking=False) as old, h5py.File(disk, "w") as new:
+            new.attrs.update(old.attrs)
+            rows = int(old["progress"][0])
+            for name in TABLES:
+                _reserve(new, name, (max(outputs + 1, rows), *old[name].shape[1:]))
+                if rows:
+                    new[name][:rows] = old[name][:rows]
+            for name in old:
+                if name not in TABLES:
+                    old.copy(name, new)
+            new["span"][:] = duration, outputs
+    finally:
+        disk.close()
+    if disk.failure is not None:
+        raise disk.failure

@@ -1,0 +1,325 @@
+"""Writing a result file during a run.
+
+In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
+state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
+All space is reserved before the run; a block is written, flushed, and only then counted, so that
+the row counter never exceeds the rows; the integrator's state alternates between two slots, of
+which one is always whole. Rows that are not finite are refused; the rows before them are stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.layout import Layout
+from flexmb.errors import OutputError, ResultFileError
+from flexmb.results.columns import TABLES, Columns, count_finite_rows, describe_bad_row, widths
+from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.results.output_request import stored_columns
+from flexmb.results.result_file import (
+    STATUS,
+    arrays_text,
+    create_content,
+    create_state,
+    read_contents,
+    read_state,
+    report_text,
+    state_bytes,
+)
+
+Array = NDArray[np.float64]
+
+_GROWTH = 2  # room taken for a table that grows, over its size: chunks are whole, indices need some
+
+
+@dataclass(frozen=True)
+class OutputBlock:
+    """k output rows: times and all quantities at them (SI; columns as the layout says)."""
+
+    t: Array  # (k,)
+    q: Array  # (k, nq)
+    v: Array  # (k, nv)
+    vd: Array  # (k, nv)
+    lam: Array  # (k, nc)
+    reactions: Array  # (k, 12 reactions)
+    sensors: Array  # (k, channels)
+    energy: Array  # (k, energies)
+    drift: Array  # (k, 2)
+
+    def tables(self) -> dict[str, Array]:
+        """The arrays by the name of their dataset."""
+        named = {field.name: getattr(self, field.name) for field in fields(self)}
+        named["time"] = named.pop("t")
+        return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
+
+    def part(self, start: int, stop: int) -> OutputBlock:
+        """The rows from start to stop."""
+        return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
+
+    def rows(self, mask: NDArray[np.bool_]) -> OutputBlock:
+        """The rows where `mask` (k,) is true."""
+        if mask.all():
+            return self
+        return OutputBlock(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+
+class ResultWriter:
+    """Writes one result file; use it in a ``with`` statement or call :meth:`close`.
+
+    Parameters
+    ----------
+    path : path
+        The file, usually ``result.h5``; its folder is made, an older file is replaced.
+    layout : Layout
+        Names and offsets of bodies, rows, channels and energies.
+    n_outputs : int
+        Number of rows to reserve. More may be appended, at the cost of growing the file.
+    scene : mapping
+        The scene as JSON-able data, as ``Model.to_scene_dict`` gives it.
+    flexbodies : mapping of str to str
+        For each flexible body its file, relative to the folder of `path`.
+    texts : mapping of str to str
+        Further texts to store, such as the scene file's own.
+
+    Raises
+    ------
+    SceneError
+        The scene requests output that does not exist.
+    OutputError
+        The file or its folder cannot be written, or the disk lacks the space.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        layout: Layout,
+        n_outputs: int,
+        *,
+        scene: Mapping[str, Any],
+        flexbodies: Mapping[str, str] | None = None,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self.columns = Columns.of(layout)
+        self.stored = stored_columns(self.columns, scene)
+        self._rows = 0
+        self._saves = 0
+        self._capacity = max(int(n_outputs), 1)
+        self._disk = _open_disk(self.path)
+        with uninterrupted():
+            self._file = h5py.File(self._disk, "w")
+            create_content(
+                self._file, self.columns, self._capacity, self.stored, scene, texts or {},
+                flexbodies or {},
+            )  # fmt: skip
+            self._flush()
+
+    @classmethod
+    def reopen(cls, path: str | Path) -> Self:
+        """The writer of a run that was stopped or killed, to continue from its newest whole state.
+
+        Rows after that state are dropped: the run computes them again.
+
+        Raises
+        ------
+        ResultFileError
+            No result of this flexmb, or one that was cut off before its first state was stored.
+        OutputError
+            Another run is writing the file, or it cannot be written.
+        """
+        writer = cls.__new__(cls)
+        writer.path = Path(path)
+        read_contents(writer.path)  # raises if it is not a result
+        writer._disk = _open_disk(writer.path, new=False)
+        try:
+            contents = read_contents(writer.path)  # again: no other run writes it now
+            newest = read_state(writer.path, contents.run)
+            if newest is None:
+                what = "was cut off before its first state was kept; run the scene again"
+                raise ResultFileError(f"{writer.path}: {what}")
+            with uninterrupted():
+                writer._file = h5py.File(writer._disk, "r+")
+                writer.columns, writer.stored = contents.columns, contents.stored
+                writer._rows = newest[0]
+                writer._saves = int(writer._file["state/saves"][:].max())
+                writer._capacity = len(writer._file["time"])
+                writer._file["progress"][:] = writer._rows, STATUS.index("running")
+                writer._flush()
+        except BaseException:
+            writer._disk.close()
+            raise
+        return writer
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def rows_written(self) -> int:
+        """Number of rows that are in the file and counted."""
+        return self._rows
+
+    def append(self, block: OutputBlock) -> None:
+        """Add the rows of `block` and make them readable for others.
+
+        Raises
+        ------
+        OutputError
+            The disk failed, or a row is not finite: the rows before it are stored.
+        """
+        tables = block.tables()
+        self._check_shapes(tables)
+        if not len(tables["time"]):
+            return
+        good = count_finite_rows(tables)
+        if good > 0:
+            with uninterrupted():
+                self._write_rows(tables, good)
+        if good < len(tables["time"]):
+            what = describe_bad_row(self.columns, tables, good)
+            raise OutputError(f"{what}; the {self._rows} rows until then are kept in {self.path}")
+
+    def save_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Store the integrator's complete state; the previous one stays until this one is whole.
+
+        The names and shapes of the first call are those of all later calls. Make the first call
+        before the first rows are appended, so that the space is reserved before the run.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        with uninterrupted():
+            arrays, group = {k: np.asarray(v) for k, v in state.items()}, self._file["state"]
+            if self._saves == 0:
+                create_state(group, arrays)
+                self._flush()
+            if arrays_text(arrays) != group["arrays"].asstr()[()]:
+                raise KeyError("the state's arrays differ from those of the first call")
+            slot = self._saves % 2
+            group["saves"][slot] = 0  # not valid while it is being written
+            self._flush()
+            group[str(slot)][...] = state_bytes(arrays)
+            group["rows"][slot] = self._rows
+            self._flush()
+            self._saves += 1
+            group["saves"][slot] = self._saves
+            self._flush()
+
+    def restart(self) -> None:
+        """Drop all rows: the run computes them again, more accurately.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        with uninterrupted():
+            self._file["progress"][0] = 0
+            self._flush()
+            self._rows = 0
+
+    def finish(
+        self, statistics: Mapping[str, float | int | str], status: str, message: str = ""
+    ) -> None:
+        """Write the statistics and how the run ended.
+
+        Parameters
+        ----------
+        statistics : mapping
+            Steps, iterations, seconds by phase and so on.
+        status : str
+            ``"finished"``, ``"stopped"`` (by the user) or ``"failed"``.
+        message : str
+            One sentence on the end: why a run stopped or failed.
+
+        Raises
+        ------
+        OutputError
+            The disk failed.
+        """
+        code = STATUS.index(status)
+        if not self._file:  # the disk has failed, which was reported then
+            return
+        with uninterrupted():
+            self._file["report"][()] = report_text(statistics, message)
+            self._flush()
+            self._file["progress"][1] = code
+            self._flush()
+
+    def close(self) -> None:
+        """Close the file; calling it again does nothing."""
+        if self._file:
+            self._file.close()
+        self._disk.close()
+
+    def _flush(self) -> None:
+        self._file.flush()
+        failure = self._disk.failure
+        if failure is None:
+            return
+        size = self._file.id.get_filesize() / 1e6
+        self.close()
+        raise OutputError(
+            f"{self.path}: the disk takes no more of this file of {size:.3g} MB "
+            f"({failure.strerror}); the {self._rows} rows until then are kept"
+            if self._rows
+            else f"{self.path}: the disk has no room for this file of {size:.3g} MB "
+            f"({failure.strerror}); ask for fewer outputs or choose another folder"
+        ) from failure
+
+    def _check_shapes(self, tables: dict[str, Array]) -> None:
+        k = len(tables["time"])
+        for name, width in widths(self.columns).items():
+            values, expected = tables[name], (k,) if name == "time" else (k, width)
+            if values.shape != expected:
+                raise ValueError(f"block.{name} has shape {values.shape}, not {expected}")
+
+    def _write_rows(self, tables: dict[str, Array], k: int) -> None:
+        start, stop = self._rows, self._rows + k
+        if stop > self._capacity:
+            self._grow(stop)
+        for name, values in tables.items():
+            stored = values[:k] if name == "time" else values[:k, self.stored[name]]
+            if stored.size:
+                self._file[name][start:stop] = stored
+        self._flush()
+        self._file["progress"][0] = stop
+        self._flush()
+        self._rows = stop
+
+    def _grow(self, rows: int) -> None:
+        self._capacity = max(rows, 2 * self._capacity)
+        numbers = sum(self._file[name].size for name in TABLES)
+        self._disk.reserve(_GROWTH * 8 * numbers * self._capacity // len(self._file["time"]))
+        self._flush()
+        for name in TABLES:
+            self._file[name].resize(self._capacity, axis=0)
+        self._flush()
+
+
+def _open_disk(path: Path, *, new: bool = True) -> DiskFile:
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file in it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return DiskFile(path, new=new)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); choose another folder") from error

@@ -1,0 +1,221 @@
+"""Errors of a run against another one: the largest over the outputs, over the peak-to-peak.
+
+In: a model and results of its runs. Out: histories of sensors, joints and drivers; per quantity one
+error and the name of the sensor or joint it comes from.
+
+A sensor's components share one scale, the largest peak-to-peak among them, so that a component that
+hardly moves has little weight. The scale of a reaction is that of its joint or driver, at least a
+hundredth of the largest force (or moment) in the machine. What stands still is left out. Energy is
+judged by its own balance, constraints by their own drift. Where a scene has a sensor of a position
+but none of the velocity of the same marker, the study adds one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.dynamics.measured_error import QUANTITIES
+from flexmb.errors import SceneError
+from flexmb.model.sensors.sensor import channels_of, unit_of
+from flexmb.model.values.reading import Spec
+
+if TYPE_CHECKING:
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+Array = NDArray[np.float64]
+COMPARED = ("positions", "velocities", "accelerations", "reactions")
+"""Quantities whose error is the distance from a reference."""
+
+_DEFAULT_QUANTITY = "positions"  # a number of a state or an expression is judged as strictly
+_ON_REQUEST = ("energy", "reaction")  # types of sensors; every study has these quantities anyway
+_VELOCITY_SUFFIX = "_velocity"  # of the names of sensors that the study adds
+_STANDSTILL = 1e-9  # of the largest peak-to-peak of the same unit: what moves less stands still
+_SMALL_REACTION = 0.01  # of the largest one of the same unit: the least scale of a reaction
+
+
+class History(NamedTuple):
+    """One sensor, joint or driver over the outputs."""
+
+    quantity: str  # positions, velocities, accelerations, reactions
+    name: str
+    unit: str  # histories of the same unit may be compared in size
+    values: Array  # (rows, components)
+
+
+class Difference(NamedTuple):
+    """The largest difference of a quantity over its scale, and where it is."""
+
+    value: float
+    where: str
+
+
+class Reading(NamedTuple):
+    """The histories of a run that are compared, and their scales."""
+
+    histories: list[History]
+    scales: list[float]  # 0: stands still
+
+
+def error_text(value: float) -> str:
+    """An error with two digits: ``1.5e-6``."""
+    mantissa, _, exponent = f"{value:.1e}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if exponent else mantissa
+
+
+def add_velocity_sensors(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene with a velocity sensor for each position sensor that has none."""
+    sensors = dict(scene.get("sensors", {}))
+    tables = {name: table for name, table in sensors.items() if isinstance(table, Mapping)}
+    targets = [_target(table) for table in tables.values() if table.get("type") == "velocity"]
+    for name, table in tables.items():
+        if table.get("type") == "position" and _target(table) not in targets:
+            new_name = f"{name}{_VELOCITY_SUFFIX}"
+            while new_name in sensors:
+                new_name += "_"
+            sensors[new_name] = {**table, "type": "velocity"}
+            targets.append(_target(table))
+    return {**scene, "sensors": sensors} if sensors else dict(scene)
+
+
+def _target(table: Mapping[str, Any]) -> tuple[Any, Any]:
+    return table.get("of"), table.get("relative_to")
+
+
+def check_sensors(model: Model, names: Sequence[str]) -> None:
+    """Refuse a study that would have no position to judge by.
+
+    Raises
+    ------
+    SceneError
+        The scene has no sensors of positions or angles, or none of them is among `names`.
+    """
+    if any(_quantity(model, name) == "positions" for name in _select_channels(model, names)):
+        return
+    if names:
+        raise SceneError(
+            f"study.sensors: none of {', '.join(names)} is a position or an angle; a study needs "
+            "the errors of positions"
+        )
+    raise SceneError(
+        "the scene has no sensor of a position or an angle to judge a study by; add one, such as\n"
+        f'    [sensors.place]\n    type = "position"\n    of = "{next(iter(model.bodies), "body")}"'
+    )
+
+
+def _owners(model: Model) -> dict[str, Spec]:
+    return {**model.sensors, **model.states, **model.controllers}
+
+
+def _quantity(model: Model, name: str) -> str:
+    return QUANTITIES.get(unit_of(vars(_owners(model)[name])) or "", _DEFAULT_QUANTITY)
+
+
+def _select_channels(model: Model, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Channels by sensor; with a position its velocity is selected too."""
+    selected: dict[str, tuple[str, ...]] = {}
+    for name, spec in _owners(model).items():
+        channels = channels_of(name, spec)
+        if not names and getattr(spec, "type", "") in _ON_REQUEST:
+            continue
+        if names and name not in names:
+            channels = tuple(channel for channel in channels if channel in names)
+        if channels:
+            selected[name] = channels
+    for name in list(selected):
+        selected |= _velocity_channels(model, name, selected[name])
+    return selected
+
+
+def _velocity_channels(
+    model: Model, name: str, channels: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
+    spec: Any = model.sensors.get(name)
+    if spec is None or spec.type != "position":
+        return {}
+    axes = [channel.rpartition(".")[2] for channel in channels]
+    for other, candidate in model.sensors.items():
+        target = (getattr(candidate, "of", None), getattr(candidate, "relative_to", None))
+        if candidate.type == "velocity" and target == (spec.of, spec.relative_to):
+            return {other: tuple(f"{other}.{axis}" for axis in axes)}
+    return {}
+
+
+def read_run(model: Model, result_file: Path, names: Sequence[str]) -> Reading:
+    """The histories of a run: sensors of these names (all if there are none), and reactions.
+
+    Raises
+    ------
+    ResultFileError
+        Its result is gone or damaged.
+    """
+    from flexmb.results import Result
+
+    result = Result(result_file)
+    histories = []
+    for name, channels in _select_channels(model, names).items():
+        unit = model.channel_unit(channels[0]) or ""
+        values = np.stack([result[channel] for channel in channels], axis=1)
+        sensor = name.removesuffix(_VELOCITY_SUFFIX)
+        histories.append(History(_quantity(model, name), sensor, unit, values))
+    histories += _reactions(model, result)
+    return Reading(histories, _scales(histories))
+
+
+def _reactions(model: Model, result: Result) -> list[History]:
+    """Multipliers of each joint and driver, forces and moments apart."""
+    columns: dict[tuple[str, str], list[int]] = {}
+    for i, row in enumerate(result.layout.rows):
+        owner, _, what = row.partition(": ")
+        columns.setdefault((owner, _reaction_unit(model, owner, what)), []).append(i)
+    lam = result.lam
+    return [
+        History("reactions", owner.partition(".")[2], unit, lam[:, indices])
+        for (owner, unit), indices in columns.items()
+    ]
+
+
+def _reaction_unit(model: Model, owner: str, what: str) -> str:
+    if what.startswith("driven"):
+        driver = model.drivers[owner.partition(".")[2]]
+        coordinate = driver.coordinate if what == "driven" else what.removeprefix("driven ")
+        return "N m" if coordinate == "angle" else "N"
+    return "N" if what.startswith(("place", "offset")) else "N m"
+
+
+def _scales(histories: Sequence[History]) -> list[float]:
+    sizes = [float(np.ptp(one.values, axis=0).max(initial=0.0)) for one in histories]
+    largest: dict[tuple[str, str], float] = {}
+    for one, size in zip(histories, sizes, strict=True):
+        kind = one.quantity, one.unit
+        largest[kind] = max(largest.get(kind, 0.0), size)
+    scales = []
+    for one, size in zip(histories, sizes, strict=True):
+        most = largest[one.quantity, one.unit]
+        least = _SMALL_REACTION * most if one.quantity == "reactions" else 0.0
+        scales.append(0.0 if size <= _STANDSTILL * most else max(size, least))
+    return scales
+
+
+def difference(run: Reading, reference: Reading) -> dict[str, Difference]:
+    """Distance of a run from another one by quantity."""
+    worst: dict[str, Difference] = {}
+    pairs = zip(run.histories, reference.histories, reference.scales, strict=True)
+    for mine, other, scale in pairs:
+        if scale == 0.0:
+            continue
+        error = float(np.abs(mine.values - other.values).max(initial=0.0)) / scale
+        if mine.quantity not in worst or error > worst[mine.quantity].value:
+            worst[mine.quantity] = Difference(error, mine.name)
+    return {name: worst[name] for name in COMPARED if name in worst}
+
+
+def own_errors(statistics: Mapping[str, Any]) -> dict[str, float]:
+    """Errors among the statistics of a run: energy balance, drift of the constraints."""
+    names = {"energy": "energy_balance_error", "drift": "largest_position_drift"}
+    return {name: float(statistics[key]) for name, key in names.items() if key in statistics}

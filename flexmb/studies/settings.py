@@ -1,0 +1,299 @@
+"""The settings of a study: what it starts from, and every combination of the knobs' values.
+
+In: a scene or a model, and knobs with values. Out: settings, each with its model or the reason why
+the model refuses it. What a knob changes decides what its error is measured against:
+
+- numbers of the integration (accuracy, step, method, ...) leave the model as it is;
+- modes, meshes, divisions of a mesh and body files are finer or coarser descriptions of the same
+  machine: their settings form one group, whose reference is the finest model of the group;
+- anything else (a speed, a mass, a damping) makes another machine, which is a group of its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model import Model
+from flexmb.model.bodies.body import FlexbodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.scenes.scene import load_scene, raw_scene
+from flexmb.model.tasks.knobs import resolve_knob
+from flexmb.model.tasks.methods import OPTIONS
+from flexmb.model.tasks.overrides import override
+from flexmb.model.values.reading import under
+from flexmb.studies.channel_errors import add_velocity_sensors
+from flexmb.studies.workers import content_key
+from flexmb.workflow import output_folder
+
+NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
+"""Fields of `[dynamics]` that say how a model is integrated, not what it is."""
+
+_FIDELITY = ("modes", "mesh", "flexbody", "reduction", "mass_matrix", "stress")
+_FINENESS = ("divisions", "elements")  # of the table of a mesh
+_WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_MAX_RUNS = 10_000
+_SMALL = 1e-3  # smaller values are written with an exponent
+
+
+@dataclass(frozen=True)
+class StudySource:
+    """A scene before any knob is changed.
+
+    Attributes
+    ----------
+    model : Model
+        The model of the scene.
+    scene : dict
+        The scene as plain data.
+    folder : Path
+        What relative paths of the scene are relative to.
+    output : Path
+        Folder of the study.
+    overrides : dict
+        Values that are changed for all settings.
+    file : str
+        The scene file, empty for a model from Python.
+    """
+
+    model: Model
+    scene: dict[str, Any]
+    folder: Path
+    output: Path
+    overrides: dict[str, Any] = field(default_factory=dict)
+    file: str = ""
+
+    @classmethod
+    def of_scene(
+        cls, path: str | Path, overrides: Mapping[str, Any] | None, output: str | Path | None
+    ) -> StudySource:
+        """A scene file, some values of which may be changed for all settings.
+
+        Raises
+        ------
+        SceneError
+            All that is wrong with the scene.
+        """
+        model = load_scene(path, overrides)
+        folder = output_folder(path) / "study" if output is None else Path(output)
+        home = Path(path).resolve().parent
+        return cls(model, raw_scene(path), home, folder, dict(overrides or {}), str(path))
+
+    @classmethod
+    def of_model(cls, model: Model, output: str | Path | None) -> StudySource:
+        """A model from Python; its bodies that are objects in memory are written to the folder."""
+        from flexmb.flexbody import save
+
+        model.validate()
+        name = re.sub(r"\W+", "_", model.title.lower()).strip("_") or "model"
+        folder = (Path("out") / name / "study" if output is None else Path(output)).resolve()
+        files: dict[str, Path] = {}
+        for body, spec in model.bodies.items():
+            if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
+                files[body] = Path("given") / f"{body}.flexbody.h5"
+                (folder / "given").mkdir(parents=True, exist_ok=True)
+                save(spec.flexbody, folder / files[body])
+        return cls(model, model.to_scene_dict(folder, files), folder, folder)
+
+
+def value_text(value: Any) -> str:
+    """A knob's value; of a path its last part."""
+    if isinstance(value, float):
+        if not 0 < abs(value) < _SMALL:
+            return f"{value:g}"
+        mantissa, _, exponent = f"{value:.5e}".partition("e")
+        return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    return PurePath(value).name if isinstance(value, str) and "/" in value else str(value)
+
+
+def headings(knobs: Sequence[str]) -> dict[str, str]:
+    """Knob to the shortest end of its path that no other knob has."""
+    short: dict[str, str] = {}
+    for knob in knobs:
+        parts = knob.split(".")
+        ends = [".".join(parts[i:]) for i in range(len(parts) - 1, -1, -1)]
+        others = [other for other in knobs if other != knob]
+        short[knob] = next(
+            (end for end in ends if not any(f".{o}".endswith(f".{end}") for o in others)), knob
+        )
+    return short
+
+
+def label(values: Mapping[str, Any]) -> str:
+    """``modes=4, step=1e-05``."""
+    short = headings(tuple(values))
+    return ", ".join(f"{short[knob]}={value_text(value)}" for knob, value in values.items())
+
+
+def is_numerical(knob: str) -> bool:
+    """Whether a knob only changes how a model is integrated."""
+    return knob.removeprefix("dynamics.") in NUMERICAL
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """One combination of values.
+
+    Attributes
+    ----------
+    values : dict
+        Knob to value, as given.
+    model : Model or None
+        The model; None where it refuses the values.
+    scene : dict
+        The scene of the model as plain data.
+    dynamics : dict
+        Its `[dynamics]` with all numbers worked out, as the scene would write them.
+    refusal : str
+        Why the model refuses the values.
+    group : str
+        Key of the machine that is described, however finely.
+    physics : str
+        Key of the model, apart from the numbers of its integration.
+    rank : tuple
+        The larger, the finer the model within its group.
+    """
+
+    values: dict[str, Any]
+    model: Model | None = None
+    scene: dict[str, Any] = field(default_factory=dict)
+    dynamics: dict[str, Any] = field(default_factory=dict)
+    refusal: str = ""
+    group: str = ""
+    physics: str = ""
+    rank: tuple[int, ...] = ()
+
+
+def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> list[Setting]:
+    """All settings of a study.
+
+    Raises
+    ------
+    SceneError
+        Unknown knobs, knobs that exclude each other, or values of which the model takes none.
+    """
+    knobs = _resolve_knobs(source, vary)
+    count = math.prod(len(values) for values in knobs.values())
+    if count > _MAX_RUNS:
+        raise SceneError(f"the study has {count} combinations; {_MAX_RUNS} are the most")
+    settings = [
+        _make_setting(source, dict(zip(knobs, (value for _, value in choice), strict=True)), choice)
+        for choice in itertools.product(*(enumerate(values) for values in knobs.values()))
+    ]
+    if all(setting.model is None for setting in settings):
+        refusals = dict.fromkeys(setting.refusal for setting in settings)
+        raise SceneError("the model refuses every setting of the study:\n" + "\n".join(refusals))
+    return settings
+
+
+def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model, dict[str, Any]]:
+    """The model of the source with some values changed, and its scene.
+
+    Raises
+    ------
+    SceneError
+        The model refuses the values.
+    """
+    scene, problems = override(source.scene, {**source.overrides, **changes})
+    if problems:
+        raise SceneError.from_problems(problems)
+    for section in ("check", "results", "view", "study"):
+        scene.pop(section, None)
+    scene = add_velocity_sensors(scene)
+    return Model.from_scene_dict(scene, source.folder), scene
+
+
+def _resolve_knobs(
+    source: StudySource, vary: Mapping[str, tuple[Any, ...]]
+) -> dict[str, tuple[Any, ...]]:
+    knobs: dict[str, tuple[Any, ...]] = {}
+    problems: list[Problem] = []
+    for text, values in vary.items():
+        name, problem = resolve_knob(source.scene, text)
+        if problem is None and name in knobs:
+            problem = Problem("", f'is the knob "{name}", which is given twice')
+        if problem is None and not source.file and name in source.scene.get("parameters", {}):
+            what = "a model made in Python has worked its parameters into its numbers already"
+            problem = Problem("", f"{what}: vary the numbers by their paths, or a scene file")
+        if problem is not None:
+            problems += under(f"vary {text}", [problem])
+        knobs[name] = tuple(values)
+    if not knobs:
+        problems.append(Problem("vary", 'no knob is given, such as accuracy = "1e-2..1e-6"'))
+    if {"dynamics.accuracy", "dynamics.step"} <= set(knobs):
+        what = "accuracy and step exclude each other: fixed steps have no accuracy; study one"
+        problems.append(Problem("vary", what))
+    if problems:
+        raise SceneError.from_problems(problems)
+    return knobs
+
+
+def _make_setting(
+    source: StudySource, values: dict[str, Any], choice: tuple[tuple[int, Any], ...]
+) -> Setting:
+    try:
+        model, scene = change_model(source, values)
+    except SceneError as error:
+        return Setting(values, refusal=str(error))
+    if model.dynamics is None:
+        return Setting(values, refusal="the scene has no [dynamics]: give its duration")
+    dynamics = model.to_scene_dict(source.folder)["dynamics"]
+    machine, fidelity = _split_scene(model, source.folder)
+    places = (i for i, value in choice if isinstance(value, str))  # later in the list: finer
+    meshed = [spec for spec in model.bodies.values() if isinstance(spec, MeshBodySpec)]
+    rank = (sum(spec.cells for spec in meshed), sum(spec.mode_count for spec in meshed))
+    group = content_key(machine)
+    physics = content_key([group, fidelity])
+    return Setting(values, model, scene, dynamics, "", group, physics, (*places, *rank))
+
+
+def _split_scene(model: Model, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The part of a scene that defines the machine, and the fineness of its description."""
+    scene = model.to_scene_dict(folder)
+    fidelity = {
+        name: {key: _take_out(body, key) for key in _FIDELITY if key in body}
+        for name, body in scene["bodies"].items()
+    }
+    for name in NUMERICAL:
+        scene["dynamics"].pop(name, None)
+    scene["parameters"] = _parameters_in_functions(scene)
+    return scene, fidelity
+
+
+def _take_out(body: dict[str, Any], key: str) -> Any:
+    """An entry of a body, taken out of it; of the table of a mesh only how it is divided."""
+    value = body[key]
+    if not isinstance(value, dict) or key != "mesh":
+        return body.pop(key)
+    return {word: value.pop(word) for word in _FINENESS if word in value}
+
+
+def _parameters_in_functions(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters in functions of time, which alone are not worked into numbers."""
+    parameters = scene.get("parameters", {})
+    used: dict[str, Any] = {}
+    texts = list(_texts([scene.get(section, {}) for section in _WITH_FUNCTIONS]))
+    while texts:
+        for name in _NAME.findall(texts.pop()):
+            if name in parameters and name not in used:
+                used[name] = parameters[name]
+                texts.append(str(parameters[name]))
+    return dict(sorted(used.items()))
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for inside in value.values():
+            yield from _texts(inside)
+    elif isinstance(value, list | tuple):
+        for inside in value:
+            yield from _texts(inside)
