@@ -9,8 +9,9 @@ from flexmb.engine import units
 from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
-FORCES_OF_TIME = {"forces.load"}
+FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
 SLIDER_CRANK = {"joints.axis_rows", "joints.dots", "sensors.joint_coordinate",
+                "functions.function.evaluate_functions", "sensors.sensor.sum_of_terms",
                 "sensors.marker_motion"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
@@ -18,7 +19,8 @@ SLIDER_CRANK = {"joints.axis_rows", "joints.dots", "sensors.joint_coordinate",
 OWN = {
     None: set(),
     "spring": {"forces.damping_tangent", "forces.spring_damper"},
-    "law": {"forces.damping_tangent", "forces.force_characteristic"},
+    "law": {"forces.damping_tangent", "forces.force_characteristic",
+            "forces.spring_damper.integral"},
     "bushing": {"forces.bushing", "forces.damping_tangent", "forces.relative_motion"},
     "contact": {"forces.contact", "forces.damping_tangent"},
     "revolute joint": {"joints.axis_rows", "joints.dots"},
@@ -26,10 +28,12 @@ OWN = {
                        "joints.dots"},
     "line row": {"joints.line_rows"},
     "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
-    "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.marker_motion"},
+    "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.marker_motion",
+                                    "sensors.sensor.sum_of_terms"},
     "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
-    "expression sensor": {"sensors.marker_motion"},
-    "reaction sensor": set(),
+    "expression sensor": {"sensors.marker_motion", "sensors.sensor.expression",
+                          "sensors.sensor.sum_of_terms"},
+    "reaction sensor": {"sensors.sensor.wrench"},
     "planar": {"bodies.rigid_body.planar_inertia_forces"},
     "rigid slider-crank": SLIDER_CRANK,
     "flexible": SLIDER_CRANK | {"bodies.flexible_body"},
