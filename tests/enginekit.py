@@ -17,9 +17,9 @@ from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system
 from flexmb.engine.compile.core import with_markers
+from flexmb.engine.joints import constraint
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels import stages
-from flexmb.engine.kernels.joints import constraint
-from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.sensors.sensor import read_channels
 from flexmb.engine.units import call, hand_over

@@ -152,9 +152,9 @@ def _draw_modes(
 
 
 def _tell(written: Path) -> None:
-    from flexmb.view import backend
+    from flexmb.view import vtk_renderer
 
-    verdict = backend.probe()
+    verdict = vtk_renderer.probe()
     if not verdict.works:
         show.line(f"note: {verdict.how}; a simple picture was drawn instead. {verdict.advice}")
     show.line(f"written: {written}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import unit
-from flexmb.engine.kernels.joints.constraint import constraint_jacobian
+from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.kernels.stages import (
     begin_run,
     complete_poses,

@@ -12,7 +12,7 @@ import math
 
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kinematics_state import SINGULAR_POSES, Path
+from flexmb.engine.kinematics_state import Path
 from flexmb.engine.method import FINE, JUMP, LEAP
 from flexmb.engine.state import Run
 
@@ -123,7 +123,7 @@ def _jumps(functions, before, now, h, order):
 def note_singular_pose(run: Run, path: Path) -> int:
     """Count a singular pose between the state and the trial point, and note when and where."""
     weights, before, here = run.system.weights, path.direction_before, path.direction
-    times, count = path.singular_times, path.count
+    times, count = path.singular_times, path.count[0]
     both, first, second = 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
         w = weights[i] * weights[i]
@@ -131,11 +131,11 @@ def note_singular_pose(run: Run, path: Path) -> int:
         first += w * before[i] * before[i]
         second += w * here[i] * here[i]
     if both < _FLIPPED * math.sqrt(first * second):
-        k = count[SINGULAR_POSES]
+        k = count["singular_poses"]
         if k < times.shape[0]:
             times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
             copy(run.work.trial.q, path.singular_positions[k])
-        count[SINGULAR_POSES] += 1
+        count["singular_poses"] += 1
     return FINE
 
 

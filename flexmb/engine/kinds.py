@@ -12,10 +12,10 @@ from flexmb.engine.forces.joint_friction import JOINT_FRICTIONS
 from flexmb.engine.forces.load import ACTION_REACTION_LOADS, LOADS
 from flexmb.engine.forces.spring_damper import SPRINGS
 from flexmb.engine.functions.function import TIME_FUNCTIONS
-from flexmb.engine.kernels.joints.constraint import CONSTRAINT_ROWS, JOINTS
-from flexmb.engine.kernels.joints.coordinate import COORDINATES
-from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS
-from flexmb.engine.kernels.joints.point_joint import POINT_JOINTS
+from flexmb.engine.joints.constraint import CONSTRAINT_ROWS, JOINTS
+from flexmb.engine.joints.coordinate import COORDINATES
+from flexmb.engine.joints.curve_marker import CURVE_MARKERS
+from flexmb.engine.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kind import Kind
 from flexmb.engine.sensors.feedback import FEEDBACK
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLES

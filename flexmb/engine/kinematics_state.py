@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine.records import Integers, Matrix, Vector
+import numpy as np
 
-# Places in Path.memory: the increment to try next, motion since the factor (< 0: none of use),
-# largest of the least pivots so far.
-NEXT, MOVED, PIVOT = 0, 1, 2
-# Places in Path.count.
-ITERATIONS, FACTORISATIONS, SINGULAR_POSES = 0, 1, 2
+from flexmb.engine.records import Matrix, Vector, array_of
+
+#: Memory of a kinematic analysis, from point to point.
+PATH_MEMORY = np.dtype([
+    ("next_increment", "f8"),  # to try next, s
+    ("motion_since_factor", "f8"),  # < 0: the factor is of no use
+    ("largest_pivot", "f8"),  # of the least ones so far
+])  # fmt: skip
+
+#: What it has done so far.
+PATH_COUNTERS = np.dtype([("iterations", "i8"), ("factorisations", "i8"), ("singular_poses", "i8")])
 
 
 class KinematicsSettings(NamedTuple):
@@ -34,7 +40,7 @@ class Path(NamedTuple):
     correction: Vector  # (nv,) of the prediction
     functions_before: Matrix  # (functions, 3) functions at the last point
     powers: Matrix  # (4, 3) powers at the last outputs, newest first
-    memory: Vector  # (3,) NEXT, MOVED, PIVOT
+    memory: array_of(PATH_MEMORY)  # (1,)
     singular_times: Matrix  # (8, 2) times before and after a singular pose
     singular_positions: Matrix  # (8, nq) positions there
-    count: Integers  # (3,) Newton iterations, factorisations, singular poses passed
+    count: array_of(PATH_COUNTERS)  # (1,)

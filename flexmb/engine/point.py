@@ -13,7 +13,7 @@ from flexmb.engine.algebra.ldl import multiply, solve
 from flexmb.engine.algebra.vector import weighted_size
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.constraint import constraint_right_side
+from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.stages import (
     bias_stage,
@@ -23,10 +23,6 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
 )
 from flexmb.engine.kinematics_state import (
-    FACTORISATIONS,
-    ITERATIONS,
-    MOVED,
-    PIVOT,
     KinematicsSettings,
     Path,
 )
@@ -60,11 +56,13 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
         con.C,
         fac.sol,
         sys.kkt.place,
-        path.memory,
+        path.memory[0],
     )
     weights, correction = sys.weights, path.correction
     nv = dq.shape[0]
-    renew = memory[MOVED] < 0.0 or memory[MOVED] > _RENEW_AFTER_MOTION
+    renew = (
+        memory["motion_since_factor"] < 0.0 or memory["motion_since_factor"] > _RENEW_AFTER_MOTION
+    )
     enough = settings.gap + _noise(sys.rows, sys.row_weights, con.fun)
     size, last, fresh = math.inf, 0.0, False
     for _ in range(_MAX_ITERATIONS):
@@ -76,8 +74,8 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             return NOT_FINITE
         if closed or renew:
             factorise_metric(run, at, path.metric)
-            memory[MOVED] = 0.0
-            path.count[FACTORISATIONS] += 1
+            memory["motion_since_factor"] = 0.0
+            path.count[0]["factorisations"] += 1
             if closed:
                 return FINE
             fresh, last = True, 0.0
@@ -88,7 +86,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             dq[i] = d
             correction[i] += d
             size = max(size, abs(d) * weights[i])
-        path.count[ITERATIONS] += 1
+        path.count[0]["iterations"] += 1
         if not size <= _MAX_CORRECTION:
             return NO_CONVERGENCE
         renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
@@ -96,7 +94,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             return NO_CONVERGENCE
         last = size
         move(sys.parts, q, dq, q)
-        memory[MOVED] += size
+        memory["motion_since_factor"] += size
     return NO_CONVERGENCE
 
 
@@ -114,12 +112,12 @@ def _noise(rows, row_weights, fun):
 def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSettings) -> int:
     """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
     sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
-    sol, place, v, memory = fac.sol, sys.kkt.place, at.v, path.memory
+    sol, place, v, memory = fac.sol, sys.kkt.place, at.v, path.memory[0]
     nv = v.shape[0]
     if settings.redundant == 0:
         pivot = _least_pivot(place, nv, fac.d, fac.eps)
-        memory[PIVOT] = max(memory[PIVOT], pivot)
-        if pivot < _SINGULAR * memory[PIVOT]:
+        memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
+        if pivot < _SINGULAR * memory["largest_pivot"]:
             return SINGULAR
     scale, off = 0.0, math.inf
     for n in range(_MAX_ROUNDS + 1):

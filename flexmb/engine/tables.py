@@ -8,12 +8,17 @@ modes, addressed by offsets in the body and marker tables.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from flexmb.engine.records import Integers, Matrix, Vector, array_of
+
+if TYPE_CHECKING:
+    from flexmb.model.functions.expression import Expression, Ops
 
 _I = "i8"
 _F = "f8"
@@ -34,6 +39,7 @@ BODY = np.dtype(
     ],
     align=True,
 )
+
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns).
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
@@ -176,14 +182,15 @@ PANEL = np.dtype(
     ],
     align=True,
 )
+
 # Rectangular update of a later panel: rows x times rows y of a panel, both counted from its top.
 UPDATE = np.dtype(
     [("x", _I), ("nx", _I), ("y", _I), ("ny", _I), ("at", _I), ("stride", _I), ("diagonal", _I)],
     align=True,
 )
+
 # Place of an off-diagonal block: entry (i, j) at at + i stride + j, transposed if flipped.
 LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
-
 
 # One curve marker: a row of the marker table that slides along a curve carried by the marker it
 # begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
@@ -267,3 +274,46 @@ class System(NamedTuple):
     events: int  # values that the step control watches
     program_depth: int  # rows of stack that programs of the kinds need
     kinds: Mapping[str, Any]  # tables of the kinds that the model holds, by name (`engine.kinds`)
+
+
+@dataclass
+class Pool:
+    """Grows while the tables are built; every block is remembered by its offset."""
+
+    blocks: list[NDArray[np.float64]] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, values: ArrayLike) -> int:
+        """Append the values, row by row; returns their offset."""
+        flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
+        offset = self.size
+        self.blocks.append(flat)
+        self.size += flat.size
+        return offset
+
+    def array(self) -> NDArray[np.float64]:
+        """All blocks in one array (at least one number, so that it has an address)."""
+        return np.concatenate([*self.blocks, np.zeros(1)])
+
+
+@dataclass
+class Functions:
+    """Functions of time and of channels by index; equal programs share one.
+
+    `resolve` puts in what stands behind the names of channels.
+    """
+
+    resolve: Callable[[Expression], Expression]
+    programs: list[Expression] = field(default_factory=list)
+    _known: dict[Ops, int] = field(default_factory=dict)
+
+    def add(self, expression: Expression) -> int:
+        """Index of a function as the scene gives it."""
+        return self.put(self.resolve(expression))
+
+    def put(self, expression: Expression) -> int:
+        """Index of a function over measured channels and states in SI."""
+        k = self._known.setdefault(expression.ops, len(self.programs))
+        if k == len(self.programs):
+            self.programs.append(expression)
+        return k

@@ -1,7 +1,7 @@
 """Error against wall time: work-precision plots, and the front of settings that no other beats.
 
 In: plain numbers by quantity and series. Out: a matplotlib ``Figure``, log-log, one pair of axes
-per quantity, the target as a line and what cannot be told from the reference's own error shaded.
+per quantity, the target as a line; errors below that of the reference itself are shaded.
 """
 
 from __future__ import annotations
@@ -10,17 +10,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexmb.errors import ViewError
-from flexmb.view.style import GHOST, INK, LINES, PAPER
+from flexmb.view.style import GHOST, INK, LINES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Curve", "pareto_figure", "work_precision_figure"]
-
-_DPI = 150
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
 _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
@@ -65,7 +62,7 @@ def work_precision_figure(
         for i, curve in enumerate(curves):
             axes.loglog(
                 curve.seconds,
-                [max(error, _LEAST) for error in curve.errors],
+                [max(error, _SMALLEST) for error in curve.errors],
                 color=LINES[i % len(LINES)],
                 marker=_MARKERS[i // len(LINES) % len(_MARKERS)],
                 ms=5,
@@ -86,22 +83,22 @@ def pareto_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        found = []
+        points = []
         for i, curve in enumerate(curves):
-            errors = [max(error, _LEAST) for error in curve.errors]
+            errors = [max(error, _SMALLEST) for error in curve.errors]
             axes.loglog(
                 curve.seconds, errors, ls="", ms=7, label=curve.name or None,
                 color=LINES[i % len(LINES)], marker=_MARKERS[i % len(_MARKERS)],
             )  # fmt: skip
             words = curve.words or [""] * len(errors)
-            found += list(zip(curve.seconds, errors, words, strict=True))
-        front = _front(found)
+            points += list(zip(curve.seconds, errors, words, strict=True))
+        front = _front(points)
         axes.step(
             [point[0] for point in front], [point[1] for point in front],
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
         )  # fmt: skip
         _finish(axes, name, floors.get(name), target)
-        _label(axes, front, found)
+        _label(axes, front, points)
     _legend(figure, grid)
     return figure
 
@@ -151,21 +148,14 @@ def _free(box: tuple[float, float, float], taken: Sequence[tuple[float, float, f
 
 
 def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not any(len(curve.seconds) for curves in panels.values() for curve in curves):
         raise ViewError("no run has an error to draw")
     columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    size = (1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows)
-    figure = Figure(figsize=size, dpi=_DPI, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
+    figure = new_figure(1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows, title)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
     for empty in grid[len(panels) :]:
         empty.remove()
-    figure.suptitle(title, color=INK, fontsize=12, x=0.02, ha="left")
     if note:
         figure.supxlabel(note, color=GHOST, fontsize=7, x=0.02, ha="left")
     return figure, grid[: len(panels)]
@@ -177,16 +167,12 @@ def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
     _ticks(axes.xaxis, axes.get_xlim())
     _ticks(axes.yaxis, axes.get_ylim())
-    axes.set_facecolor("white")
-    axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
-    axes.tick_params(colors=INK, labelsize=8)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    style_axes(axes, labelsize=8)
     if floor is None:
         return
     axes.axhline(target, color=GHOST, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
     low = min(axes.get_ylim()[0], 0.5 * floor)
-    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="not told from the reference")
+    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="error of the reference")
     axes.set_ylim(bottom=low)
 
 

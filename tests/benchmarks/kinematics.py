@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics
+import numpy as np
+
+from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import POINTS, analyse_kinematics
@@ -29,7 +31,7 @@ def per_point(model):
         status = analyse_kinematics(run, ready.pose.path, ready.settings, POINTS, n)
         seconds.append((time.process_time() - begin) / n)
         assert status == method.FINE, status
-    return median(seconds), ready.pose.path.count / n
+    return median(seconds), np.array(ready.pose.path.count[0].item()) / n
 
 
 def main():

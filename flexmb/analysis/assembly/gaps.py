@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.joints.joint_rows import signs_of_axes
+from flexmb.engine.joints.joint import signs_of_axes
 from flexmb.engine.layout import BodyColumns
 from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import State, Work

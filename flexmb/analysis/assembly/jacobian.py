@@ -104,9 +104,25 @@ class WeightedJacobian:
         padded[:, ~self.driven] = circuits
         return padded
 
+    def without_modes(self) -> WeightedJacobian:
+        """The Jacobian of the same bodies without deformation."""
+        rigid = ~self.modal
+        return WeightedJacobian(self.compiled, self.A[:, rigid], self.columns[rigid])
+
+    def velocities(self, motions: Array) -> Array:
+        """(nv, k) velocity coordinates of motions (columns, k) that multiply A."""
+        v = np.zeros((self.compiled.layout.nv, motions.shape[1]))
+        v[self.columns] = motions / self.compiled.system.weights[self.columns, None]
+        return v
+
     def rows_of(self, owner: str) -> Mask:
         """Which rows belong to a scene path."""
-        return np.array([name == owner for name in self.owners], dtype=bool)
+        return self._rows_by_owner[owner]
+
+    @cached_property
+    def _rows_by_owner(self) -> dict[str, Mask]:
+        owners = np.array(self.owners)
+        return {name: owners == name for name in dict.fromkeys(self.owners)}
 
 
 @dataclass(frozen=True)

@@ -235,7 +235,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     if growth.sentence and growth.sentence != message:
         notes.append(growth.sentence)
     clock.lap("integrate")
-    replaced = int(run.state.count[method.FIXED_PIVOTS])
+    replaced = int(run.state.count[0]["regularised_pivots"])
     if replaced:
         notes.append(
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
@@ -299,7 +299,7 @@ def _integrate(
     if status != method.FINE:
         if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
             run = verified.scout
-        at, step = float(run.state.t[0]), float(run.state.memory[method.STEP])
+        at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
         unstable = unstable_step(run, prepared.method, failed=True)
         if unstable:
             return "failed", f"at t = {at:.6g} s {unstable}"
@@ -327,29 +327,29 @@ def _ten_times(run: Run) -> float:
 
 
 def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
-    count, memory = run.state.count, run.state.memory
+    count, memory = run.state.count[0], run.state.memory[0]
     fixed = run.settings.step > 0.0
     steps = (
         {"step_s": run.settings.step}
         if fixed
         else {
-            "rejected_steps": int(count[method.REJECTED]),
-            "smallest_step_s": float(memory[method.LEAST_STEP]),
-            "largest_step_s": float(memory[method.GREATEST_STEP]),
+            "rejected_steps": int(count["rejected"]),
+            "smallest_step_s": float(memory["smallest_step"]),
+            "largest_step_s": float(memory["largest_step"]),
             "ten_times_more_accuracy_costs": _ten_times(run),
         }
     )
-    estimate = {"estimated_error": float(memory[method.ERROR_SUM])}
+    estimate = {"estimated_error": float(memory["error_sum"])}
     return {
-        "steps": int(count[method.STEPS]),
+        "steps": int(count["steps"]),
         **steps,
         **({} if fixed or run.settings.refinement else estimate),
-        "failed_steps": int(count[method.FAILED]),
-        "newton_iterations": int(count[method.RESIDUALS]),
-        "factorisations": int(count[method.FACTORISATIONS]),
-        "replaced_pivots": int(count[method.FIXED_PIVOTS]),
-        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
-        **({"partitions": 1 + int(count[method.PARTITIONS])} if run.method.partitions else {}),
+        "failed_steps": int(count["failed"]),
+        "newton_iterations": int(count["residuals"]),
+        "factorisations": int(count["factorisations"]),
+        "replaced_pivots": int(count["regularised_pivots"]),
+        **({"events": int(count["events"])} if count["events"] else {}),
+        **({"partitions": 1 + int(count["partitions"])} if run.method.partitions else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

@@ -133,8 +133,8 @@ class Run:
 
     def _refuse_endless(self) -> None:
         """Stop a run whose rest would take far too many steps."""
-        done, t = int(self.state.count[method.STEPS]), float(self.state.t[0])
-        stiff = float(self.state.memory[method.STIFF_STEPS])
+        done, t = int(self.state.count[0]["steps"]), float(self.state.t[0])
+        stiff = float(self.state.memory[0]["steps_at_stability_limit"])
         if self._seen is None:
             self._seen = done, t, stiff
         steps, passed = done - self._seen[0], t - self._seen[1]

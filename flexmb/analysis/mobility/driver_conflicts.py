@@ -27,8 +27,14 @@ from flexmb.analysis.assembly.rank import (
     null_space,
     one_blas_thread,
 )
-from flexmb.analysis.mobility.joint_exchange import MACHINE_JOINTS, Weaker, fewest_exchanges
-from flexmb.analysis.mobility.redundancy import Exchange, scene_exchanges, weaker_choices
+from flexmb.analysis.mobility.redundancy import (
+    MACHINE_JOINTS,
+    Exchange,
+    Weaker,
+    fewest_exchanges,
+    scene_exchanges,
+    weaker_choices,
+)
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model

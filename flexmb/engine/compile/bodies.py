@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.pool import Pool
-from flexmb.engine.tables import BODY
+from flexmb.engine.tables import BODY, Pool
 from flexmb.flexbody import FlexBody
 from flexmb.model.bodies.body import BodySpec, RigidBodySpec
 from flexmb.model.model import Model

@@ -9,10 +9,10 @@ import numpy as np
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
 from flexmb.engine.functions.function import TimeFunctions
-from flexmb.engine.kernels.joints.constraint import ConstraintRows, Joints
-from flexmb.engine.kernels.joints.coordinate import Coordinates
-from flexmb.engine.kernels.joints.curve_marker_tangent import CurveMarkers
-from flexmb.engine.kernels.joints.point_joint import PointJoints
+from flexmb.engine.joints.constraint import ConstraintRows, Joints
+from flexmb.engine.joints.coordinate import Coordinates
+from flexmb.engine.joints.curve_marker import CurveMarkers
+from flexmb.engine.joints.point_joint import PointJoints
 from flexmb.engine.row_kinds import POINT
 from flexmb.engine.sensor_kinds import CHANNEL_KINDS
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLE, JointAngles

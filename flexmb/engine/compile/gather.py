@@ -9,22 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile.joints import coordinates
-from flexmb.engine.compile.joints.groups import Groups, check_ends
-from flexmb.engine.compile.joints.joint import joint_groups
-from flexmb.engine.compile.lowering import Lowering
-from flexmb.engine.compile.markers import Markers
-from flexmb.engine.compile.pool import Functions, Pool
+from flexmb.engine.geometry import Geometry
+from flexmb.engine.joints.constraint_groups import (
+    Groups,
+    groups_within_bodies,
+    joint_groups,
+    scalar_coordinates,
+)
+from flexmb.engine.joints.coordinate import coordinate_table
+from flexmb.engine.joints.joint import measured_coordinate
 from flexmb.engine.kinds import KINDS
+from flexmb.engine.lowering import Lowering
 from flexmb.engine.sensor_kinds import CHANNEL_KINDS, SENSOR_KINDS
 from flexmb.engine.sensors import feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
-from flexmb.engine.tables import Sensors
+from flexmb.engine.tables import Functions, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import resolved, states_of
+from flexmb.model.sensors.signals import channel_program, resolved, states_of
 
 __all__ = ["Gathered", "Measured", "gather"]
 
@@ -61,7 +66,7 @@ class Gathered:
     measured: Measured
 
     @property
-    def markers(self) -> Markers:
+    def markers(self) -> MarkerTable:
         """The markers."""
         return self.lowering.markers
 
@@ -95,24 +100,31 @@ def gather(model: Model, flexbodies: Mapping[str, FlexBody]) -> Gathered:
         A joint or driver between two markers of one body, or what only the geometry tells.
     """
     functions = Functions(lambda expression: resolved(model, expression))
-    markers = Markers(list(model.bodies), Pool())
+    markers = MarkerTable(list(model.bodies), Pool())
     bodies = body_tables.body_table(model, flexbodies, markers.pool)
     states = states_of(model)
-    scalars = coordinates.scalars(model, functions, states)
+    scalars = scalar_coordinates(model, functions, states)
     groups = joint_groups(model, flexbodies, markers, functions, scalars)
     _refuse_loops(groups)
     before = len(scalars)
-    scalars = scalars + groups.sliders.scalars()
+    scalars = scalars + groups.curve_points.scalars()
     nq, nv = int((7 + bodies["m"]).sum()), int((6 + bodies["m"]).sum())
-    table = coordinates.coordinate_table(scalars, nq, nv)
-    lowering = Lowering(model, flexbodies, markers, functions, groups, scalars)
+    table = coordinate_table(scalars, nq, nv)
+    lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
-    channels = Channels(lowering, SENSOR_KINDS, reading, (nq + before, nv + before))
+    channels = Channels(
+        lowering,
+        SENSOR_KINDS,
+        reading,
+        (nq + before, nv + before),
+        lambda spec: measured_coordinate(lowering.geometry, spec),
+        lambda name: channel_program(model, name),
+    )
     sensors, numbers = sensor_tables(channels, ivs)
     acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
@@ -133,7 +145,7 @@ def _frame_reactions(
 
 
 def _refuse_loops(groups: Groups) -> None:
-    names = check_ends(groups)
+    names = groups_within_bodies(groups)
     if names:
         raise SceneError.from_problems(
             [Problem(name.split(":")[0], "connects a body with itself") for name in names]

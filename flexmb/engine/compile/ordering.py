@@ -9,15 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile.gather import Gathered
-from flexmb.engine.compile.joints.groups import Groups, couples, follow_table
-from flexmb.engine.compile.lowering import Placement
-from flexmb.engine.compile.planar import planar_columns
+from flexmb.engine.joints.constraint_groups import Groups, coupled_bodies, follow_table
 from flexmb.engine.kinds import KINDS
+from flexmb.engine.lowering import Placement
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import GROUP, Kkt
+from flexmb.model.bodies.body import BodySpec
 from flexmb.model.model import Model
+from flexmb.model.plane import normal_in_body, plane_axes
 
-__all__ = ["Ordered", "put_in_order"]
+
+def normal_axis(spec: BodySpec, plane: str) -> int:
+    """The axis of a body that points along the normal of the plane, or against it."""
+    return int(np.argmax(np.abs(normal_in_body(spec, plane))))
+
+
+def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
+    """Column of each velocity coordinate of a body with m modes, −1 out of the plane."""
+    first, second, _ = plane_axes(plane)
+    about = normal_axis(spec, plane)
+    columns = [-1] * 6
+    for k, coordinate in enumerate((first, second, 3 + about)):
+        columns[coordinate] = m + k
+    return [*columns, *range(m)]
 
 
 @dataclass(frozen=True)
@@ -36,7 +50,9 @@ def put_in_order(of: Gathered) -> Ordered:
     groups, follows = _place_groups(of, symbolic), follow_table(of.groups)
     _place_coordinates(follows, groups, of.coordinates, symbolic)
     _place_kinds(of, symbolic)
-    curve_markers = of.groups.sliders.table(of.groups.groups, len(of.bodies), symbolic, of.before)
+    curve_markers = of.groups.curve_points.table(
+        of.groups.groups, len(of.bodies), symbolic, of.before
+    )
     return Ordered(symbolic.kkt, groups, follows, curve_markers)
 
 
@@ -63,7 +79,7 @@ def _coupled_rows(of: Gathered) -> list[tuple[Any, str, int, int]]:
 
 def _blocks(of: Gathered) -> Blocks:
     groups, bodies, markers = of.groups, _columns(of.model, of.bodies), of.markers
-    pairs = couples(groups)
+    pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
@@ -71,8 +87,8 @@ def _blocks(of: Gathered) -> Blocks:
     ]
     for group, coordinate in of.lowering.reaction_loads:
         follows[group].add(coordinate)
-    sliders, first = groups.sliders, len(bodies) + of.before
-    pairs += sliders.couples(groups.groups, first)
+    curve_points, first = groups.curve_points, len(bodies) + of.before
+    pairs += curve_points.couples(groups.groups, first)
     pairs += [] if of.measured.feedback is None else of.measured.feedback.couples
     return Blocks(
         columns=bodies + [[0]] * len(of.lowering.scalars),
@@ -87,7 +103,7 @@ def _blocks(of: Gathered) -> Blocks:
 def _group_sliders(groups: Groups, first: int) -> list[tuple[int, ...]]:
     """Blocks of the curve markers of each group; `first` is that of the first of all."""
     blocks: list[tuple[int, ...]] = [()] * len(groups.groups)
-    for k, slider in enumerate(groups.sliders.found):
+    for k, slider in enumerate(groups.curve_points.points):
         blocks[slider.group] += (first + k,)
     return blocks
 

@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import bodies as body_tables
 from flexmb.engine.compile.core import core_tables
 from flexmb.engine.compile.gather import Gathered, gather
-from flexmb.engine.compile.joints.coordinates import unit_weight
-from flexmb.engine.compile.joints.curves import Contact
-from flexmb.engine.compile.joints.groups import row_table, row_weights
-from flexmb.engine.compile.lowering import Element
-from flexmb.engine.compile.ordering import Ordered, put_in_order
-from flexmb.engine.compile.planar import normal_axis
-from flexmb.engine.compile.sizes import body_weights, model_length
+from flexmb.engine.compile.ordering import Ordered, normal_axis, put_in_order
 from flexmb.engine.functions.function import PIECEWISE, lower
+from flexmb.engine.geometry import body_weights, model_length
+from flexmb.engine.joints.constraint_groups import row_table, row_weights
+from flexmb.engine.joints.coordinate import unit_weight
+from flexmb.engine.joints.curve_marker import Contact
 from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
+from flexmb.engine.lowering import Element
 from flexmb.engine.sensors.feedback import Start
 from flexmb.engine.tables import Parts, System
 from flexmb.engine.time_events import time_event_table
@@ -78,8 +77,8 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     found = gather(model, known)
     length = model_length(model, known, found.ground)
     system = _system(found, put_in_order(found), length)
-    sliders = found.groups.sliders
-    begin = np.append(np.zeros(found.before), sliders.starts())
+    curve_points = found.groups.curve_points
+    begin = np.append(np.zeros(found.before), curve_points.starts())
     return Compiled(
         system,
         _layout(found, system),
@@ -87,7 +86,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         length,
         known,
         functions=tuple(found.functions.programs),
-        contacts=tuple(sliders.contacts),
+        contacts=tuple(curve_points.contacts),
         starts=found.measured.starts,
         numbers=tuple(found.measured.numbers),
         elements=found.lowering.elements,

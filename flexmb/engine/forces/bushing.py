@@ -37,7 +37,7 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.bodies.markers import PlacedMarker
     from flexmb.model.forces.elements import BeamForceSpec, BushingSpec
 
@@ -80,12 +80,12 @@ def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
 
 def _bushing(lowering: Lowering, spec: BushingSpec) -> Parameters:
     """Markers, u0, p0, K and C of a bushing."""
-    I, J = (lowering.placed(reference) for reference in spec.between)  # noqa: E741
+    I, J = (lowering.geometry.marker(reference) for reference in spec.between)  # noqa: E741
     u0 = np.zeros(3)
     if spec.free == "placed":
-        R = lowering.axes(I)
-        u0 = R.T @ (lowering.position(J) - lowering.position(I))
-        J = lowering.turned(J, R)
+        R = lowering.geometry.axes(I)
+        u0 = R.T @ (lowering.geometry.position(J) - lowering.geometry.position(I))
+        J = lowering.geometry.turned(J, R)
     K = _six(spec.matrix, spec.stiffness, spec.rotational_stiffness)
     C = _six(spec.damping_matrix, spec.damping, spec.rotational_damping)
     p0 = -np.concatenate([spec.preload or (0.0,) * 3, spec.preload_torque or (0.0,) * 3])
@@ -94,17 +94,17 @@ def _bushing(lowering: Lowering, spec: BushingSpec) -> Parameters:
 
 def _beam(lowering: Lowering, spec: BeamForceSpec) -> Parameters:
     """Markers with their axes along the section's, u0, p0, K and C of a beam."""
-    I, J = (lowering.placed(reference) for reference in spec.between)  # noqa: E741
-    line = lowering.position(J) - lowering.position(I)
+    I, J = (lowering.geometry.marker(reference) for reference in spec.between)  # noqa: E741
+    line = lowering.geometry.position(J) - lowering.geometry.position(I)
     distance = float(np.linalg.norm(line))
     x = line / distance
-    y = lowering.normal_to(x) if spec.orientation is None else np.array(spec.orientation)
+    y = lowering.geometry.normal_to(x) if spec.orientation is None else np.array(spec.orientation)
     y = y - (y @ x) * x
     y /= np.linalg.norm(y)
     R = np.column_stack([x, y, np.cross(x, y)])
     length = distance if spec.length is None else spec.length
     K = beam_matrix(spec, length)
-    ends = lowering.turned(I, R), lowering.turned(J, R)
+    ends = lowering.geometry.turned(I, R), lowering.geometry.turned(J, R)
     return ends, np.array([length, 0.0, 0.0]), np.zeros(6), K, spec.damping * K
 
 

@@ -61,7 +61,7 @@ from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.forces.contacts import ContactSpec
 
 _I, _F = "i8", "f8"

@@ -29,7 +29,7 @@ from flexmb.engine.algebra.vector import (
 from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.bodies.markers import PlacedMarker
     from flexmb.model.forces.contacts import ContactSpec
 
@@ -111,11 +111,11 @@ def place_sides(
     """
     k = spec.round_side
     side, surface, reference = spec.shapes[k], spec.shapes[1 - k], spec.between[1 - k]
-    J = lowering.frames((reference, reference), getattr(surface, "axis", None))[0]
+    J = lowering.geometry.frames((reference, reference), getattr(surface, "axis", None))[0]
     if side.type == "sphere":
-        points, ri = iter([lowering.placed(spec.between[k])]), side.radius
+        points, ri = iter([lowering.geometry.marker(spec.between[k])]), side.radius
     else:
-        points, ri = lowering.contact_points(spec.between[k], side), 0.0
+        points, ri = lowering.geometry.contact_points(spec.between[k], side), 0.0
     if surface.type == "sphere":
         return J, points, (BALL, ri, surface.radius, 0.0)
     if surface.type == "plane":

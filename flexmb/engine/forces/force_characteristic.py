@@ -37,21 +37,20 @@ from flexmb.engine.forces.stop import (
 )
 from flexmb.engine.functions.function import FunctionTable, lower
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import separation
-from flexmb.engine.kernels.joints.point_rows import (
+from flexmb.engine.joints.point_joint import (
     distance_gradient,
     distance_tangent,
     dot2_gradient,
     dot2_tangent,
 )
-from flexmb.engine.kernels.joints.row import rate
+from flexmb.engine.joints.row import rate, separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Integers, array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.functions.expression import Expression
 
 _Z = 2
@@ -130,7 +129,7 @@ def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
     """Row of a stop between markers or on a joint."""
     unit = lowering.model.units.scale("m")
     if spec.type == "stop":
-        i, j = (lowering.markers.add(m) for m in lowering.frames(spec.between, spec.axis))
+        i, j = (lowering.markers.add(m) for m in lowering.geometry.frames(spec.between, spec.axis))
         measure = DISTANCE_OF if spec.axis is None else COMPONENT_OF
         return {"measure": measure, "I": i, "J": j} | stop_parameters(spec, unit)
     k = lowering.coordinate(f"forces.{name}")

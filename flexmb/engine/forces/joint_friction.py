@@ -25,15 +25,15 @@ from flexmb.engine.forces.friction import (
     friction_parameters,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.reaction import put_group_wrench
-from flexmb.engine.kernels.joints.row import put_row_gradient
+from flexmb.engine.joints.constraint import put_group_wrench
+from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering, Placement
+    from flexmb.engine.lowering import Lowering, Placement
 
 _I, _F = "i8", "f8"
 # Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by

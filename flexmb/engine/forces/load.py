@@ -24,14 +24,14 @@ from flexmb.engine.bodies.wrench import (
     put_product_block,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import separation
+from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
 
 # Force or torque at `marker` with components in global axes (`axes` = -1) or in its own.
 LOAD = np.dtype(

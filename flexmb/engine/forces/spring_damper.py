@@ -17,14 +17,14 @@ from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.forces.damping_tangent import add_rate_arms
 from flexmb.engine.functions.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import separation
+from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.forces.force import SpringDamperSpec
     from flexmb.model.functions.expression import Expression
 
@@ -60,10 +60,12 @@ def lower_springs(lowering: Lowering) -> Springs | None:
 
 def line_ends(lowering: Lowering, spec: SpringDamperSpec) -> tuple[int, int, float]:
     """Markers and free length [m] of a spring-damper along a line."""
-    ends = [lowering.placed(reference) for reference in spec.between]
+    ends = [lowering.geometry.marker(reference) for reference in spec.between]
     length = spec.free_length
     if length == "placed":
-        length = np.linalg.norm(lowering.position(ends[1]) - lowering.position(ends[0]))
+        length = np.linalg.norm(
+            lowering.geometry.position(ends[1]) - lowering.geometry.position(ends[0])
+        )
     i, j = (lowering.markers.add(marker) for marker in ends)
     return i, j, float(length)
 

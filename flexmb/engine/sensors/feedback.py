@@ -37,11 +37,10 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from flexmb.engine.compile.lowering import Lowering
-    from flexmb.engine.compile.markers import Markers
-    from flexmb.engine.compile.pool import Functions
+    from flexmb.engine.bodies.marker import MarkerTable
+    from flexmb.engine.lowering import Lowering
     from flexmb.engine.symbolic import Symbolic
-    from flexmb.engine.tables import Sensors
+    from flexmb.engine.tables import Functions, Sensors
     from flexmb.model.sensors.signals import State
 
 _I = "i8"
@@ -327,7 +326,7 @@ def _effects(
             yield _Effect(int(scalar["fun"]), -1, -1, 0, 0, int(scalar["iv"]), block)
 
 
-def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies: int):
+def _sources(sensors: Sensors, number: int, scalars, markers: MarkerTable, n_bodies: int):
     """(term, side, state, block) of everything that a channel depends on."""
     channel = sensors.channels[number]
     reads = CHANNEL_KINDS[channel["what"]].reads

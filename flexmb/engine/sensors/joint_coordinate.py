@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.row import (
+from flexmb.engine.joints.row import (
     add_row_tangent,
     put_row_gradient,
     rate,
@@ -167,7 +167,7 @@ def add_joint_coordinate(channels: Channels, spec: JointSensorSpec | DistanceSen
         i, j = (lowering.marker(reference) for reference in spec.between)
         kind, a, b = DISTANCE, 0, 0
     else:
-        frames, (kind, a, b) = lowering.measured_coordinate(spec)
+        frames, (kind, a, b) = channels.joint_coordinate(spec)
         i, j = (lowering.markers.add(marker) for marker in frames)
         counts_turns = ROW_KINDS[kind].period > 0.0 and spec.derivative == 0
     term = Term(ROW_MEASURES[spec.derivative], kind, i, j, a, b)

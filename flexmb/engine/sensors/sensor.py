@@ -7,7 +7,7 @@ of `engine.sensor_kinds`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -25,11 +25,13 @@ from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import CHANNEL, TERM, Sensors
 
 if TYPE_CHECKING:
-    from flexmb.engine.compile.lowering import Lowering
+    from flexmb.engine.geometry import Ends
+    from flexmb.engine.lowering import Lowering
     from flexmb.model.functions.expression import Expression
     from flexmb.model.sensors.sensor import (
         EnergySensorSpec,
         ExpressionSensorSpec,
+        JointSensorSpec,
         PlaceSensorSpec,
         ReactionSensorSpec,
     )
@@ -171,6 +173,8 @@ class Channels:
     kinds: Sequence[SensorKind]
     elements: Sequence[str]  # kinds whose wrenches can be read
     places: tuple[int, int]  # position and velocity coordinate of the first curve marker
+    joint_coordinate: Callable[[JointSensorSpec], tuple[Ends, tuple[int, int, int]]]
+    controller_output: Callable[[str], Expression]
     rows: list[tuple[int, ...]] = field(default_factory=list)
     terms: list[tuple[float, ...]] = field(default_factory=list)
     programs: list[Expression] = field(default_factory=list)
@@ -203,7 +207,7 @@ class Channels:
 
 def add_place(channels: Channels, spec: PlaceSensorSpec) -> None:
     """The place of a curve marker along its curve, or its rate."""
-    k = channels.lowering.groups.sliders.number(spec.joint, spec.on)
+    k = channels.lowering.groups.curve_points.number(spec.joint, spec.on)
     channels.add((PLACE, PLACE_RATE)[spec.derivative], channels.places[spec.derivative] + k)
 
 
@@ -260,7 +264,7 @@ def sensor_tables(channels: Channels, states: Mapping[str, int]) -> tuple[Sensor
         if name in states:
             channels.add(STATE, states[name])
         else:
-            channels.add_program(channels.lowering.channel_program(name))
+            channels.add_program(channels.controller_output(name))
     names = list(model.channels())
     hidden = [name for name in states if name not in names]
     for name in hidden:

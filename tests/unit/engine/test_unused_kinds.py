@@ -10,9 +10,9 @@ from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
 FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
-SLIDER_CRANK = {"joints.axis_rows", "joints.dots", "sensors.joint_coordinate",
-                "functions.function.evaluate_functions", "sensors.sensor.sum_of_terms",
-                "sensors.marker_motion"}  # fmt: skip
+SLIDER_CRANK = {"functions.function.evaluate_functions", "joints.axis_rows", "joints.row",
+                "sensors.joint_coordinate", "sensors.marker_motion",
+                "sensors.sensor.sum_of_terms"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
 # are part of units that all scenes call.
@@ -23,11 +23,11 @@ OWN = {
             "forces.spring_damper.integral"},
     "bushing": {"forces.bushing", "forces.damping_tangent", "forces.relative_motion"},
     "contact": {"forces.contact", "forces.damping_tangent"},
-    "revolute joint": {"joints.axis_rows", "joints.dots"},
+    "revolute joint": {"joints.axis_rows", "joints.row"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
-                       "joints.dots"},
+                       "joints.row"},
     "line row": {"joints.line_rows"},
-    "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
+    "cam": {"joints.coordinate", "joints.curve_marker"},
     "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.marker_motion",
                                     "sensors.sensor.sum_of_terms"},
     "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
@@ -88,6 +88,6 @@ def test_no_other_kind_is_compiled(kind, called):
     assert len(plain) < 100
     assert modules - {module(name) for name in plain} == OWN[kind] - units_alone
     # the chain has rows of coincidence only
-    shared = {"bodies.marker", "bodies.wrench", "joints.constraint", "joints.point_rows"}
+    shared = {"bodies.marker", "bodies.wrench", "joints.constraint", "joints.point_joint"}
     assert modules - OWN[kind] <= shared
     assert compiled == calls

@@ -1,0 +1,156 @@
+"""What the lowering of a kind works with: the model, and what grows while tables are built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:  # files of kernels import this one
+    from flexmb.engine.bodies.marker import MarkerTable
+    from flexmb.engine.geometry import Geometry
+    from flexmb.engine.joints.constraint_groups import Groups
+    from flexmb.engine.joints.coordinate import Scalar
+    from flexmb.engine.symbolic import Symbolic
+    from flexmb.engine.tables import Functions
+    from flexmb.flexbody import FlexBody
+    from flexmb.model.model import Model
+    from flexmb.model.sensors.sensor import ReactionSensorSpec
+
+
+class Element(NamedTuple):
+    """Where a force of the scene stands: its kind, its first row there, and how many it has.
+
+    `reversed`: markers I and J of its rows are J and I of the scene.
+    """
+
+    kind: str
+    row: int
+    n: int = 1
+    reversed: bool = False
+
+
+class Action(NamedTuple):
+    """A function that acts on a marker: component `a` of a row of a kind, on J or I (`on` 0, 1)."""
+
+    program: int
+    kind: str
+    row: int
+    on: int
+    a: int
+    marker: int
+
+
+@dataclass
+class Lowering:
+    """What the tables of all kinds are made from.
+
+    Attributes
+    ----------
+    geometry : Geometry
+        The model, its flexible bodies and its markers in the initial pose.
+    markers, functions : MarkerTable, Functions
+        Tables that grow.
+    groups : Groups
+        The constraint rows of joints, drivers and what follows joints.
+    scalars : sequence of Scalar
+        The scalar coordinates, in their order.
+    history : int
+        Numbers that elements remember from step to step, time first.
+    events : int
+        Values that the step control watches.
+    program_depth : int
+        Rows of stack that programs of the kinds need.
+    elements : dict
+        Forces by scene path, for sensors of their wrenches.
+    actions : list of Action
+        Functions that act on markers.
+    reaction_loads : list of (int, int)
+        Groups whose multipliers act on scalar coordinates.
+    """
+
+    geometry: Geometry
+    markers: MarkerTable
+    functions: Functions
+    groups: Groups
+    scalars: Sequence[Scalar]
+    history: int = 1
+    events: int = 0
+    program_depth: int = 1
+    elements: dict[str, Element] = field(default_factory=dict)
+    actions: list[Action] = field(default_factory=list)
+    reaction_loads: list[tuple[int, int]] = field(default_factory=list)
+    _coordinates: dict[str, int] = field(init=False)
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.geometry.model
+
+    @property
+    def flexbodies(self) -> Mapping[str, FlexBody]:
+        """The flexible bodies by name."""
+        return self.geometry.flexbodies
+
+    def __post_init__(self) -> None:
+        self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
+
+    def forces(self, *types: str) -> Iterator[tuple[str, Any]]:
+        """Forces of the scene of these types, by name."""
+        for name, spec in self.model.forces.items():
+            if spec.type in types:  # type: ignore[attr-defined]
+                yield name, spec
+
+    def add_element(
+        self, name: str, kind: str, row: int, n: int = 1, reversed: bool = False
+    ) -> None:
+        """Note where a force stands, for sensors of its wrench."""
+        self.elements[f"forces.{name}"] = Element(kind, row, n, reversed)
+
+    def element(self, spec: ReactionSensorSpec) -> Element:
+        """Where the element stands whose wrench a sensor reads."""
+        for section, name in (
+            ("joints", spec.joint),
+            ("drivers", spec.driver),
+            ("forces", spec.force),
+            ("couplers", spec.coupler),
+        ):
+            k = -1 if name is None else self.groups.numbers.get(f"{section}.{name}", -1)
+            if k >= 0:
+                return Element("joints", k, 1, k in self.groups.reversed)
+        return self.elements[f"forces.{spec.force}"]
+
+    def add_action(self, program: int, kind: str, row: int, on: int, a: int, marker: int) -> None:
+        """Note where a function acts."""
+        self.actions.append(Action(program, kind, row, on, a, marker))
+
+    def remember(self, n: int) -> int:
+        """Room for n numbers of history; returns the first place."""
+        self.history += n
+        return self.history - n
+
+    def watch(self, n: int) -> int:
+        """Room for n values that the step control watches; returns the first place."""
+        self.events += n
+        return self.events - n
+
+    def marker(self, reference: str) -> int:
+        """Index of a marker by its scene path."""
+        return self.markers.add(self.geometry.marker(reference))
+
+    def coordinate(self, name: str) -> int:
+        """Number of a scalar coordinate by its scene path."""
+        return self._coordinates[name]
+
+
+class Placement(NamedTuple):
+    """Where everything stands in the iteration matrix."""
+
+    symbolic: Symbolic
+    markers: MarkerTable
+    n_bodies: int
+
+    def link(self, first: int, second: int) -> int:
+        """LINK of the bodies of two markers, −1: they are not coupled."""
+        pair = self.markers.body(first), self.markers.body(second)
+        return self.symbolic.couple_links.get(pair, -1)
