@@ -30,7 +30,7 @@ from flexmb.analysis.singular_poses import (
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import CORRECT, EVALUATE, POINTS, analyse_kinematics, kinematics_units
-from flexmb.engine.kinematics_state import KinematicsSettings
+from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
 from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
@@ -156,7 +156,7 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
     """The first positions, closed with least change in lengths and angles times body weights."""
     weights, channels = assembly_weights(model), len(compiled.layout.channels)
     state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
 
     def make(of: Compiled, at: State) -> Corrector:
         system = of.system

@@ -95,7 +95,7 @@ def run_report(report: Any) -> str:
 
 def result(run: Any) -> None:
     """What a result holds: how it ended, statistics, times, energies, drift."""
-    from flexmb.model.scenes.head import gravity_in_words
+    from flexmb.model.scenes.conversion import gravity_in_words
 
     heading(run.title or str(run.path))
     rows = len(run.time)

@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile import bodies as body_tables
+from flexmb.engine.bodies.flexible_body import modal_reach
+from flexmb.engine.bodies.rigid_body import mass_properties
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
+from flexmb.model.bodies.body import RigidBodySpec
 from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
-from flexmb.model.forces.contact_checks import nodes_of
-from flexmb.model.forces.contacts import PointsSide
+from flexmb.model.forces.contact import PointsSide, nodes_of
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix, triad
 
 Array = NDArray[np.float64]
+
 Ends = tuple[PlacedMarker, PlacedMarker]
 """Markers I and J."""
 
@@ -33,7 +35,7 @@ class Geometry:
 
     def marker(self, reference: str) -> PlacedMarker:
         """The marker of a scene path."""
-        return lookup.placed(self.model, reference, self.flexbodies)
+        return lookup.place_marker(self.model, reference, self.flexbodies)
 
     def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
         """Two markers with z along an axis."""
@@ -53,8 +55,7 @@ class Geometry:
 
     def turned(self, marker: PlacedMarker, R: Array) -> PlacedMarker:
         """The marker with axes R (3, 3)."""
-        A = body_axes(self.model, marker.body)
-        return replace(marker, R=A.T @ R)
+        return replace(marker, R=body_axes(self.model, marker.body).T @ R)
 
     def normal_to(self, direction: Array) -> Array:
         """A unit vector (3,) at right angles to a unit vector."""
@@ -95,8 +96,8 @@ def model_length(
     """
     points = np.concatenate([_points(model, flexbodies), ground])
     spread = float(np.linalg.norm(np.ptp(points, axis=0)))
-    rigid = [spec for spec in model.bodies.values() if not spec.flexible]
-    mass, _, inertia = body_tables.mass_properties(rigid)
+    rigid = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
+    mass, _, inertia = mass_properties(rigid)
     gyration = np.sqrt(np.trace(inertia, axis1=1, axis2=2) / mass)
     reach = [body.characteristic_length for body in flexbodies.values()]
     return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
@@ -124,5 +125,13 @@ def body_weights(
     for name in model.bodies:
         parts.append(rigid)
         if name in flexbodies:
-            parts.append(body_tables.modal_reach(flexbodies[name]) / length)
+            parts.append(modal_reach(flexbodies[name]) / length)
     return np.concatenate(parts)
+
+
+def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
+    """q of the initial, undeformed pose."""
+    q = np.zeros(int((7 + bodies["m"]).sum()))
+    pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
+    q[bodies["iq"][:, None] + np.arange(7)] = pose
+    return q

@@ -4,6 +4,8 @@
 models have (springs, contacts, friction ...) stands with its kind (`engine.kind`). All numbers are
 SI. Offsets `iq`, `iv` point into q and v; `pool` holds all data whose size depends on the number of
 modes, addressed by offsets in the body and marker tables.
+Per body q = [r(3), p(4), eta(m)] and v = [r_dot(3), w(3), eta_dot(m)]; p are Euler parameters,
+scalar part first, and w is the angular velocity in body axes. `Layout` names the columns.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from flexmb.engine.records import Integers, Matrix, Vector, array_of
 
 if TYPE_CHECKING:
     from flexmb.model.functions.expression import Expression, Ops
+
 
 _I = "i8"
 _F = "f8"
@@ -317,3 +320,37 @@ class Functions:
         if k == len(self.programs):
             self.programs.append(expression)
         return k
+
+
+ENERGIES = ("kinetic", "strain", "gravity", "spring", "driver_work", "damper_work", "applied_work")
+
+
+@dataclass(frozen=True)
+class BodyColumns:
+    """Where one body stands in q and v."""
+
+    name: str
+    iq: int
+    iv: int
+    m: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names and offsets of all columns of a compiled system.
+
+    The scalar coordinates stand behind the bodies, in this order, in q and in v. A reaction is the
+    wrench that a joint or driver transmits, twelve numbers: force and moment on marker J in its
+    axes, then force and moment on marker I in its axes.
+    """
+
+    bodies: tuple[BodyColumns, ...]
+    coordinates: tuple[str, ...]
+    nq: int
+    nv: int
+    nc: int
+    rows: tuple[str, ...]
+    reactions: tuple[str, ...]
+    channels: tuple[str, ...]
+    energies: tuple[str, ...]
+    fingerprint: str

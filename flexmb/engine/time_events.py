@@ -11,10 +11,6 @@ repeats it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from flexmb.engine.algebra.vector import copy, store
 from flexmb.engine.jit import kernel, unit
@@ -31,25 +27,8 @@ from flexmb.engine.method import (
 )
 from flexmb.engine.state import Run
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 # The first step after an event, over the last one that was free: estimates begin again.
 _RESTART = 0.1
-# Round-off of the times at which functions are evaluated, relative.
-_SIDE = 4e-15
-# Jumps closer than this fraction of the run are one.
-_ONE_EVENT = 1e-10
-
-
-def time_event_table(times: Collection[float], end: float) -> NDArray[np.float64]:
-    """(n, 2) times [s] just before and just after every jump within a run of this length."""
-    events: list[float] = []
-    for t in sorted(times):
-        if t - (events[-1] if events else 0.0) > _ONE_EVENT * end and end - t > _ONE_EVENT * end:
-            events.append(t)
-    table = np.array(events)
-    return np.column_stack([table * (1.0 - _SIDE), table * (1.0 + _SIDE)])
 
 
 @kernel

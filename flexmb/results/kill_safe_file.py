@@ -113,18 +113,6 @@ class DiskFile(io.RawIOBase):
         self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
         self._position = 0
 
-    def readable(self) -> bool:
-        """True: HDF5 reads back what it evicted from its cache."""
-        return True
-
-    def writable(self) -> bool:
-        """True."""
-        return True
-
-    def seekable(self) -> bool:
-        """True."""
-        return True
-
     def readinto(self, buffer: Any) -> int | None:
         """Fill `buffer` from the current position."""
         view = memoryview(buffer).cast("B")

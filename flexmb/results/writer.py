@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.columns import TABLES, Columns, count_finite_rows, describe_bad_row, widths
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted

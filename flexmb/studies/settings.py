@@ -25,9 +25,8 @@ from flexmb.model import Model
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.scenes.scene import load_scene, raw_scene
-from flexmb.model.tasks.knobs import resolve_knob
-from flexmb.model.tasks.methods import OPTIONS
-from flexmb.model.tasks.overrides import override
+from flexmb.model.tasks.dynamics import OPTIONS
+from flexmb.model.tasks.study import override, resolve_knob
 from flexmb.model.values.reading import under
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.workers import content_key

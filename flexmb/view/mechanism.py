@@ -17,7 +17,7 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
-from flexmb.model.lookup import frames, placed
+from flexmb.model.lookup import frames, place_marker
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import Pose, Result
@@ -68,7 +68,7 @@ class Mechanism:
 
     def point(self, reference: str) -> Array:
         """Position (3,) of the marker ``"body.marker"``, its body deformed."""
-        marker = placed(self.model, reference, self.flexbodies)
+        marker = place_marker(self.model, reference, self.flexbodies)
         pose = self.pose(marker.body)
         s = marker.position
         if marker.Phi_t is not None and marker.Phi_r is not None:
@@ -82,7 +82,7 @@ class Mechanism:
         if body == GROUND:
             here = float(self.point(reference) @ axis)
             return here, here
-        marker = placed(self.model, reference, self.flexbodies)
+        marker = place_marker(self.model, reference, self.flexbodies)
         times = np.linspace(self.result.time[0], self.result.time[-1], 60)
         poses = [self.result.pose(body, float(t)) for t in times]
         along = [float((p.r + p.A @ marker.position) @ axis) for p in poses]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ViewError, nearest
+from flexmb.errors import ViewError
 from flexmb.model.values.names import GROUND
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
@@ -178,13 +178,7 @@ def draw_panels(
 
 
 def check_exaggeration(exaggeration: float | str | None) -> None:
-    """Refuse factors that cannot be.
-
-    Raises
-    ------
-    ViewError
-        Neither a number of at least 0 nor ``"auto"``.
-    """
+    """Refuse what is neither a number of at least 0 nor ``"auto"``."""
     if isinstance(exaggeration, str) and exaggeration != "auto":
         raise ViewError(f'exaggeration "{exaggeration}" is neither a number nor "auto"')
     if isinstance(exaggeration, int | float) and not 0 <= exaggeration < float("inf"):
@@ -192,22 +186,14 @@ def check_exaggeration(exaggeration: float | str | None) -> None:
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse pictures that show nothing.
-
-    Raises
-    ------
-    ViewError
-        Fewer than 64 pixels either way.
-    """
+    """Refuse fewer than 64 pixels either way."""
     if min(size) < _MIN_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
 
 
 def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
     if color not in COLORS:
-        raise ViewError.from_problems(
-            [Problem("", f'unknown color "{color}"', COLORS, nearest(color, COLORS))]
-        )
+        raise ViewError.unknown(f'unknown color "{color}"', color, COLORS)
     if layer is not None and color != "von_mises":
         raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
     check_exaggeration(exaggeration)
@@ -235,8 +221,7 @@ def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Ar
                   for name in body.stress.layers}  # fmt: skip
         if layers and layer is not None:
             what = f'no flexible body has stress in a layer "{layer}"'
-            problem = Problem("", what, tuple(sorted(layers)), nearest(layer, layers))
-            raise ViewError.from_problems([problem])
+            raise ViewError.unknown(what, layer, sorted(layers))
         what = 'no flexible body of the run has stress; reduce the mesh with stress = "surface"'
         raise ViewError(what)
     return stress

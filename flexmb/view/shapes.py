@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.values.names import GROUND, split_reference
@@ -257,7 +257,7 @@ def _loft(rings: Array, top: Array, bottom: Array) -> Triangles:
 
 def _circle(e1: Array, e2: Array) -> Array:
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    return np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2)
+    return np.asarray(np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2))
 
 
 def _unit(vector: ArrayLike) -> Array:

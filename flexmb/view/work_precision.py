@@ -33,6 +33,7 @@ class Curve(NamedTuple):
     words: Sequence[str] = ()
 
 
+Point = tuple[float, float, str]  # seconds, error, word
 Panels = Mapping[str, Sequence[Curve]]
 
 
@@ -59,16 +60,7 @@ def work_precision_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        for i, curve in enumerate(curves):
-            axes.loglog(
-                curve.seconds,
-                [max(error, _SMALLEST) for error in curve.errors],
-                color=LINES[i % len(LINES)],
-                marker=_MARKERS[i // len(LINES) % len(_MARKERS)],
-                ms=5,
-                lw=1.4,
-                label=curve.name or None,
-            )
+        _draw(axes, curves, joined=True)
         _finish(axes, name, floors.get(name), target)
     _legend(figure, grid)
     return figure
@@ -83,16 +75,11 @@ def pareto_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        points = []
-        for i, curve in enumerate(curves):
-            errors = [max(error, _SMALLEST) for error in curve.errors]
-            axes.loglog(
-                curve.seconds, errors, ls="", ms=7, label=curve.name or None,
-                color=LINES[i % len(LINES)], marker=_MARKERS[i % len(_MARKERS)],
-            )  # fmt: skip
-            words = curve.words or [""] * len(errors)
-            points += list(zip(curve.seconds, errors, words, strict=True))
-        front = _front(points)
+        points = _draw(axes, curves, joined=False)
+        front: list[Point] = []  # the points that no other one beats in both time and error
+        for point in sorted(points):
+            if not front or point[1] < front[-1][1]:
+                front.append(point)
         axes.step(
             [point[0] for point in front], [point[1] for point in front],
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
@@ -103,23 +90,24 @@ def pareto_figure(
     return figure
 
 
-def _front(points: Sequence[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
-    """The points that no other one beats in both time and error, by time."""
-    front: list[tuple[float, float, str]] = []
-    for point in sorted(points):
-        if not front or point[1] < front[-1][1]:
-            front.append(point)
-    return front
+def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
+    """Points of all curves in their colours, joined by lines or not; returns them."""
+    points = list[Point]()
+    for i, curve in enumerate(curves):
+        errors = [max(error, _SMALLEST) for error in curve.errors]
+        marker = _MARKERS[(i // len(LINES) if joined else i) % len(_MARKERS)]
+        axes.loglog(
+            curve.seconds, errors, color=LINES[i % len(LINES)], label=curve.name or None,
+            marker=marker, ms=5 if joined else 7, ls="-" if joined else "", lw=1.4,
+        )  # fmt: skip
+        points += zip(curve.seconds, errors, curve.words or [""] * len(errors), strict=True)
+    return points
 
 
-def _label(
-    axes: Any,
-    front: Sequence[tuple[float, float, str]],
-    points: Sequence[tuple[float, float, str]],
-) -> None:
-    """Words beside the points of the front, where they cover neither each other nor a point."""
+def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
+    """Words next to the points of the front, where they cover neither each other nor a point."""
 
-    def place(point: tuple[float, float, str]) -> tuple[float, float]:
+    def place(point: Point) -> tuple[float, float]:
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
         return float(x), float(y)
 
@@ -130,21 +118,17 @@ def _label(
         for ha, dx, dy in (("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
             low = x + 0.02 if ha == "left" else x - 0.02 - width
             box = (low, low + width, y + dy / 220)
-            if _free(box, taken):
+            inside = box[0] >= 0 and box[1] <= 1
+            if inside and not any(
+                box[0] < right and left < box[1] and abs(box[2] - height) < _LINE
+                for left, right, height in taken
+            ):
                 axes.annotate(
                     point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
                     fontsize=7, color=INK, ha=ha, va="center",
                 )  # fmt: skip
                 taken.append(box)
                 break
-
-
-def _free(box: tuple[float, float, float], taken: Sequence[tuple[float, float, float]]) -> bool:
-    """Whether a line of text (left, right, height; shares of the axes) fits in."""
-    inside = box[0] >= 0 and box[1] <= 1
-    return inside and not any(
-        box[0] < right and left < box[1] and abs(box[2] - y) < _LINE for left, right, y in taken
-    )
 
 
 def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
@@ -182,12 +166,10 @@ def _ticks(axis: Any, limits: tuple[float, float]) -> None:
 
     subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(10.0, subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+    axis.set_major_formatter(
+        FuncFormatter(lambda x, _: f"{x:g}" if x >= _SMALL else f"{x:.0e}".replace("e-0", "e-"))
+    )
     axis.set_minor_formatter(NullFormatter())
-
-
-def _number(value: float) -> str:
-    return f"{value:g}" if value >= _SMALL else f"{value:.0e}".replace("e-0", "e-")
 
 
 def _legend(figure: Figure, grid: Sequence[Any]) -> None:

@@ -211,7 +211,7 @@ def _survey_table(survey: Survey, units: UnitSystem) -> dict[str, str]:
 
 
 def _notes(model: Model) -> list[str]:
-    from flexmb.model.scenes.head import gravity_in_words
+    from flexmb.model.scenes.conversion import gravity_in_words
 
     gravity = None
     if model.gravity is not None:

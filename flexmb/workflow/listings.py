@@ -100,7 +100,7 @@ def _listing(
     title: str, kinds: Mapping[str, Any], about: str = "", table: Table | None = None
 ) -> Listing:
     """A text and a table, then one table of fields for each specification."""
-    from flexmb.model.scenes.forms import described, fields_of, words
+    from flexmb.model.scenes.description import described, fields_of, words
 
     tables = [(about, table or Table((), []))] if about or table else []
     for spec in dict.fromkeys(kinds.values()):
@@ -168,14 +168,15 @@ def _free_motions(joint: str, count: int) -> str:
 
 
 def _curves() -> Listing:
-    from flexmb.model.joints.curves import CurveSpec
+    from flexmb.model.joints.curve import CurveSpec
 
     kinds = {"a curve, in the axes of the marker that carries it": CurveSpec}
     return _listing("curves that joints slide along: [curves.name]", kinds)
 
 
 def _couplers() -> Listing:
-    from flexmb.model.joints.couplers import COUPLER_TYPES, AngleTerm, StrokeTerm
+    from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
+    from flexmb.model.scenes.sections import COUPLER_TYPES
 
     terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
     about = "Each relates the coordinates of two or three joints by one equation:"
@@ -183,9 +184,9 @@ def _couplers() -> Listing:
 
 
 def _forces() -> Listing:
-    from flexmb.model.forces.contacts import CONTACT_SHAPES
-    from flexmb.model.forces.force import FORCE_TYPES
+    from flexmb.model.forces.contact import CONTACT_SHAPES
     from flexmb.model.forces.friction import FrictionSpec
+    from flexmb.model.scenes.sections import FORCE_TYPES
 
     parts = {f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()}
     parts["friction of a contact"] = FrictionSpec
@@ -199,7 +200,8 @@ def _sensors() -> Listing:
 
 
 def _controllers() -> Listing:
-    from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
+    from flexmb.model.scenes.sections import CONTROLLER_TYPES
+    from flexmb.model.sensors.control import StateSpec
 
     kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
     return _listing("states and controllers: [states.name], [controllers.name]", kinds)
@@ -222,7 +224,7 @@ _MARKER_COORDINATES = {
 
 
 def _drivers() -> Listing:
-    from flexmb.model.joints.drivers import DRIVEN, DriverSpec
+    from flexmb.model.joints.driver import DRIVEN, DriverSpec
     from flexmb.model.joints.joint import JOINT_TYPES
 
     rows = []
@@ -306,10 +308,8 @@ def _reductions() -> Listing:
 
 
 def _methods() -> Listing:
-    from flexmb.model.tasks.assembly import AssemblySpec, GuessSpec
-    from flexmb.model.tasks.dynamics import DynamicsSpec
-    from flexmb.model.tasks.kinematics import KinematicsSpec
-    from flexmb.model.tasks.methods import METHODS
+    from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
+    from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
 
     kinds = {
         "[dynamics]": DynamicsSpec,

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints.joint import signs_of_axes
-from flexmb.engine.layout import BodyColumns
 from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import State, Work
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.core import with_markers
+from flexmb.engine.compile.system import with_markers
 from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
@@ -72,7 +72,8 @@ class InitialVelocities:
             _Prescribed(
                 _place(name, marker, marker in spec.initial),
                 markers.numbers[name],
-                before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
+                before
+                + markers.add(lookup.place_marker(model, f"{name}.{marker}", compiled.flexbodies)),
                 one,
             )
             for name, spec in model.bodies.items()

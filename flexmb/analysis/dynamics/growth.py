@@ -15,7 +15,7 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import live_functions
+from flexmb.model.sensors.channels import feedback_functions
 from flexmb.results import OutputBlock
 
 __all__ = ["Growth"]
@@ -53,7 +53,7 @@ class Growth:
     """
 
     def __init__(self, compiled: Compiled, model: Model) -> None:
-        self.ends_run = any(where.startswith("forces.") for where, _ in live_functions(model))
+        self.ends_run = any(where.startswith("forces.") for where, _ in feedback_functions(model))
         self._units = model.units
         self._quantities = _quantities(compiled)
         n = len(self._quantities)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
+from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
-from flexmb.model.sensors.signals import live_functions, resolved
 from flexmb.results import OutputBlock
 
 __all__ = ["SingularPoses", "loop_notes"]
@@ -21,7 +21,7 @@ _CLOSE = 1.0  # degrees
 def loop_notes(model: Model) -> list[str]:
     """A note for every force that depends on accelerations or reactions, which depend on it."""
     notes = []
-    for where, function in live_functions(model):
+    for where, function in feedback_functions(model):
         if not where.startswith("forces."):
             continue
         names = resolved(model, function.expression).channels

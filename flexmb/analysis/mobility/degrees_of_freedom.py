@@ -45,7 +45,7 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.model import Model
 
 
@@ -197,7 +197,7 @@ def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> s
 def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
     """The closed pose, and what had to move for it; or the reason why there is none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
     weights = assembly_weights(model)
     start = length_corrector(compiled, state, weights)
     start.evaluate()

@@ -29,7 +29,6 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.assembly.rank import Decomposition, null_space
 from flexmb.engine.joints.joint import JOINT_ROWS
-from flexmb.model.joints.gearing import terms_of
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
@@ -390,7 +389,7 @@ def _used_coordinates(model: Model, joint: str) -> set[str]:
     specs = (*model.drivers.values(), *model.forces.values(), *model.sensors.values())
     using = [spec for spec in specs if getattr(spec, "joint", None) == joint]
     used = {str(getattr(spec, "coordinate", "angle")) for spec in using}
-    coupled = [term for spec in model.couplers.values() for term in terms_of(spec)]
+    coupled = [term for spec in model.couplers.values() for term in spec.coordinates]
     return used | {coordinate for name, coordinate in coupled if name == joint}
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from flexmb.engine.lowering import Lowering
     from flexmb.model.bodies.markers import PlacedMarker
-    from flexmb.model.forces.elements import BeamForceSpec, BushingSpec
+    from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 
     Array = NDArray[np.float64]
     Parameters = tuple[tuple[PlacedMarker, PlacedMarker], Array, Array, Array, Array]

@@ -62,7 +62,7 @@ from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.forces.contacts import ContactSpec
+    from flexmb.model.forces.contact import ContactSpec
 
 _I, _F = "i8", "f8"
 # One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:

@@ -31,7 +31,7 @@ from flexmb.engine.jit import kernel
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
     from flexmb.model.bodies.markers import PlacedMarker
-    from flexmb.model.forces.contacts import ContactSpec
+    from flexmb.model.forces.contact import ContactSpec
 
 # Sides J of contacts.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3

@@ -1,7 +1,7 @@
 """Nonlinear spring-dampers, actuators and stops: forces by a characteristic of one measure.
 
 The measure s is the distance of two markers, a component of their separation, or a scalar
-coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper` and `stop`. With
+coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper` and `stops`. With
 the gradient g (12) of a measure between markers the wrench pair is −R g, as for a constraint row
 whose multiplier is R.
 """
@@ -29,7 +29,7 @@ from flexmb.engine.forces.spring_damper import (
     spring_energy,
     spring_resistance,
 )
-from flexmb.engine.forces.stop import (
+from flexmb.engine.forces.stops import (
     stop_energy,
     stop_parameters,
     stop_power,

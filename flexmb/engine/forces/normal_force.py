@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
-    from flexmb.model.forces.contacts import ContactSpec
+    from flexmb.model.forces.contact import ContactSpec
     from flexmb.model.model import Model
 
 

@@ -25,7 +25,7 @@ from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.forces.force import SpringDamperSpec
+    from flexmb.model.forces.spring_damper import SpringDamperSpec
     from flexmb.model.functions.expression import Expression
 
 SPRING = np.dtype(

@@ -37,12 +37,12 @@ from flexmb.engine.tables import FOLLOW, ROW, Functions
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.forces.contact_checks import friction_coordinate
-from flexmb.model.forces.force import JointSpringSpec, LineForceSpec
-from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
+from flexmb.model.forces.load import LineForceSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import State
+from flexmb.model.sensors.control import State
 
 
 class Entry(NamedTuple):
@@ -320,7 +320,7 @@ class _Rows:
 
     def line(self, owner: str, between: tuple[str, str]) -> None:
         """A row by which the scalar coordinate of that name follows a distance."""
-        I, J = (lookup.placed(self.model, end, self.flexbodies) for end in between)  # noqa: E741
+        I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
         self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
 
     def coupled(self, coupled: CoupledRow) -> tuple[Entry, Ends]:

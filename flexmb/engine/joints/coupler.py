@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from flexmb.flexbody import FlexBody
-from flexmb.model.joints.gearing import acting_names, equation, terms_of
 from flexmb.model.model import Model
 
 Follows = tuple[tuple[str, float], ...]
@@ -33,8 +32,8 @@ class CoupledRow(NamedTuple):
 def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
     """Names of the scalar coordinates of couplers and screws, and whether they are angles."""
     for name, spec in model.couplers.items():
-        owners = acting_names(name, spec)
-        for owner, (_, coordinate) in zip(owners[:-1], terms_of(spec), strict=False):
+        owners = spec.reaction_names(name)
+        for owner, (_, coordinate) in zip(owners[:-1], spec.coordinates, strict=False):
             yield f"couplers.{owner}", coordinate != "stroke"
     for name, joint_spec in model.joints.items():
         if joint_spec.type == "screw":
@@ -44,9 +43,9 @@ def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
 def coupled_rows(model: Model, flexbodies: Mapping[str, FlexBody]) -> Iterator[CoupledRow]:
     """The rows of all couplers."""
     for name in model.couplers:
-        coupling = equation(model, name, flexbodies)
+        coupling = model.couplers[name].equation(model, flexbodies)
         keys = tuple((term.joint, term.coordinate) for term in coupling.terms)
-        owners = [f"couplers.{owner}" for owner in acting_names(name, model.couplers[name])]
+        owners = [f"couplers.{owner}" for owner in model.couplers[name].reaction_names(name)]
         last = coupling.terms[-1].factor
         for owner, key in zip(owners[:-1], keys, strict=False):
             yield CoupledRow(owner, *key, ((owner, 1.0),), 0.0, coupling.relative)

@@ -35,7 +35,7 @@ from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
-from flexmb.model.joints.curve_shape import CurveShape, curve_shape
+from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
@@ -368,7 +368,7 @@ def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
     if body.flexible:
         return marker
     center: Array = lookup.global_position(
-        model, lookup.placed(model, f"{I if J == GROUND else J}.center")
+        model, lookup.place_marker(model, f"{I if J == GROUND else J}.center")
     )
     return 2.0 * marker - center if J == GROUND else center
 

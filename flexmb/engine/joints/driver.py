@@ -19,8 +19,7 @@ from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.functions.antiderivatives import antiderivative
 from flexmb.model.functions.expression import Expression
-from flexmb.model.joints.driver_problems import closing
-from flexmb.model.joints.drivers import DriverSpec, Start
+from flexmb.model.joints.driver import DriverSpec, Start, closing_problem
 from flexmb.model.model import Model
 from flexmb.model.plane import in_plane_triad
 
@@ -75,7 +74,7 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
             except SceneError as error:
                 problems = [Problem(where, problem.what) for problem in error.problems]
                 raise SceneError.from_problems(problems) from None
-            what = closing(model, expression) if motion.coordinate == "distance" else None
+            what = closing_problem(model, expression) if motion.coordinate == "distance" else None
             if what is not None:
                 raise SceneError.from_problems([Problem(where, what)])
         expressions.append(expression)

@@ -23,17 +23,15 @@ from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.bodies.meshes import MESH_TYPES
 from flexmb.model.bodies.sections import SECTION_TYPES
-from flexmb.model.forces.force import FORCE_TYPES
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
 from flexmb.model.functions.function import FUNCTION_FORMS
-from flexmb.model.joints.couplers import COUPLER_TYPES
-from flexmb.model.joints.curves import CurveSpec
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import COORDINATES, JOINT_TYPES
+from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.sensors.control import StateSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.sensors.states import CONTROLLER_TYPES, StateSpec
-from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.methods import METHODS
+from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
 from flexmb.units import UNIT_SYSTEMS
 
 METHOD_NAMES = get_args(DynamicsSpec.model_fields["method"].annotation)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from flexmb.engine.forces import relative_motion, spring_damper
 from flexmb.engine.functions.function import lower, run_program, stack_for
 from flexmb.engine.units import call
-from flexmb.model.forces.laws import LawOf
+from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse
 
 LAST_DIGITS = 1e-13
@@ -52,7 +52,7 @@ def found():
 
 def read(points, name, places):
     """(places, 3) force, slope and energy of a tabulated law."""
-    made = LawOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
+    made = CharacteristicOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
     table = lower([made.expression, made.stored])
     stack = stack_for(table)
     rows = []
