@@ -30,9 +30,9 @@ def test_a_scene_without_faults_is_told_in_few_lines(tmp_path: Path) -> None:
     shown = checked(tmp_path, crank_slider("RSUT", driven=True))
     for words in (
         ("coordinates", "18", "of 3 bodies"),
-        ("equations s", "18", "1 of them drivers'"),
+        ("constraint equations", "18", "1 of them drivers'"),
         ("their rank", "18", "0 redundant"),
-        ("freedoms δ", "0", "1 without drivers"),
+        ("degrees of freedom", "0", "1 without drivers"),
     ):
         assert any(all(word in line for word in words) for line in shown.splitlines()), words
     assert "not unique" not in shown and "redundant equation" not in shown
@@ -43,9 +43,9 @@ def test_redundant_equations_cures_reactions_and_motions(tmp_path: Path) -> None
     lines = [" ".join(line.split()) for line in checked(tmp_path, excavator("RTR")).splitlines()]
     for line in (
         "coordinates 72 of 12 bodies",
-        "equations s 80 no drivers",
+        "constraint equations 80 no drivers",
         "their rank 68 12 redundant",
-        "freedoms δ 4 kinematics needs 4 drivers",
+        "degrees of freedom 4 kinematics needs 4 drivers",
         "3 redundant equations among boom_pin, boom_cylinder_foot, boom_cylinder_slide, "
         "boom_cylinder_head",
         "cured by boom_pin: revolute -> in-line",

@@ -1,4 +1,4 @@
-"""Commands to begin with: what there is, a new scene, a schema for editors, compiling ahead."""
+"""``flexmb list``, ``new`` and ``schema``: what a scene may contain, templates, editors."""
 
 from __future__ import annotations
 
@@ -9,27 +9,23 @@ from typing import Annotated
 
 import typer
 
-from flexmb.cli import show
-from flexmb.cli.app import app
-from flexmb.cli.bars import Bars
-from flexmb.cli.guard import guarded
-
-__all__ = ["list_topic", "new", "schema", "warmup"]
+from flexmb.cli import screen
+from flexmb.cli.app import command
+from flexmb.errors import OutputError
 
 _WIDTH = 100  # columns of running text
 
 
-@app.command("list")
-@guarded
+@command("list")
 def list_topic(
     topic: Annotated[
         str | None,
         typer.Argument(help="joints, forces, drivers, functions, ...", show_default=False),
     ] = None,
 ) -> None:
-    """List what scenes may use: joints, forces, materials, ...
+    """List what scenes may contain: joints, forces, materials, ...
 
-    Without a topic: says what can be listed.
+    Without a topic: lists the topics.
 
     Example: flexmb list joints
     """
@@ -37,19 +33,18 @@ def list_topic(
 
     if topic is None:
         rows = [(name, about) for name, (about, _) in workflow.TOPICS.items()]
-        show.table(("flexmb list", "what"), rows)
+        screen.table(("flexmb list", "what"), rows)
         return
     listing = workflow.listing(topic)
-    show.heading(listing.title)
+    screen.heading(listing.title)
     for about, table in listing.tables:
-        show.line("")
+        screen.line("")
         for row in textwrap.wrap(about, _WIDTH):
-            show.line(row)
-        show.table(table.columns, table.rows)
+            screen.line(row)
+        screen.table(table.columns, table.rows)
 
 
-@app.command()
-@guarded
+@command()
 def new(
     name: Annotated[Path, typer.Argument(help="Folder to make.", show_default=False)],
     template: Annotated[
@@ -70,12 +65,11 @@ def new(
     from flexmb import workflow
 
     scene = workflow.new_scene(name, template)
-    show.line(f"written: {scene}")
-    show.line(f"run it with: flexmb run {scene}")
+    screen.line(f"written: {scene}")
+    screen.line(f"run it with: flexmb run {scene}")
 
 
-@app.command()
-@guarded
+@command()
 def schema(
     output: Annotated[
         Path | None,
@@ -88,7 +82,6 @@ def schema(
 
     Example: flexmb schema --output scene.schema.json
     """
-    from flexmb.errors import OutputError
     from flexmb.model import scene_schema
 
     text = json.dumps(scene_schema(), indent=1) + "\n"
@@ -100,25 +93,5 @@ def schema(
     except OSError as error:
         why = error.strerror or error
         raise OutputError(f"{output}: cannot be written ({why})") from None
-    show.line(f"written: {output}")
-    show.line(f"name it in the first line of a scene: #:schema {output.name}")
-
-
-@app.command()
-@guarded
-def warmup() -> None:
-    """Compile ahead all that runs would compile at first.
-
-    Takes about a minute, once per machine and version. Without it the first run of a scene compiles
-    the parts that it uses. Ctrl-C keeps what is compiled already.
-
-    Example: flexmb warmup
-    """
-    from flexmb import workflow
-
-    with Bars() as progress:
-        done = workflow.warmup(progress)
-    show.line(
-        f"{done.units} units, {done.compiled} of them compiled in {done.seconds:.1f} s; "
-        f"{done.size / 1e6:.1f} MB in {done.cache}"
-    )
+    screen.line(f"written: {output}")
+    screen.line(f"name it in the first line of a scene: #:schema {output.name}")
