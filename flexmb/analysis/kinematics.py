@@ -14,11 +14,14 @@ import numpy as np
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
 from flexmb.analysis.assembly.rank import MAX_COORDINATES
 from flexmb.analysis.dynamics.analysis import Outcome, Sink
-from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.run import Clock
-from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.monitors import (
+    ContactLossMonitor,
+    SingularOrientationMonitor,
+    algebraic_loop_notes,
+)
 from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
 from flexmb.analysis.singular_poses import (
     KinematicPose,
@@ -30,7 +33,7 @@ from flexmb.analysis.singular_poses import (
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import CORRECT, EVALUATE, POINTS, analyse_kinematics, kinematics_units
-from flexmb.engine.kinematics_state import KinematicsSettings
+from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
 from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
@@ -100,7 +103,9 @@ def prepare_kinematics(
         gap=_CLOSED * max(1.0, float(np.abs(pose.state.q).max()) / compiled.length),
         redundant=redundant,
     )
-    return PreparedKinematics(pose, settings, timer, (*notes, *loop_notes(model)), not_unique)
+    return PreparedKinematics(
+        pose, settings, timer, (*notes, *algebraic_loop_notes(model)), not_unique
+    )
 
 
 def run_kinematics(
@@ -123,8 +128,8 @@ def run_kinematics(
     notes = (
         *prepared.notes,
         *singular_pose_notes(prepared.pose),
-        *run.contact_losses.notes(),
-        *run.singular_angles.notes,
+        *run.contact_loss.notes(),
+        *run.orientations.notes(),
     )
     statistics = run.statistics() | prepared.timer.seconds
     if prepared.not_unique:
@@ -156,7 +161,7 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
     """The first positions, closed with least change in lengths and angles times body weights."""
     weights, channels = assembly_weights(model), len(compiled.layout.channels)
     state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
 
     def make(of: Compiled, at: State) -> Corrector:
         system = of.system
@@ -217,8 +222,8 @@ class _Run:
         n = min(prepared.points, max(1, _CHUNK_WORK // pose.compiled.layout.nv))
         self._rows = ChunkRows(pose.compiled, n)
         self._run = new_run(pose.compiled.system, pose.state, pose.work, output=self._rows.output)
-        self.contact_losses = Lifts(pose.compiled)
-        self.singular_angles = SingularPoses(pose.compiled.layout, pose.model)
+        self.contact_loss = ContactLossMonitor(pose.compiled)
+        self.orientations = SingularOrientationMonitor(pose.compiled.layout, pose.model)
 
     @property
     def time(self) -> float:
@@ -241,8 +246,8 @@ class _Run:
     def store_unread(self) -> None:
         if self._rows.unread:
             rows = self._rows.read()
-            self.contact_losses.see(rows)
-            self.singular_angles.add(rows)
+            self.contact_loss.add(rows)
+            self.orientations.add(rows)
             self._sink.append(rows)
 
     def statistics(self) -> dict[str, float | int | str]:

@@ -20,7 +20,7 @@ from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import EVALUATE, analyse_kinematics
-from flexmb.engine.kinematics_state import KinematicsSettings, Path
+from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
 from flexmb.engine.tables import System

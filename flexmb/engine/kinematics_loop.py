@@ -5,22 +5,19 @@ all with one factor of [[W, Cqᵀ], [Cq, 0]], W a diagonal metric: masses play n
 repeat others do no harm. The factor of one point begins the next; reactions follow from
 Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ + h³/6 j), j the last difference of v̇. An
 increment is halved where Newton's method fails or the new point does not continue the motion
-(`engine.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
+(`engine.kinematics_point`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine import continuity
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.inverse import solve_reactions
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
@@ -34,9 +31,22 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.kinematics_state import KinematicsSettings, Path
+from flexmb.engine.kinematics_point import (
+    KinematicsSettings,
+    Path,
+    add_works,
+    are_finite,
+    check_branch,
+    next_increment,
+    note_singular_pose,
+    predict,
+    remember_point,
+    solve_positions,
+    solve_reactions,
+    solve_velocities_accelerations,
+)
 from flexmb.engine.method import FINE, NOT_FINITE
-from flexmb.engine.point import solve_positions, solve_velocities_accelerations
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
 # What the loop is asked for.
@@ -59,21 +69,21 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
         if not first:
             speed = weighted_size(st.v, w)
             most = min(memory["next_increment"], settings.interval)
-            h = continuity.next_increment(left, most, speed)
+            h = next_increment(left, most, speed)
         last = h <= _LEAST_INCREMENT * settings.interval
         tr.t[0] = st.t[0] + h
         walk(run.stages.functions, run, at)
-        continuity.predict(run, path, h)
+        predict(run, path, h)
         if memory["motion_since_factor"] >= 0.0:
             memory["motion_since_factor"] += weighted_size(tr.dq, w)
         move(run.system.parts, st.q, tr.dq, tr.q)
         status = _solve_point(run, path, settings)
         if status == FINE and not first:
-            status = continuity.check_branch(run, path, h, 1 if last else 0)
+            status = check_branch(run, path, h, 1 if last else 0)
         if status == FINE:
             if not first:
-                continuity.note_singular_pose(run, path)
-            continuity.remember_point(run, path, h)
+                note_singular_pose(run, path)
+            remember_point(run, path, h)
             st.t[0] = target if h == left else tr.t[0]
             copy(tr.q, st.q)
             copy(tr.v, st.v)
@@ -94,7 +104,7 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
 @kernel
 def _solve_point(run, path, settings):
     """Trial positions, velocities and accelerations from their predictions; returns the status."""
-    if not continuity.are_finite(run.system.functions, run.work.con.fun):
+    if not are_finite(run.system.functions, run.work.con.fun):
         return NOT_FINITE
     status = solve_positions(run, path, settings)
     if status == FINE:
@@ -122,9 +132,7 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     out.drift[row, 1] = largest(con.rate)
     powers(run, at)
     copy(run.work.powers, st.power)
-    continuity.add_works(
-        settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done
-    )
+    add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, out.energy[row])
     remember(run, at, st.history)
     read_channels(run, at, st.angles, out.sensors[row])

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexmb.engine.jit import Unit
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.kinematics_state import PATH_COUNTERS, PATH_MEMORY, Path
+from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
 from flexmb.engine.method import (
     COUNTERS,
     INTEGRATOR_MEMORY,

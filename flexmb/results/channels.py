@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import ResultFileError
 from flexmb.model.sensors.sensor import channel_unit
 from flexmb.results.columns import DRIFT, Columns

@@ -31,7 +31,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns, Layout
+from flexmb.engine.tables import BodyColumns, Layout
 from flexmb.errors import ResultFileError
 
 DRIFT: Final = ("position", "velocity")

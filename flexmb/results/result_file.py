@@ -42,7 +42,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.columns import TABLES, Columns, widths
 from flexmb.results.kill_safe_file import DiskFile, WriteLock

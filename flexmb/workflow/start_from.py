@@ -20,8 +20,8 @@ from flexmb.workflow.resume import body_hash, provenance
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import StartValues
     from flexmb.engine.compile import Compiled
-    from flexmb.engine.layout import BodyColumns
     from flexmb.engine.state import State
+    from flexmb.engine.tables import BodyColumns
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
@@ -102,7 +102,7 @@ def match_start(
         names = tuple(body.name for body in compiled.layout.bodies)
         what = f"has no body of this scene; it has {', '.join(theirs)}"
         raise ResultFileError.from_problems([Problem(str(other.path), what, names)])
-    q, v = compiled.placed.copy(), np.full(compiled.layout.nv, np.nan)
+    q, v = compiled.initial_q.copy(), np.full(compiled.layout.nv, np.nan)
     reductions = provenance(other).get("bodies", {})
     undeformed = []
     for body in matched:

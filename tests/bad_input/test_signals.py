@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
-from flexmb.engine.layout import Layout
+from flexmb.analysis.monitors import SingularOrientationMonitor, algebraic_loop_notes
+from flexmb.engine.tables import Layout
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.results import OutputBlock
@@ -173,9 +173,9 @@ def test_a_line_force_without_length():
 def test_a_force_that_follows_accelerations_is_noted():
     made = push(model(), "-k*inertia")
     made.add_sensor("inertia", "expression", value="a.x")
-    (note,) = loop_notes(made)
+    (note,) = algebraic_loop_notes(made)
     assert note.startswith("forces.push.value[0] depends on a.x") and "algebraic loop" in note
-    assert loop_notes(push(model(), "-k*x.x")) == []
+    assert algebraic_loop_notes(push(model(), "-k*x.x")) == []
 
 
 def test_a_singular_pose_is_noted():
@@ -188,7 +188,7 @@ def test_a_singular_pose_is_noted():
     rows = OutputBlock(
         np.array([0.0, 0.5, 1.0]), *[np.zeros((3, 0))] * 5, beta, *[np.zeros((3, 0))] * 2
     )
-    poses = SingularPoses(layout, made)
+    poses = SingularOrientationMonitor(layout, made)
     poses.add(rows)
-    (note,) = poses.notes
+    (note,) = poses.notes()
     assert "sensors.o: at t = 0.5 s within 0.5 deg of the singular pose" in note

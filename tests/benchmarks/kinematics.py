@@ -43,7 +43,7 @@ def main():
     for kind, plane in (("A", "xy"), ("C", "xy"), ("A", None)):
         for per_turn in (200, 360, 1000):
             made = quick_return(kind, plane, _POINTS / per_turn, _POINTS)
-            seconds, (iterations, factors, _) = per_point(made)
+            seconds, iterations, factors = per_point(made)
             name = f"{kind}, {len(made.bodies)} bodies, {plane or 'in space'}"
             print(
                 f"{name:>24} {per_turn:12} {1e6 * seconds:9.2f} {iterations:11.2f} {factors:8.2f}"

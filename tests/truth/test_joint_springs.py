@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from truthkit import order, run
 
-from flexmb.engine.compile import gather
+from flexmb.engine.compile import ordering
 from flexmb.engine.joints import coordinate
 from flexmb.errors import SceneError
 from flexmb.model import Model
@@ -119,7 +119,7 @@ def test_a_first_order_state_follows_its_law(p, h, knobs, monkeypatch):
         return [coordinate.Scalar("lag", mass=T, damping=1.0,
                                    function=functions.add(parse("sin(5*t)", {})))]  # fmt: skip
 
-    monkeypatch.setattr(gather, "scalar_coordinates", scalars)
+    monkeypatch.setattr(ordering, "scalar_coordinates", scalars)
     made = Model("state")
     made.add_body("idle", mass=1, inertia=[1, 1, 1])
     w = 5.0

@@ -32,8 +32,8 @@ from flexmb.engine.entries import (
     VELOCITIES,
     solve_level,
 )
-from flexmb.engine.kernels.forces.characteristic import COORDINATE_OF, DISTANCE_OF
-from flexmb.engine.kernels.forces.force_characteristic import FORCE_CHARACTERISTICS
+from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
+from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
@@ -110,7 +110,7 @@ def assemble(
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
-    state.q[:] = compiled.placed if begin is None else begin.q
+    state.q[:] = compiled.initial_q if begin is None else begin.q
     period = _slowest_period(system)
     stiff = _stiffened(system, _RIGID * period)
     velocities = InitialVelocities(compiled, model, stiff)

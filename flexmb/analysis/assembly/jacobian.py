@@ -1,10 +1,10 @@
 """Constraint rows at any positions: values, gradients, markers, and the Jacobian with its rank.
 
-The rows are those of the engine's units (`engine.constraint_rows`). Nothing is compiled for them:
-where units are missing in the cache they run as plain Python, from the same source. Ranks are those
-of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise, so
-that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those of
-the bodies; each takes one equation for itself.
+The rows are those of the engine's units (`engine.initial_conditions`). Nothing is compiled for
+them: where units are missing in the cache they run as plain Python, from the same source. Ranks are
+those of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise,
+so that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those
+of the bodies; each takes one equation for itself.
 """
 
 from __future__ import annotations
@@ -107,6 +107,8 @@ class WeightedJacobian:
     def without_modes(self) -> WeightedJacobian:
         """The Jacobian of the same bodies without deformation."""
         rigid = ~self.modal
+        if np.all(rigid):
+            return self
         return WeightedJacobian(self.compiled, self.A[:, rigid], self.columns[rigid])
 
     def velocities(self, motions: Array) -> Array:

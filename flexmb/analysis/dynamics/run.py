@@ -10,8 +10,8 @@ import numpy as np
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.control import round_off
-from flexmb.engine.layout import ENERGIES
 from flexmb.engine.state import Plan, State, Work
+from flexmb.engine.tables import ENERGIES
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, new_output, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError

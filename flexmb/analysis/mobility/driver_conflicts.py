@@ -129,7 +129,7 @@ def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -
     """
     if not model.drivers or compiled.layout.nv > MAX_COORDINATES:
         return gaps
-    pose = close_rows(ConstraintRows(compiled), compiled.placed, joint_rows(compiled))
+    pose = close_rows(ConstraintRows(compiled), compiled.initial_q, joint_rows(compiled))
     if pose is None:
         return gaps
     problems, _ = _driver_findings(model, pose, _always_redundant(pose), moment=0.0)

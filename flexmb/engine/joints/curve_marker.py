@@ -78,10 +78,6 @@ class CurvePoints:
             for k, s in enumerate(self.points)
         ]
 
-    def starts(self) -> list[float]:
-        """Where along the curves they begin [m]."""
-        return [s.start for s in self.points]
-
     def number(self, joint: str, on: str) -> int:
         """Number of the curve marker of a joint on the curve of its marker I or J."""
         mine = [k for k, s in enumerate(self.points) if s.joint == joint]

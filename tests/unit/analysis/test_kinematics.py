@@ -148,7 +148,7 @@ def switched(block):
 
 def placed_other(t):
     crank = 0.6 + 2 * np.pi * t
-    return compile_system(four_bar(BARS, (crank, *four_bar_angles(BARS, crank, -1)))).placed
+    return compile_system(four_bar(BARS, (crank, *four_bar_angles(BARS, crank, -1)))).initial_q
 
 sink.append = switched
 outcome = run_kinematics(ready, sink)
