@@ -256,7 +256,7 @@ class FieldType:
         def form_of(annotation: Any) -> Form:
             return dict(handler(TypeAdapter(annotation).core_schema))
 
-        return self.form(schema["metadata"]["source"], form_of)  # type: ignore[typeddict-item]
+        return self.form(schema["metadata"]["source"], form_of)
 
 
 class Reader(FieldType):
