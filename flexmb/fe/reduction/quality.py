@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import linear_sum_assignment
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -62,6 +61,8 @@ class FrequencyCheck:
         their partners otherwise.
         """
         found = np.full(len(self.full), -1)
+        from scipy.optimize import linear_sum_assignment  # slow to load
+
         rows, columns = linear_sum_assignment(self.mac, maximize=True)
         found[rows] = columns
         return found
