@@ -60,9 +60,9 @@ class FrequencyCheck:
         One to one, with the largest sum of the modal assurance criterion: equal frequencies share
         their partners otherwise.
         """
-        found = np.full(len(self.full), -1)
         from scipy.optimize import linear_sum_assignment  # slow to load
 
+        found = np.full(len(self.full), -1)
         rows, columns = linear_sum_assignment(self.mac, maximize=True)
         found[rows] = columns
         return found
