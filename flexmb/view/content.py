@@ -92,7 +92,6 @@ class Content:
     scale: Scale | None  # None: no colour by values
     camera: Camera
     bar: bool = True  # whether the scale has its colour bar, if there is one
-    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shown = any(body.values is not None for body in self.deformed)

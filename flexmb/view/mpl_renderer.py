@@ -10,7 +10,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,28 +23,8 @@ Array = NDArray[np.float64]
 
 _DPI = 100
 _AMBIENT = 0.45  # brightness of a face turned away from the light
+_LAMP = (-0.3, 0.5, 0.8)  # above the shoulder of the eye: right, above, towards
 _WARNING = "#a33a00"
-
-
-class _Cell(NamedTuple):
-    """The part of the figure that a panel takes, in shares of it; font sizes follow its height."""
-
-    left: float
-    bottom: float
-    width: float
-    height: float
-
-    def at(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the cell in the figure."""
-        return self.left + x * self.width, self.bottom + y * self.height
-
-    def box(self, x: float, y: float, width: float, height: float) -> tuple[float, ...]:
-        """A rectangle of the cell in the figure."""
-        return (*self.at(x, y), width * self.width, height * self.height)
-
-    def font(self, size: float) -> float:
-        """A font size that suits the cell."""
-        return float(max(size * self.height**0.5, 7.0))
 
 
 def draw(
@@ -57,19 +37,21 @@ def draw(
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor=PAPER)
     FigureCanvasAgg(figure)
     rows = -(-len(panels) // columns)
-    for k, content in enumerate(panels):
-        row, column = divmod(k, columns)
-        cell = _Cell(column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows)
-        _draw_panel(figure, content, cell)
+    cells = figure.subfigures(rows, columns, squeeze=False, wspace=0, hspace=0).flat
+    for content, cell in zip(panels, cells, strict=False):
+        _draw_panel(cell, content, rows)
     note = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
     figure.text(0.02, 0.02, note, fontsize=8.5, color=_WARNING, va="bottom")
     figure.savefig(path, dpi=_DPI, facecolor=PAPER)
 
 
-def _draw_panel(figure: Any, content: Content, cell: _Cell) -> None:
+def _draw_panel(cell: Any, content: Content, rows: int) -> None:
+    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.colors import Normalize
 
-    axes = figure.add_axes(cell.box(0.03, 0.13, 0.84 if content.bar else 0.94, 0.74))
+    cell.set_facecolor("none")
+    axes = cell.add_axes((0.03, 0.13, 0.84 if content.bar else 0.94, 0.74))
     axes.set_aspect("equal")
     axes.set_axis_off()
     view = content.camera.axes
@@ -82,9 +64,13 @@ def _draw_panel(figure: Any, content: Content, cell: _Cell) -> None:
     pad = 0.06 * max(high - low)
     axes.set_xlim(low[0] - pad, high[0] + pad)
     axes.set_ylim(low[1] - pad, high[1] + pad)
-    _write_texts(figure, content, cell)
-    if content.bar:
-        _add_scale(figure, content, cell)
+    for text, y, size in ((content.title, 0.955, 13), (content.caption, 0.905, 10)):
+        cell.text(0.02, y, text, fontsize=max(size * rows**-0.5, 7.0), color=INK, va="center")
+    if content.scale is not None and content.bar:
+        mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
+        bar = cell.colorbar(mapped, cax=cell.add_axes((0.9, 0.2, 0.018, 0.6)))
+        bar.set_label(content.scale.label, color=INK)
+        bar.outline.set_visible(False)
 
 
 def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
@@ -112,17 +98,10 @@ def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
         add(ball.points, ball.faces, to_rgba(JOINT))
     seen = np.concatenate(corners) @ view.T
     rgba = np.concatenate(colors).copy()
-    rgba[:, :3] *= _brightness(seen)[:, None]
+    lit = np.abs(_normals(*seen.transpose(1, 0, 2)) @ (_LAMP / np.linalg.norm(_LAMP)))
+    rgba[:, :3] *= _AMBIENT + (1.0 - _AMBIENT) * lit[:, None]
     order = np.argsort(seen[:, :, 2].mean(axis=1))
     return seen[order, :, :2], np.clip(rgba[order], 0.0, 1.0)
-
-
-def _brightness(corners: Array) -> Array:
-    """Share of light (t,) on triangles given in view axes, the lamp above the eye's shoulder."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    lamp = np.array([-0.3, 0.5, 0.8]) / np.linalg.norm([-0.3, 0.5, 0.8])
-    return _AMBIENT + (1.0 - _AMBIENT) * np.abs(normals @ lamp)
 
 
 def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
@@ -151,27 +130,12 @@ def _outline(points: Array, faces: NDArray[np.int64], lines: NDArray[np.int64]) 
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, owner = edges[order], owner[order]
     twin = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = _normals(*points[faces.T])
     cosine = np.einsum("ti,ti->t", normals[owner[twin]], normals[owner[twin + 1]])
     return edges[twin[cosine < np.cos(np.radians(35.0))]]
 
 
-def _write_texts(figure: Any, content: Content, cell: _Cell) -> None:
-    place: dict[str, Any] = {"color": INK, "va": "center"}
-    figure.text(*cell.at(0.02, 0.955), content.title, fontsize=cell.font(13), **place)
-    figure.text(*cell.at(0.02, 0.905), content.caption, fontsize=cell.font(10), **place)
-    notes = "\n".join(content.notes)
-    figure.text(*cell.at(0.02, 0.07), notes, fontsize=cell.font(8.5), color=INK, va="bottom")
-
-
-def _add_scale(figure: Any, content: Content, cell: _Cell) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    assert content.scale is not None
-    mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
-    bar = figure.colorbar(mapped, cax=figure.add_axes(cell.box(0.9, 0.2, 0.018, 0.6)))
-    bar.set_label(content.scale.label, color=INK)
-    bar.outline.set_visible(False)
+def _normals(a: Array, b: Array, c: Array) -> Array:
+    """Unit normals (t, 3) of triangles with these corners (t, 3)."""
+    normals = np.cross(b - a, c - a)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))

@@ -128,21 +128,16 @@ def draw(
 
 
 def _try_windows() -> Verdict:
+    """Try window classes in order; the empty one is VTK's own choice."""
+    windows: tuple[str, ...] = ("",)
+    if platform.system() == "Linux" and not os.environ.get(_WINDOW_VARIABLE):
+        windows = ("", _EGL, _OSMESA) if os.environ.get("DISPLAY") else (_EGL, _OSMESA)
     reason = ""
-    for window in _candidates():
+    for window in windows:
         working, reason = _draw_in_subprocess(window)
         if working:
             return Verdict(True, working, _HOW.get(working, f"VTK through {working}"), "")
     return Verdict(False, "", f"VTK cannot render here: {reason}", _advice())
-
-
-def _candidates() -> tuple[str, ...]:
-    """Window classes to try in order; the empty one is VTK's own choice."""
-    if os.environ.get(_WINDOW_VARIABLE) or platform.system() != "Linux":
-        return ("",)
-    if os.environ.get("DISPLAY"):
-        return ("", _EGL, _OSMESA)
-    return (_EGL, _OSMESA)
 
 
 def _draw_in_subprocess(window: str) -> tuple[str, str]:
@@ -185,18 +180,10 @@ def _fingerprint() -> str:
     """Changes with whatever may change the verdict: machine, versions, display, libraries."""
     libraries = Path("/etc/ld.so.cache")  # replaced whenever a shared library is installed
     stamp = libraries.stat().st_mtime_ns if libraries.exists() else 0
-    facts = [
-        platform.node(),
-        platform.platform(),
-        sys.executable,
-        platform.python_version(),
-        _version("vtk"),
-        _version("pyvista"),
-        os.environ.get("DISPLAY", ""),
-        os.environ.get(_WINDOW_VARIABLE, ""),
-        os.environ.get("LD_LIBRARY_PATH", ""),
-        str(stamp),
-    ]
+    facts = [platform.node(), platform.platform(), sys.executable, platform.python_version()]
+    facts += [_version(package) for package in ("vtk", "pyvista")]
+    names = ("DISPLAY", _WINDOW_VARIABLE, "LD_LIBRARY_PATH")
+    facts += [*(os.environ.get(name, "") for name in names), str(stamp)]
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]
 
 
@@ -212,11 +199,13 @@ def _draw_panel(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     plotter.enable_depth_peeling(8)
     for solid in content.solids:
         _add_solid(plotter, solid)
-    for body in content.deformed:
-        _add_deformed(plotter, body, content)
+    actors = [_add_deformed(plotter, body, content) for body in content.deformed]
     if len(content.joints):
-        _add_joints(plotter, content)
-    _add_texts(plotter, content, size)
+        balls = joined([sphere(content.joint_radius, center) for center in content.joints])
+        mesh = _mesh(balls.points, balls.faces)
+        plotter.add_mesh(mesh, color=JOINT, smooth_shading=True, **_LIGHT)
+    colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
+    _add_texts(plotter, content, size, next(colored, None))
     _aim(plotter, content, size)
 
 
@@ -248,7 +237,7 @@ def _add_solid(plotter: Any, solid: Solid) -> None:
     _add_edges(plotter, mesh, INK, 0.5)
 
 
-def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
+def _add_deformed(plotter: Any, body: Deformed, content: Content) -> Any:
     mesh = _mesh(body.points, body.faces, body.lines)
     look: dict[str, Any] = {"color": body.color}
     if content.scale is not None and body.values is not None:
@@ -260,7 +249,7 @@ def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
             "clim": (0.0, content.scale.top or 1.0),
             "show_scalar_bar": False,
         }
-    plotter.add_mesh(
+    actor = plotter.add_mesh(
         mesh,
         smooth_shading=True,
         split_sharp_edges=len(body.faces) > 0,
@@ -275,6 +264,7 @@ def _add_deformed(plotter: Any, body: Deformed, content: Content) -> None:
         _add_edges(plotter, ghost, GHOST, 1.0)
     else:
         plotter.add_mesh(ghost, color=GHOST, line_width=2)
+    return actor
 
 
 def _add_edges(plotter: Any, mesh: Any, color: str, opacity: float) -> None:
@@ -285,12 +275,7 @@ def _add_edges(plotter: Any, mesh: Any, color: str, opacity: float) -> None:
         plotter.add_mesh(edges, color=color, line_width=1.5, opacity=opacity, lighting=False)
 
 
-def _add_joints(plotter: Any, content: Content) -> None:
-    balls = joined([sphere(content.joint_radius, center) for center in content.joints])
-    plotter.add_mesh(_mesh(balls.points, balls.faces), color=JOINT, smooth_shading=True, **_LIGHT)
-
-
-def _add_texts(plotter: Any, content: Content, size: tuple[int, int]) -> None:
+def _add_texts(plotter: Any, content: Content, size: tuple[int, int], mapper: Any) -> None:
     height = size[1]
     large, small = max(round(height / 38), 9), max(round(height / 52), 8)
     place = {"viewport": True, "color": INK}
@@ -298,13 +283,10 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     second = first - 2.05 * small / height
     plotter.add_text(content.title, position=(0.02, first), font_size=0.72 * large, **place)
     plotter.add_text(content.caption, position=(0.02, second), font_size=0.72 * small, **place)
-    if content.notes:
-        text = "\n".join(content.notes)
-        plotter.add_text(text, position=(0.02, 0.02), font_size=0.72 * small, **place)
     if content.scale is not None and content.bar:
         plotter.add_scalar_bar(
             title=f"{content.scale.label}\n",
-            mapper=_colored_mapper(plotter),
+            mapper=mapper,
             vertical=True,
             position_x=0.885,
             position_y=0.2,
@@ -317,14 +299,6 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int]) -> None:
             label_font_size=round(1.15 * small),
         )
     plotter.add_axes(color=INK, line_width=2, viewport=(0.0, 0.0, 0.14, 0.2))
-
-
-def _colored_mapper(plotter: Any) -> Any:
-    for actor in plotter.actors.values():
-        mapper = getattr(actor, "mapper", None)
-        if mapper is not None and getattr(mapper, "scalar_visibility", False):
-            return mapper
-    return plotter.mapper
 
 
 def _aim(plotter: Any, content: Content, size: tuple[int, int]) -> None:

@@ -1,0 +1,185 @@
+"""Coordinates of joints and distances of markers: what constraint rows measure, and derivatives.
+
+Angles count turns: each is the one nearest to that of the last accepted state.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies.wrench import marker_jacobian
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.row import (
+    add_row_tangent,
+    put_row_gradient,
+    rate,
+    row_curvature,
+    row_value,
+    wrapped,
+)
+from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.row_kinds import DISTANCE, ROW_KINDS
+from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import Sensors
+
+if TYPE_CHECKING:
+    from flexmb.engine.sensors.sensor import Channels
+    from flexmb.model.sensors.sensor import DistanceSensorSpec, JointSensorSpec
+
+
+@unit
+def coordinate(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """What a row measures."""
+    return row_value(run, sensors.terms[t])  # type: ignore[no-any-return]
+
+
+@unit
+def coordinate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Its gradient."""
+    _copy_gradient(run, sensors.terms[t], 0)
+    return 0.0
+
+
+@kernel
+def _copy_gradient(run, term, level):
+    """Gradient of a row into FeedbackWork.g."""
+    put_row_gradient(run, term)
+    g, out = run.work.row.g, run.work.feedback.g[level]
+    for c in range(12):
+        out[c] = g[c]
+
+
+@unit
+def coordinate_rate(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Rate of what a row measures, g·u."""
+    term, markers = sensors.terms[t], run.work.now.marker
+    put_row_gradient(run, term)
+    return rate(run.work.row.g, markers[term["I"]], markers[term["J"]])  # type: ignore[no-any-return]
+
+
+@unit
+def coordinate_rate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Gradients of g·u: with velocities g, with poses Hᵀ u."""
+    term, g, H = sensors.terms[t], run.work.feedback.g, run.work.row.H
+    _copy_gradient(run, term, 1)
+    clear(H, 12, 12)
+    if add_row_tangent(run, term, 1.0) == 0:
+        return 0.0
+    mi, mj, u = run.work.now.marker[term["I"]], run.work.now.marker[term["J"]], g[2]
+    for c in range(3):
+        u[c], u[3 + c], u[6 + c], u[9 + c] = mi["vx"][c], mi["om"][c], mj["vx"][c], mj["om"][c]
+    for c in range(12):
+        for r in range(12):
+            g[0, c] += H[r, c] * u[r]
+    return 0.0
+
+
+@kernel
+def marker_acceleration(run, at, k, o):
+    """Acceleration (o = 0) or angular acceleration (o = 3) of a marker, global axes."""
+    parts, now, J, vd = run.system.parts, run.work.now, run.work.dense.J[0], at.vd
+    mn, b = now.marker[k], parts.markers[k]["body"]
+    if b < 0:
+        return 0.0, 0.0, 0.0
+    iv, n = parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
+    marker_jacobian(parts, now, k, J)
+    bias = mn["bx"] if o == 0 else mn["bom"]
+    x, y, z = bias[0], bias[1], bias[2]
+    for c in range(n):
+        x += J[o, c] * vd[iv + c]
+        y += J[o + 1, c] * vd[iv + c]
+        z += J[o + 2, c] * vd[iv + c]
+    return x, y, z
+
+
+@unit
+def coordinate_acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Second derivative of what a row measures."""
+    term, g = sensors.terms[t], run.work.row.g
+    put_row_gradient(run, term)
+    s = row_curvature(run, term)
+    for side in range(2):
+        k, o = (term["I"], 0) if side == 0 else (term["J"], 6)
+        for p in range(2):
+            x, y, z = marker_acceleration(run, at, k, 3 * p)
+            q = o + 3 * p
+            s += g[q] * x + g[q + 1] * y + g[q + 2] * z
+    return s  # type: ignore[no-any-return]
+
+
+@unit
+def coordinate_acceleration_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
+    """Gradient of it with the accelerations of the markers."""
+    _copy_gradient(run, sensors.terms[t], 1)
+    return 0.0
+
+
+COORDINATE = Measure(coordinate, coordinate_gradient, 0, ("value",), ("gradient",))
+COORDINATE_RATE = Measure(
+    coordinate_rate, coordinate_rate_gradient, 1, ("gradient",), ("gradient", "tangent")
+)
+COORDINATE_ACCELERATION = Measure(
+    coordinate_acceleration,
+    coordinate_acceleration_gradient,
+    2,
+    ("gradient", "curvature"),
+    ("gradient",),
+)
+ROW_MEASURES = (COORDINATE, COORDINATE_RATE, COORDINATE_ACCELERATION)
+"""What a row measures, by the derivative in time."""
+
+
+class JointAngles(NamedTuple):
+    """Channels of joint angles that count turns."""
+
+    channels: Integers
+
+
+@unit
+def joint_angle(run: Run, sensors: Sensors, at: Point, c: int) -> float:
+    """The angle that the one term of channel c measures, nearest to FeedbackWork.near."""
+    angle = row_value(run, sensors.terms[sensors.channels[c]["first"]])
+    before = run.work.feedback.near[c]
+    return angle if math.isnan(before) else before + wrapped(angle - before)  # type: ignore[no-any-return]
+
+
+@unit
+def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
+    """Carry joint angles to the present position; a NaN before gives those next to zero."""
+    near, listed = run.work.feedback.near, of.channels
+    for n in range(listed.shape[0]):
+        near[listed[n]] = joint_angle(run, run.system.sensors, at, listed[n])
+    return FINE
+
+
+JOINT_ANGLES = Kind("joint_angles", JointAngles, {"angles": carry_joint_angles})
+JOINT_ANGLE = ChannelKind(joint_angle, "terms", counts_turns=True)
+
+
+def add_joint_coordinate(channels: Channels, spec: JointSensorSpec | DistanceSensorSpec) -> None:
+    """A channel of a coordinate of a joint or between markers, or of its rate or acceleration."""
+    lowering, counts_turns = channels.lowering, False
+    if spec.type == "distance":
+        i, j = (lowering.marker(reference) for reference in spec.between)
+        kind, a, b = DISTANCE, 0, 0
+    else:
+        frames, (kind, a, b) = channels.joint_coordinate(spec)
+        i, j = (lowering.markers.add(marker) for marker in frames)
+        counts_turns = ROW_KINDS[kind].period > 0.0 and spec.derivative == 0
+    term = Term(ROW_MEASURES[spec.derivative], kind, i, j, a, b)
+    if counts_turns:
+        channels.add_angle(JOINT_ANGLE, term)
+    else:
+        channels.add_sum([term])
+
+
+JOINT_COORDINATES = SensorKind(
+    ("angle", "second_angle", "stroke", "distance"),
+    add_joint_coordinate,
+    measures=ROW_MEASURES,
+    channels=(JOINT_ANGLE,),
+)
