@@ -42,7 +42,7 @@ class WriteLock:
         from filelock import FileLock, Timeout
 
         self._file = path.with_name(path.name + ".lock")
-        self._lock = FileLock(self._file, thread_local=False, mode=0o666)
+        self._lock = FileLock(self._file, thread_local=False)
         try:
             self._lock.acquire(timeout=_SECONDS, poll_interval=_SECONDS / 5)
         except Timeout:

@@ -107,6 +107,8 @@ class WeightedJacobian:
     def without_modes(self) -> WeightedJacobian:
         """The Jacobian of the same bodies without deformation."""
         rigid = ~self.modal
+        if np.all(rigid):
+            return self
         return WeightedJacobian(self.compiled, self.A[:, rigid], self.columns[rigid])
 
     def velocities(self, motions: Array) -> Array:
