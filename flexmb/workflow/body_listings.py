@@ -22,7 +22,7 @@ def elements() -> Listing:
 
 def meshes() -> Listing:
     """Simple shapes."""
-    from flexmb.model.bodies.meshes import MESH_TYPES
+    from flexmb.model.bodies.mesh_body import MESH_TYPES
 
     about = 'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
     about += '{ type = "box", size = [1, 0.1, 0.1] }. Elements not told by divisions: along the '
@@ -35,10 +35,13 @@ def meshes() -> Listing:
 
 def sections() -> Listing:
     """Sections of beams, shells and solids."""
-    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
+    from flexmb.flexbody.section_options import LayerOptions, ReleasesOptions
+    from flexmb.model.bodies.mesh_body import SECTION_TYPES
+    from flexmb.model.bodies.option_specs import spec_of
 
     about = "The section of each element group of a mesh; all takes what no other names:"
-    kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
+    kinds = {**SECTION_TYPES, "a layer": spec_of(LayerOptions)}
+    kinds["releases"] = spec_of(ReleasesOptions)
     return Listing(
         "sections: [bodies.name] sections.group = { ... }",
         ((about, Table((), [])), *fields_tables(kinds)),
@@ -47,23 +50,17 @@ def sections() -> Listing:
 
 def reductions() -> Listing:
     """How meshes become modes."""
-    from flexmb.model.bodies.interfaces import (
-        LOAD_TYPES,
-        InterfaceSpec,
-        MassSpec,
-        NodeSpringSpec,
-        TieSpec,
-    )
-    from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
-    from flexmb.model.bodies.mesh_body import MeshBodySpec, ModesSpec
+    from flexmb.flexbody.mesh_options import REDUCTIONS, MassOptions, NodeSpringOptions, TieOptions
+    from flexmb.model.bodies.mesh_body import LOAD_TYPES, InterfaceSpec, MeshBodySpec, ModesSpec
+    from flexmb.model.bodies.option_specs import spec_of
 
     kinds = {
         "a body": MeshBodySpec,
         "modes": ModesSpec,
         "an interface": InterfaceSpec,
-        "a tie": TieSpec,
-        "a mass": MassSpec,
-        "a spring": NodeSpringSpec,
+        "a tie": spec_of(TieOptions),
+        "a mass": spec_of(MassOptions),
+        "a spring": spec_of(NodeSpringOptions),
         **LOAD_TYPES,
     }
     about = "How the mesh of a flexible body becomes modes:"
@@ -74,7 +71,7 @@ def reductions() -> Listing:
 def materials() -> Listing:
     """The library, and what a table of a material holds."""
     from flexmb.materials import LIBRARY
-    from flexmb.model.bodies.material import MATERIAL_KINDS
+    from flexmb.model.bodies.option_specs import MATERIAL_KINDS
 
     rows = [
         (entry.name, f"{entry.E / 1e9:g}", f"{entry.nu:g}", f"{entry.density:g}", entry.source)

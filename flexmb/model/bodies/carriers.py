@@ -14,9 +14,9 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.bodies.meshes import MeshTableSpec
 from flexmb.model.scenes.scope import Scope
 from flexmb.model.values.names import GROUND
+from flexmb.model.values.reading import Spec
 
 if TYPE_CHECKING:
     from flexmb.model.model import Model
@@ -50,7 +50,7 @@ def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Pr
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
     key, given = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
-    if isinstance(given, MeshTableSpec):
+    if isinstance(given, Spec):
         return
     if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
         key, given = "flexbody", spec.flexbody

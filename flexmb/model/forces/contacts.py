@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.forces.friction import Friction
 from flexmb.model.values.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
 from flexmb.model.values.reading import Reader, Spec, Variant, fail

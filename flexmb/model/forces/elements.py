@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, model_validator
 
 from flexmb.errors import Problem
 from flexmb.materials import Material
-from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.values.matrices import (
     Damping3,
     Damping6,

@@ -16,18 +16,24 @@ from pydantic.fields import FieldInfo
 
 from flexmb.materials import LIBRARY
 from flexmb.model.bodies.body import COLORS, BodySpec, FlexibleSource, UnitsName
-from flexmb.model.bodies.interfaces import (
-    GroupName,
+from flexmb.model.bodies.mass_properties import Inertia
+from flexmb.model.bodies.mesh_body import (
+    MESH_TYPES,
     Interfaces,
     InterfaceSpec,
+    MeshSource,
+    Modes,
+    ModesSpec,
+)
+from flexmb.model.bodies.option_specs import (
+    MATERIAL_KINDS,
+    Divisions,
+    GroupName,
+    MaterialField,
     NodeOrGroup,
     Stiffness,
     Weights,
 )
-from flexmb.model.bodies.mass_properties import Inertia
-from flexmb.model.bodies.material import MATERIAL_KINDS, MaterialField
-from flexmb.model.bodies.mesh_body import Modes, ModesSpec
-from flexmb.model.bodies.meshes import MESH_TYPES, Divisions, MeshSource
 from flexmb.model.forces.laws import Law, LawTable
 from flexmb.model.functions.function import FUNCTION_FORMS, Function, FunctionOf
 from flexmb.model.functions.tabulated import Tabulated
