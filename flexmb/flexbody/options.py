@@ -217,11 +217,10 @@ def _read(annotation: Any, value: Any, where: str) -> tuple[Any, list[Problem]]:
         return _read_list(parts, value, where)
     if origin is Literal and value not in parts:
         names = tuple(str(part) for part in parts)
-        what = f"unknown {where.rpartition('.')[2]} {value!r}"
-        return value, [Problem(where, what, names, nearest(str(value), names))]
+        return value, [Problem(where, f'unknown "{value}"', names, nearest(str(value), names))]
     if annotation is bool and not isinstance(value, bool):
         return value, [Problem(where, f"must be true or false, given {value!r}")]
-    if is_dataclass(annotation):
+    if is_dataclass(annotation) and not is_dataclass(value):
         options: Any = annotation
         return _read_table(lambda: read_options(options, value, "x", FlexmbError), value, where)
     return value, []
@@ -247,13 +246,13 @@ def _read_marked(mark: Any, value: Any, where: str) -> tuple[Any, list[Problem]]
 
 
 def _number_problems(mark: Unit, value: Any, where: str) -> list[Problem]:
-    real = isinstance(value, Real) and not isinstance(value, bool) and not math.isnan(value)
-    signed = real and {"any": True, "positive": value > 0}.get(mark.sign, real and value >= 0)
-    if signed:
-        return []
-    sign = "" if mark.sign == "any" else "positive " if mark.sign == "positive" else "non-negative "
-    unit = f" [{mark.unit}]" if mark.unit and real else ""
-    return [Problem(where, f"must be a {sign}number{unit}, given {value!r}")]
+    if not isinstance(value, Real) or isinstance(value, bool) or math.isnan(value):
+        return [Problem(where, f"must be a number, given {value!r}")]
+    if mark.sign == "positive" and not value > 0:
+        return [Problem(where, f"must be positive, given {value:g} {mark.unit}".rstrip())]
+    if mark.sign == "not negative" and value < 0:
+        return [Problem(where, f"must not be negative, given {value:g} {mark.unit}".rstrip())]
+    return []
 
 
 def _read_list(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, list[Problem]]:
@@ -261,7 +260,9 @@ def _read_list(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, lis
     if parts[-1] is Ellipsis:
         if isinstance(items, str | Mapping) or not hasattr(items, "__iter__"):
             return value, [Problem(where, f"a list is expected, given {value!r}")]
-        results = [_read(parts[0], item, f"{where}[{k}]") for k, item in enumerate(items)]
+        choices = get_origin(parts[0]) is Literal
+        places = (where if choices else f"{where}[{k}]" for k in range(len(items)))
+        results = [_read(parts[0], *pair) for pair in zip(items, places, strict=True)]
         return tuple(item for item, _ in results), [p for _, wrong in results for p in wrong]
     listed = isinstance(items, list | tuple) and len(items) == len(parts)
     if not listed or not all(is_number(item) for item in items):

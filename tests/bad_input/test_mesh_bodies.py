@@ -139,7 +139,7 @@ MESHES = [
     (('root = "x0"', 'root = "x3"'), 'interfaces.root: plate has no group "x3"'),
     ((TIP, "tip = { node = 999 }"), "interfaces.tip.node: 999 is no node"),
     ((TIP, 'tip = "x0y0"'), "interfaces.tip: shares 1 nodes (0) with the interface"),
-    (("modes = 4", "modes = 1000"), "modes: 1000 asked, but the model has only"),
+    (("modes = 4", "modes = 1000"), "modes: 1000 requested, but the model has only"),
     (('at = "x1y1"', 'at = "x9"'), 'masses.lump.at: plate has no group "x9"'),
     (('"x1y1"], st', '"x0y0"], st'), "springs.stay.between: both ends are node 0"),
     (('group = "surface"', 'group = "top"'), 'loads.blow.group: plate has no group "top"'),
