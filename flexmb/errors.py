@@ -83,6 +83,12 @@ class FlexmbError(Exception):
         found = tuple(problems)
         return cls("\n".join(str(problem) for problem in found), found)
 
+    @classmethod
+    def unknown(cls, what: str, name: str, allowed: Iterable[str]) -> Self:
+        """The error `what` for a name that is none of the allowed ones, the nearest named."""
+        names = tuple(allowed)
+        return cls.from_problems([Problem("", what, names, nearest(name, names))])
+
     def __reduce__(self) -> tuple[type[Self], tuple[str, tuple[Problem, ...]]]:
         return type(self), (str(self), self.problems)
 

@@ -16,10 +16,10 @@ from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.core import with_markers
+from flexmb.engine.compile.system import with_markers
+from flexmb.engine.joints import constraint
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels import stages
-from flexmb.engine.kernels.joints import constraint
-from flexmb.engine.kernels.joints.reaction import read_reactions
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.sensors.sensor import read_channels
 from flexmb.engine.units import call, hand_over
@@ -110,7 +110,7 @@ class Bench:
         self.q, self.v, self.vd, self.lam = (
             self.state.q, self.state.v, self.state.vd, self.state.lam
         )  # fmt: skip
-        self.q[:] = self.compiled.placed
+        self.q[:] = self.compiled.initial_q
 
     def _handed(self):
         """The run and its point in memory, for these tables."""

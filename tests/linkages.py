@@ -88,7 +88,7 @@ class Kept:
 
 def swept(made, **fields):
     """Outcome, rows and channels of a kinematic analysis."""
-    from flexmb.analysis.kinematics.kinematics import kinematics
+    from flexmb.analysis.kinematics import kinematics
     from flexmb.engine.compile import compile_system
 
     if fields:

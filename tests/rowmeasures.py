@@ -3,7 +3,7 @@
 Every row is a function of h = x_J − x_I and the axes A, B of its two markers; its gradient comes
 from complex steps of that function, so nothing here is part of
 `flexmb.engine.row_kinds`, whose modules have the table. Velocity coordinates as in
-`flexmb.engine.layout`; source of the complex step: Squire and Trapp, SIAM Review 40 (1998) 110.
+`flexmb.engine.tables`; source of the complex step: Squire and Trapp, SIAM Review 40 (1998) 110.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine import row_kinds
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.joints.curve_pieces import Pieces
+from flexmb.engine.joints.curve import Pieces
 from flexmb.model.values.orientation import rotation_matrix
 
 __all__ = ["MEASURES", "Placed", "Rows", "gradient", "moved", "placed_markers", "rows_at"]

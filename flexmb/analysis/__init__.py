@@ -1,1 +1,1 @@
-"""Analyses of a compiled system, one file each: assembly of the first state, dynamics."""
+"""Analyses of a compiled model: assembly, mobility, kinematics, dynamics."""

@@ -1,4 +1,4 @@
-"""The command line: what a person types, and what the screen says.
+"""The command line: commands, their options, and what the screen shows.
 
 In: arguments. Out: calls of the library, progress bars, tables, one clear sentence per mistake and
 an exit code: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check of the scene failed,
@@ -7,9 +7,15 @@ an exit code: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check o
 
 from __future__ import annotations
 
-from flexmb.cli import discover as discover  # adds its commands to the app
-from flexmb.cli import help as help
-from flexmb.cli import study as study
+# each adds its commands to the application, in this order of the help
+from flexmb.cli import run as run  # isort: skip
+from flexmb.cli import check as check  # isort: skip
+from flexmb.cli import reduce as reduce  # isort: skip
+from flexmb.cli import postprocess as postprocess  # isort: skip
+from flexmb.cli import study as study  # isort: skip
+from flexmb.cli import listings as listings  # isort: skip
+from flexmb.cli import installation as installation  # isort: skip
+from flexmb.cli import help as help  # isort: skip
 from flexmb.cli.app import app, main
 
 __all__ = ["app", "main"]

@@ -1,18 +1,26 @@
-"""The commands and their options; what they do is in `actions`, what they show in `show`."""
+"""The application: its options, the values that options take, and errors as exit codes.
+
+A command is a function under ``@command()``. Mistakes of the user end in exit code 2 with one
+message, an interruption in 130, faults of flexmb in 1 with a request to report them.
+"""
 
 from __future__ import annotations
 
+import functools
 import io
 import sys
+import tomllib
+import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from flexmb.cli import continuing, drawing, reducing
-from flexmb.cli.guard import guarded, settings
+from flexmb import __version__
+from flexmb.errors import FlexmbError, FlexmbWarning
 
-__all__ = ["app", "main"]
+FAULT, MISTAKE, FAILED_CHECK, INTERRUPTED = 1, 2, 3, 130
 
 _ABOUT = """
 Flexible multibody dynamics: from a finite-element mesh to a moving, deforming machine.
@@ -54,8 +62,12 @@ app = typer.Typer(
     help=_ABOUT,
     epilog=_EXAMPLES,
 )
+_options = {"debug": False}  # before the command
 
 Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
+RunFile = Annotated[
+    Path, typer.Argument(help="Result file, or the folder it is in.", show_default=False)
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
@@ -66,134 +78,7 @@ Overrides = Annotated[
         "dynamics.step=1e-5; may be repeated.",
     ),
 ]
-
-
-def _show_version(given: bool) -> None:
-    if given:
-        from flexmb import __version__
-
-        typer.echo(f"flexmb {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
-    ] = False,
-    debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of an unexpected failure.")
-    ] = False,
-) -> None:
-    settings.debug = debug
-
-
-@app.command()
-@guarded
-def run(
-    scene: Scene,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder for everything that is written; out/<scene> by default."
-        ),
-    ] = None,
-    overrides: Overrides = None,
-    analysis: Annotated[
-        str | None,
-        typer.Option(help="dynamics or kinematics, for a scene that has both.", show_default=False),
-    ] = None,
-    start_from: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            help="Another result to begin with the end of: bodies matched by name, time from 0.",
-            show_default=False,
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Reduce meshes anew, even if nothing changed.")
-    ] = False,
-    no_picture: Annotated[
-        bool, typer.Option("--no-picture", help="Leave out the picture and the plot.")
-    ] = False,
-) -> None:
-    """Run a scene: reduce its meshes, simulate, draw.
-
-    Runs what the scene says: [dynamics] integrates the motion, [kinematics] finds the one that
-    joints and drivers fix.
-
-    Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
-    its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
-    again. Ctrl-C stops the run and keeps what was computed; `flexmb resume` goes on from there.
-
-    Example: flexmb run cases/slider_crank/scene.toml --set r=0.12
-    """
-    from flexmb.cli.actions import run_scene
-
-    options = {
-        "analysis": analysis,
-        "start_from": start_from,
-        "fresh": fresh,
-        "pictures": not no_picture,
-    }
-    run_scene(scene, output, overrides or [], options)
-
-
-@app.command()
-@guarded
-def check(
-    scene: Scene,
-    overrides: Overrides = None,
-    tables: Annotated[
-        bool,
-        typer.Option("--tables", help="Show the tables that define the model."),
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Write the report as JSON.")] = False,
-) -> None:
-    """Validate a scene, count what is in it and what can move, without running it.
-
-    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name. Of a
-    valid scene it tells coordinates, equations, their rank and the degrees of freedom; which joints
-    share redundant equations and the exchange of joints that removes them; which reactions are then
-    not unique; and the motions that are left free.
-
-    Example: flexmb check cases/slider_crank/scene.toml --tables
-    """
-    from flexmb.cli.actions import check_scene
-
-    check_scene(scene, overrides or [], tables, as_json)
-
-
-@app.command()
-@guarded
-def info(
-    file: Annotated[
-        Path, typer.Argument(help="Result, flexible body, mesh or scene.", show_default=False)
-    ],
-) -> None:
-    """Say what is in a file: a result, a flexible body, a mesh or a scene.
-
-    Example: flexmb info meshes/connecting_rod.msh
-    """
-    from flexmb.cli.inspect import show_file
-
-    show_file(file)
-
-
-@app.command()
-@guarded
-def doctor() -> None:
-    """Say what works on this machine and what to install: versions, rendering, cache, compiler."""
-    from flexmb.cli.doctor import examine
-
-    examine()
-
-
-reducing.register(app)
-drawing.register(app)
-continuing.register(app)
+NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the picture and plot.")]
 
 
 def main() -> None:
@@ -204,4 +89,159 @@ def main() -> None:
     try:
         app(prog_name="flexmb")
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
+
+
+def _show_version(requested: bool) -> None:
+    if requested:
+        typer.echo(f"flexmb {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _set_options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an unexpected failure.")
+    ] = False,
+) -> None:
+    _options["debug"] = debug
+
+
+def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator: adds a command to the application, its errors turned into exit codes."""
+
+    def add(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*args: Any, **options: Any) -> None:
+            with warnings.catch_warnings():
+                warnings.showwarning = _show_warning  # type: ignore[assignment]
+                try:
+                    function(*args, **options)
+                except FlexmbError as error:
+                    _leave(f"error: {error}", MISTAKE)
+                except KeyboardInterrupt:
+                    _leave("stopped", INTERRUPTED)
+                except (typer.Exit, typer.Abort, typer.BadParameter):
+                    raise
+                except Exception as error:  # noqa: BLE001  the border: all faults become one line
+                    if _options["debug"]:
+                        raise
+                    _leave(_fault_message(error), FAULT)
+
+        return app.command(name)(run)
+
+    return add
+
+
+def _leave(message: str, code: int) -> None:
+    typer.echo(message, err=True)
+    raise typer.Exit(code) from None
+
+
+def _fault_message(error: Exception) -> str:
+    return (
+        f"error: flexmb {__version__} failed unexpectedly ({type(error).__name__}: {error}).\n"
+        "This is a fault of flexmb, not of your input. Please report it with the scene and what\n"
+        f"`flexmb --debug {' '.join(sys.argv[1:])}` prints."
+    )
+
+
+def _show_warning(message: Any, category: Any, *_: Any) -> None:
+    if issubclass(category, FlexmbWarning) or _options["debug"]:
+        typer.echo(f"warning: {message}", err=True)
+
+
+def refuse_options(options: dict[str, Any], why: str) -> None:
+    """Refuse options that have a value, by name, with the reason."""
+    for name, value in options.items():
+        if value is not None and value is not False and value != []:
+            raise typer.BadParameter(why, param_hint=f"--{name}")
+
+
+def parse_pairs(texts: list[str] | None, option: str) -> dict[str, str]:
+    """``["a=1", "b=x=y"]`` as a dictionary."""
+    pairs: dict[str, str] = {}
+    for text in texts or []:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise typer.BadParameter(f'"{text}" is not of the form name=value', param_hint=option)
+        if name in pairs:
+            raise typer.BadParameter(f'"{name}" is given twice', param_hint=option)
+        pairs[name] = value
+    return pairs
+
+
+def parse_table(text: str, option: str) -> Any:
+    """A word, or a table such as ``{E = 70e9, nu = 0.33, density = 2700}`` as in a scene."""
+    if not text.lstrip().startswith("{"):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise typer.BadParameter(f"{text} is no table ({error})", param_hint=option) from None
+
+
+def parse_direction(text: str | None) -> tuple[float, float, float] | None:
+    """``x``, ``-y``, ``z`` or three numbers ``1,-1,0.5``."""
+    if text is None:
+        return None
+    sign, letter = (-1.0, text[1:]) if text.startswith("-") else (1.0, text)
+    if letter in ("x", "y", "z"):
+        x, y, z = (sign * float(letter == axis) for axis in "xyz")
+        return x, y, z
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        expected = "x, y, z, -x, -y, -z or three numbers such as 1,-1,0.5"
+        raise typer.BadParameter(f'"{text}" is not {expected}', param_hint="--direction") from None
+    return x, y, z
+
+
+def parse_exaggeration(text: str | None) -> float | str | None:
+    """A number, or ``auto``."""
+    if text is None or text == "auto":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is neither a number nor auto', param_hint="--exaggeration"
+        ) from None
+
+
+def parse_numbers(text: str | None, option: str) -> list[int] | None:
+    """``7``, ``1..6`` or ``1,3,5`` as a list."""
+    if text is None:
+        return None
+    numbers: list[int] = []
+    try:
+        for part in text.split(","):
+            first, dots, last = part.partition("..")
+            numbers += range(int(first), int(last) + 1) if dots else [int(first)]
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is not of the form 7, 1..6 or 1,3,5', param_hint=option
+        ) from None
+    return numbers
+
+
+def parse_names(text: str | None) -> list[str]:
+    """``a, b`` as a list; empty for nothing."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """``1280x720`` as width and height."""
+    if text is None:
+        return None
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is not width x height such as 1280x720', param_hint="--size"
+        ) from None
+    return width, height

@@ -7,22 +7,18 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markdown import Markdown
 
-from flexmb.cli import show
-from flexmb.cli.app import app
-from flexmb.cli.guard import guarded
+from flexmb.cli import screen
+from flexmb.cli.app import command
 from flexmb.manual import Page
 
 _LINK = re.compile(r"\[([^\]]+)\]\(([\w-]+)\.md(?:#[\w-]+)?\)")
 _PICTURE = re.compile(r"^!\[([^\]]*)\]\([^)]*\)$", re.MULTILINE)
 _MAX_SECTIONS = 20
-_WIDTH = 100  # columns where the output is a file or a pipe
 
 
-@app.command("help")
-@guarded
+@command("help")
 def help_pages(
     words: Annotated[
         list[str] | None,
@@ -45,11 +41,11 @@ def help_pages(
     from flexmb import manual
 
     if html is not None:
-        show.line(f"written: {manual.write_site(html)}")
+        screen.line(f"written: {manual.write_site(html)}")
     elif not words:
         rows = [(page.name, page.summary) for page in manual.pages()]
-        show.table(("flexmb help", "what"), rows)
-        show.line("flexmb help WORDS searches all pages, flexmb help --html FOLDER writes a site")
+        screen.table(("flexmb help", "what"), rows)
+        screen.line("flexmb help WORDS searches all pages, flexmb help --html FOLDER writes a site")
     elif not search and "-".join(words).lower() in manual.PAGES:
         _show_page(manual.page("-".join(words).lower()))
     else:
@@ -59,10 +55,7 @@ def help_pages(
 def _show_page(page: Page) -> None:
     text = _PICTURE.sub(r"(picture: \1)", page.text)
     text = _LINK.sub(lambda link: f"{link[1]} (`flexmb help {link[2]}`)", text)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_WIDTH)
-    console.print(Markdown(text, hyperlinks=False))
+    screen.console().print(Markdown(text, hyperlinks=False))
 
 
 def _show_sections(words: list[str]) -> None:
@@ -70,6 +63,6 @@ def _show_sections(words: list[str]) -> None:
 
     sections = manual.search(words)
     rows = [(section.page, section.heading, section.line) for section in sections[:_MAX_SECTIONS]]
-    show.table(("flexmb help", "section", "text"), rows)
+    screen.table(("flexmb help", "section", "text"), rows)
     if len(sections) > len(rows):
-        show.line(f"and {len(sections) - len(rows)} more sections; more words find fewer")
+        screen.line(f"and {len(sections) - len(rows)} more sections; more words find fewer")

@@ -7,16 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from flexmb.cli import show, words
-from flexmb.cli.app import Overrides, Scene, app
-from flexmb.cli.bars import Bars
-from flexmb.cli.guard import INTERRUPTED, MISTAKE, guarded
-
-__all__ = ["study"]
+from flexmb.cli import screen
+from flexmb.cli.app import INTERRUPTED, MISTAKE, Overrides, Scene, command, parse_pairs
 
 
-@app.command()
-@guarded
+@command()
 def study(
     scene: Scene,
     vary: Annotated[
@@ -50,50 +45,52 @@ def study(
         typer.Option("--output", "-o", help="Folder of the study; out/<scene>/study by default."),
     ] = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Run anew what an earlier study left there.")
+        bool, typer.Option("--fresh", help="Run again what an earlier study left there.")
     ] = False,
 ) -> None:
     """Show what accuracy costs: errors and wall times over any knobs of a scene.
 
     Errors are the largest over the outputs, over the peak-to-peak, against a tighter run of the
     finest model that a second one confirms. Writes study.csv, study.md and plots. An interrupted
-    study goes on where it was when the same command is given again.
+    study continues when the same command is given again.
 
     Example: flexmb study cases/pendulum/scene.toml --vary step=1e-2..1e-4:5
     """
-    criteria = {"repeats": repeats, "target": target, "sensors": sensor}
-    options = {"output": output, "workers": workers, "fresh": fresh, **criteria}
-    knobs = words.pairs(vary or [], "--vary")
-    _run(scene, knobs, words.pairs(overrides or [], "--set"), options)
-
-
-def _run(
-    scene: Path, vary: dict[str, str], changes: dict[str, str], options: dict[str, Any]
-) -> None:
     from flexmb import studies
 
     try:
-        with Bars() as progress:
-            found = studies.study(scene, vary, overrides=changes, progress=progress, **options)
+        with screen.Bars() as progress:
+            result = studies.study(
+                scene,
+                parse_pairs(vary, "--vary"),
+                overrides=parse_pairs(overrides, "--set"),
+                output=output,
+                workers=workers,
+                fresh=fresh,
+                progress=progress,
+                repeats=repeats,
+                target=target,
+                sensors=sensor,
+            )
             progress("plots", 0.0)
-            files = found.save()
+            files = result.save()
             progress("plots", 1.0)
     except KeyboardInterrupt:
-        show.line("stopped; all runs that had ended are kept: the same command goes on from there")
+        screen.line("stopped; all runs that had ended are kept: the same command continues")
         raise typer.Exit(INTERRUPTED) from None
-    _show(found, files)
-    if all(row.status != "finished" for row in found.rows):
+    _show_study(result, files)
+    if all(row.status != "finished" for row in result.rows):
         raise typer.Exit(MISTAKE)
 
 
-def _show(found: Any, files: list[Path]) -> None:
-    show.heading(f"{found.title}: what accuracy costs")
-    if found.reused:
-        show.line(f"{found.reused} runs were there already (--fresh runs them anew)")
-    columns, rows = found.table()
-    show.table(columns, rows, right=tuple(range(len(found.knobs), len(columns))), whole=True)
-    for sentence in found.summary():
-        show.line(sentence)
-    show.heading("files")
+def _show_study(study: Any, files: list[Path]) -> None:
+    screen.heading(f"{study.title}: what accuracy costs")
+    if study.reused:
+        screen.line(f"{study.reused} runs were there already (--fresh runs them again)")
+    columns, rows = study.table()
+    screen.table(columns, rows, right=tuple(range(len(study.knobs), len(columns))), whole=True)
+    for sentence in study.summary():
+        screen.line(sentence)
+    screen.heading("files")
     for path in files:
-        show.line(f"  {path}")
+        screen.line(f"  {path}")

@@ -18,34 +18,9 @@ import math
 from flexmb.engine.algebra.vector import weighted_size
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import (
-    AGE,
-    CALM,
-    CONTRACTION,
-    EARLIER_STEP,
-    ERROR_SUM,
-    FAILED,
     FINE,
-    GREATEST_STEP,
-    GRID,
-    JERK_ERROR,
-    KINK,
-    LAST_RATIO,
-    LAST_STEP,
-    LEAST_STEP,
-    MOTION,
-    OUTPUTS,
-    PART,
-    REJECTED,
-    REJECTED_END,
-    REJECTED_RATIO,
-    REJECTED_START,
-    REJECTED_STEP,
     REPEAT,
-    SINCE,
-    SPEED,
-    STEP,
     TOO_SMALL,
-    TURNING,
 )
 from flexmb.engine.state import Run
 from flexmb.engine.time_events import next_end
@@ -86,9 +61,9 @@ _LEAST_SHARE = 1e-3
 @kernel
 def begin(sys, settings, st):
     """Before the first step: the step to try, and motion so far at least that of nothing."""
-    if st.memory[STEP] > 0.0:
+    if st.memory[0]["next_step"] > 0.0:
         return
-    st.memory[STEP] = settings.step
+    st.memory[0]["next_step"] = settings.step
     speed, least = weighted_size(st.v, sys.weights), settings.least_motion
     if settings.step == 0.0:
         change = weighted_size(st.vd, sys.weights)
@@ -97,9 +72,9 @@ def begin(sys, settings, st):
             h = min(h, 0.01 / speed)
         if change > 0.0:
             h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * least) / change))
-        st.memory[STEP] = max(h, _SMALLEST_SHARE * (settings.end - settings.start))
+        st.memory[0]["next_step"] = max(h, _SMALLEST_SHARE * (settings.end - settings.start))
         if settings.refinement > 0.0:
-            st.memory[STEP] = settings.end - settings.start
+            st.memory[0]["next_step"] = settings.end - settings.start
 
 
 @kernel
@@ -121,25 +96,29 @@ def round_off(settings):
 @kernel
 def due(settings, times, st, t, n):
     """Whether the next output but n is due at time t."""
-    k = st.count[OUTPUTS] + n
+    k = st.count[0]["outputs"] + n
     return k < times.shape[0] and times[k] <= t + round_off(settings)
 
 
 @kernel
 def proposed(method, settings, plan, time_events, st, times, room):
     """The step to try; `room` is how many more of the outputs at `times` there is space for."""
-    h = st.memory[STEP]
+    h = st.memory[0]["next_step"]
     if settings.step > 0.0:
         return h
-    first = st.count[OUTPUTS] + max(room - 2, 1)
+    first = st.count[0]["outputs"] + max(room - 2, 1)
     if first < times.shape[0]:
         h = min(h, times[first] - st.t[0])
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
-    if st.memory[TURNING] > 0.0:
-        h = min(h, settings.turn / st.memory[TURNING])
-    if settings.determined == 1 and method.stages == 0 and st.memory[SPEED] > 0.0:
+    if st.memory[0]["angular_velocity"] > 0.0:
+        h = min(h, settings.turn / st.memory[0]["angular_velocity"])
+    if settings.determined == 1 and method.stages == 0 and st.memory[0]["max_velocity"] > 0.0:
         # Nothing is integrated but the work of the drivers, from powers of the method's order.
-        h = min(h, (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4)) / st.memory[SPEED])
+        h = min(
+            h,
+            (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4))
+            / st.memory[0]["max_velocity"],
+        )
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     if settings.refinement > 0.0:
         return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])
@@ -180,10 +159,10 @@ def _planned(settings, plan, t):
 @kernel
 def rejected(method, settings, st, error, status, h):
     """FINE: accept it; REPEAT it with the step in memory; TOO_SMALL: there is no such step."""
-    memory, count = st.memory, st.count
+    memory, count = st.memory[0], st.count[0]
     if status != FINE:
-        count[FAILED] += 1
-        memory[STEP] = 0.5 * h if settings.step > 0.0 else 0.25 * h
+        count["failed"] += 1
+        memory["next_step"] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
         patience = _PATIENCE if method.keeps_step == 1 else 1.0
         ratio = _ratio(settings, error, patience)
@@ -196,18 +175,18 @@ def rejected(method, settings, st, error, status, h):
             return FINE
         if ratio < 1e9 and h <= _JUMP_SHARE * span:
             return FINE
-        count[REJECTED] += 1
-        power = 1 if memory[KINK] == 1.0 else method.error_order
-        memory[STEP] = h * max(_LEAST, _SAFETY * (ratio / allowed) ** (-1.0 / power))
-        memory[REJECTED_STEP], memory[REJECTED_RATIO] = h, ratio
-        memory[REJECTED_START], memory[REJECTED_END] = st.t[0], st.t[0] + h
-    memory[AGE] = -1.0
-    memory[CONTRACTION] = 1.0
-    memory[CALM] = _REST if method.keeps_step == 1 else 1.0
+        count["rejected"] += 1
+        power = 1 if memory["has_kink"] == 1.0 else method.error_order
+        memory["next_step"] = h * max(_LEAST, _SAFETY * (ratio / allowed) ** (-1.0 / power))
+        memory["rejected_step"], memory["rejected_ratio"] = h, ratio
+        memory["rejected_start"], memory["rejected_end"] = st.t[0], st.t[0] + h
+    memory["factor_age"] = -1.0
+    memory["contraction"] = 1.0
+    memory["steps_until_growth"] = _REST if method.keeps_step == 1 else 1.0
     smallest = _SMALLEST_PART * settings.step
     if settings.step == 0.0:
         smallest = _SMALLEST_SHARE * max(settings.end - settings.start, abs(st.t[0]))
-    return TOO_SMALL if memory[STEP] < smallest else REPEAT
+    return TOO_SMALL if memory["next_step"] < smallest else REPEAT
 
 
 @kernel
@@ -217,22 +196,22 @@ def _may_be_kink(method, memory, ratio, t, h):
     The error is far from what the step before tells, or that of shorter steps within one that was
     rejected falls slower than the method's order says; what does not fall at all is noise.
     """
-    before = memory[REJECTED_STEP]
+    before = memory["rejected_step"]
     if method.order < _HIGH_ORDER:
         return False
     if before == 0.0:
-        last = memory[LAST_STEP]
+        last = memory["last_step"]
         if method.keeps_step == 1 or not last > 0.0:
             return False
-        expected = memory[LAST_RATIO] * (h / last) ** method.error_order
+        expected = memory["error_ratio"] * (h / last) ** method.error_order
         return ratio > _SURPRISE * max(expected, _SMALL)
-    if before > _SHORTER * h and ratio > 0.0 and t + h <= memory[REJECTED_END]:
-        slope = math.log(memory[REJECTED_RATIO] / ratio) / math.log(before / h)
-        same = memory[REJECTED_START] == t
+    if before > _SHORTER * h and ratio > 0.0 and t + h <= memory["rejected_end"]:
+        slope = math.log(memory["rejected_ratio"] / ratio) / math.log(before / h)
+        same = memory["rejected_start"] == t
         kinked = min(_ORDER_LOST * method.error_order, _KINKED if same else _JUMPED)
         if _NOISE < slope < kinked:
-            memory[KINK] = 1.0
-    return memory[KINK] == 1.0
+            memory["has_kink"] = 1.0
+    return memory["has_kink"] == 1.0
 
 
 @kernel
@@ -247,8 +226,11 @@ def _ratio(settings, error, patience):
 @kernel
 def exact_time(settings, plan, time_events, st, h):
     """Time after the step: grid points, kinks and the end without the round-off of a sum."""
-    if settings.step > 0.0 and st.memory[PART] + h / settings.step >= 1.0 - _ROUND_OFF:
-        return settings.start + (st.count[GRID] + 1) * settings.step
+    if (
+        settings.step > 0.0
+        and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - _ROUND_OFF
+    ):
+        return settings.start + (st.count[0]["fixed_steps"] + 1) * settings.step
     if settings.step == 0.0:
         end = next_end(time_events, st.t[0], settings.end)
         if h == end - st.t[0]:
@@ -263,35 +245,37 @@ def exact_time(settings, plan, time_events, st, h):
 @kernel
 def accepted(method, settings, st, error, h):
     """After an accepted step: the next one, the place in the grid, statistics."""
-    memory, count = st.memory, st.count
-    if memory[LAST_STEP] == 0.0:
-        memory[LEAST_STEP] = h
-    memory[SINCE] = memory[SINCE] + 1.0 if h == memory[LAST_STEP] else 0.0
-    memory[LEAST_STEP] = min(memory[LEAST_STEP], h)
-    memory[GREATEST_STEP] = max(memory[GREATEST_STEP], h)
-    memory[EARLIER_STEP], memory[LAST_STEP] = memory[LAST_STEP], h
-    if st.t[0] >= memory[REJECTED_END]:
-        memory[REJECTED_STEP], memory[KINK] = 0.0, 0.0
+    memory, count = st.memory[0], st.count[0]
+    if memory["last_step"] == 0.0:
+        memory["smallest_step"] = h
+    memory["steps_at_this_size"] = (
+        memory["steps_at_this_size"] + 1.0 if h == memory["last_step"] else 0.0
+    )
+    memory["smallest_step"] = min(memory["smallest_step"], h)
+    memory["largest_step"] = max(memory["largest_step"], h)
+    memory["earlier_step"], memory["last_step"] = memory["last_step"], h
+    if st.t[0] >= memory["rejected_end"]:
+        memory["rejected_step"], memory["has_kink"] = 0.0, 0.0
     if settings.step > 0.0:
-        memory[PART] += h / settings.step
-        if memory[PART] >= 1.0 - _ROUND_OFF:
-            memory[PART] = 0.0
-            memory[STEP] = settings.step
-            count[GRID] += 1
+        memory["step_fraction"] += h / settings.step
+        if memory["step_fraction"] >= 1.0 - _ROUND_OFF:
+            memory["step_fraction"] = 0.0
+            memory["next_step"] = settings.step
+            count["fixed_steps"] += 1
         return
-    memory[JERK_ERROR] = error[1] / h**3
-    memory[ERROR_SUM] += error[0]
+    memory["velocity_error"] = error[1] / h**3
+    memory["error_sum"] += error[0]
     ratio = max(_ratio(settings, error, 1.0), 1e-12)
-    memory[LAST_RATIO] = ratio
+    memory["error_ratio"] = ratio
     factor = _SAFETY * ratio ** (-1.0 / method.error_order)
-    calm = memory[CALM] == 0.0
-    memory[CALM] = max(memory[CALM] - 1.0, 0.0)
+    calm = memory["steps_until_growth"] == 0.0
+    memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
     if method.keeps_step == 0:
-        memory[STEP] = h * (min(factor, _MOST) if calm else min(factor, 1.0))
-    elif factor > _KEEP and memory[CALM] == 0.0:
-        memory[STEP] = max(memory[STEP], h * min(factor, _MOST_KEPT))
+        memory["next_step"] = h * (min(factor, _MOST) if calm else min(factor, 1.0))
+    elif factor > _KEEP and memory["steps_until_growth"] == 0.0:
+        memory["next_step"] = max(memory["next_step"], h * min(factor, _MOST_KEPT))
     elif factor < _SHRINK:
-        memory[STEP] = h * factor
+        memory["next_step"] = h * factor
 
 
 @unit
@@ -302,8 +286,8 @@ def follow_motion(run: Run) -> int:
     """
     st, settings, w = run.state, run.settings, run.system.weights
     bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
-    q, q_first, v, memory = st.q, st.q_first, st.v, st.memory
-    memory[TURNING] = 0.0
+    q, q_first, v, memory = st.q, st.q_first, st.v, st.memory[0]
+    memory["angular_velocity"] = 0.0
     for k in range(bodies.shape[0]):
         iq, iv, m = bodies[k]["iq"], bodies[k]["iv"], bodies[k]["m"]
         _follow(st, w, iq, iv, 3)
@@ -312,7 +296,7 @@ def follow_motion(run: Run) -> int:
             turn = max(turn, 2.0 * abs(q[iq + i] - q_first[iq + i]))
         rate = max(abs(v[iv + 3]), abs(v[iv + 4]), abs(v[iv + 5]))
         _raise(st, iv + 3, 3, turn, rate)
-        memory[TURNING] = max(memory[TURNING], rate)
+        memory["angular_velocity"] = max(memory["angular_velocity"], rate)
         _follow(st, w, iq + 7, iv + 6, m)
         moved, fast = max(st.motion[iv], st.motion[iv + 3]), max(st.speed[iv], st.speed[iv + 3])
         _raise(st, iv + 6, m, moved, fast)  # a sensor sees both
@@ -321,12 +305,12 @@ def follow_motion(run: Run) -> int:
     motion, speed = 0.0, 0.0
     for i in range(v.shape[0]):
         motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
-    memory[MOTION] = max(motion, settings.least_motion)
+    memory["max_displacement"] = max(motion, settings.least_motion)
     span = settings.end - settings.start
-    memory[SPEED] = max(speed, memory[MOTION] / span)
+    memory["max_velocity"] = max(speed, memory["max_displacement"] / span)
     for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], _LEAST_SHARE * memory[MOTION])
-        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory[SPEED], st.motion[i] / span)
+        st.motion[i] = max(st.motion[i], _LEAST_SHARE * memory["max_displacement"])
+        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory["max_velocity"], st.motion[i] / span)
     return FINE
 
 

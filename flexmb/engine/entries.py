@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine import constraint_rows, initial_conditions, kinematics_loop, march
+from flexmb.engine import initial_conditions, kinematics_loop, march
 from flexmb.engine.initial_conditions import (
     ACCELERATIONS,
     BEGIN,
@@ -15,7 +15,7 @@ from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
 from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
-from flexmb.engine.kinematics_state import KinematicsSettings, Path
+from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import Method
 from flexmb.engine.records import Packed, units_in
 from flexmb.engine.state import Run, Stage, Stages, State, Work
@@ -62,13 +62,13 @@ def evaluate_rows(system: System, state: State, work: Work) -> None:
     """
     run, none = new_run(system, state, work), Stage((), ())
     stages = Stages(*(none for _ in Stages._fields))
-    used = {name: getattr(run.stages, name) for name in constraint_rows.STAGES}
+    used = {name: getattr(run.stages, name) for name in initial_conditions.ROW_STAGES}
     run = run._replace(
         stages=stages._replace(**used),
         rows=run.rows._replace(curvature=(), tangent=()),
         sensors=run.sensors._replace(channel=(), measure=(), gradient=()),
     )
-    call_ready(constraint_rows.evaluate_rows, run)
+    call_ready(initial_conditions.evaluate_rows, run)
 
 
 def prepare_integration(system: System, method: Method, progress: Progress = silent) -> int:
@@ -93,7 +93,7 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
 
 def integration_units(system: System, method: Method) -> list[Unit]:
     """The units that a run calls, and those that stand in its tables."""
-    units = [march.march, initial_conditions.solve_stage, constraint_rows.evaluate_rows]
+    units = [march.march, initial_conditions.solve_stage, initial_conditions.evaluate_rows]
     units.append(run_program)  # what few scenes do without
     return [*units, *units_of(system), *units_in(method)]
 
@@ -122,7 +122,7 @@ def prepare_kinematics(system: System, progress: Progress = silent) -> int:
 
 def kinematics_units(system: System) -> list[Unit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
-    units = [kinematics_loop.kinematics_loop, constraint_rows.evaluate_rows]
+    units = [kinematics_loop.kinematics_loop, initial_conditions.evaluate_rows]
     return [*units, *units_of(system)]
 
 

@@ -18,7 +18,7 @@ import math
 
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.stages import pose_stage, reaction_stage, velocity_stage, walk
-from flexmb.engine.method import AGE, EVENT_REST, EVENT_STEP, EVENT_TRIES, EVENTS, FINE, STEP
+from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 
 # A step is short enough if a crossing is this share of it before its end, by a straight line.
@@ -115,46 +115,46 @@ def _next(events, h):
 @unit
 def missed_event(run: Run, h: float) -> int:
     """1 if the step that is proposed has an event well inside; then a shorter one is due."""
-    settings, memory, events = run.settings, run.state.memory, run.work.events
+    settings, memory, events = run.settings, run.state.memory[0], run.work.events
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return 0
     _stages(run, run.trial_point)
     walk(run.stages.events, run, run.trial_point)
     share = _next(events, h)
-    tried = memory[EVENT_TRIES] >= _TRIES or memory[EVENT_REST] > 0.0
+    tried = memory["event_trials"] >= _TRIES or memory["steps_until_event_search"] > 0.0
     if share >= 1.0 - _NEAR or tried:
         return 0
-    if memory[EVENT_TRIES] == 0.0:
-        memory[EVENT_STEP] = h
+    if memory["event_trials"] == 0.0:
+        memory["step_before_event"] = h
     shorter = h * max(share * _BEYOND, 1e-3)
     if shorter < _SHORTEST * (settings.end - settings.start):
         return 0
-    memory[EVENT_TRIES] += 1.0
-    memory[STEP] = shorter
-    memory[AGE] = -1.0
+    memory["event_trials"] += 1.0
+    memory["next_step"] = shorter
+    memory["factor_age"] = -1.0
     return 1
 
 
 @unit
 def accept_events(run: Run, h: float) -> int:
     """After an accepted step: count its events, and begin with a small step after one."""
-    settings, memory = run.settings, run.state.memory
+    settings, memory = run.settings, run.state.memory[0]
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
-    memory[EVENT_REST] = max(memory[EVENT_REST] - 1.0, 0.0)
+    memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, 0.0)
     if _next(run.work.events, 0.0) < 1.0:
-        if memory[EVENT_REST] == 0.0:
-            run.state.count[EVENTS] += 1
-        longest = memory[EVENT_STEP] if memory[EVENT_TRIES] > 0.0 else h
+        if memory["steps_until_event_search"] == 0.0:
+            run.state.count[0]["events"] += 1
+        longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
         longest = max(_RESTART * longest, _SHORTEST * (settings.end - settings.start))
-        if memory[EVENT_REST] == 0.0:
-            memory[STEP] = min(memory[STEP], longest)
-            memory[EVENT_REST] = _REST
-        memory[EVENT_TRIES] = 0.0
-    elif memory[EVENT_TRIES] > 0.0:  # the event is still to come, or it has gone away
-        memory[STEP] = min(memory[STEP], h)
-        memory[EVENT_TRIES] += 1.0
-        if memory[EVENT_TRIES] > 2.0 * _TRIES:
-            memory[EVENT_TRIES] = 0.0
+        if memory["steps_until_event_search"] == 0.0:
+            memory["next_step"] = min(memory["next_step"], longest)
+            memory["steps_until_event_search"] = _REST
+        memory["event_trials"] = 0.0
+    elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
+        memory["next_step"] = min(memory["next_step"], h)
+        memory["event_trials"] += 1.0
+        if memory["event_trials"] > 2.0 * _TRIES:
+            memory["event_trials"] = 0.0
     _watch(run, run.state_point, run.work.events.before)
     return FINE

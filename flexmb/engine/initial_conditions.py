@@ -1,5 +1,5 @@
 """Single solves at one state, for the analyses that prepare a run: positions, velocities,
-accelerations with multipliers, residual."""
+accelerations with multipliers, residual; constraint rows in one pose."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.kernels.sensors.sensor import count_turns
@@ -18,15 +19,18 @@ from flexmb.engine.kernels.stages import (
     complete_poses,
     constraint_stage,
     feedback_stage,
+    pose_stage,
     position_stage,
     powers,
     reaction_stage,
     residual,
     velocity_stage,
+    walk,
 )
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
+
 # A correction of positions is cut to this share of the model size (or radians) per round.
 _LONGEST = 0.3
 
@@ -92,3 +96,19 @@ def _correct_positions(run):
             dq[i] *= _LONGEST / size
     move(run.system.parts, q, dq, q)
     return size
+
+
+ROW_STAGES = ("constants", "functions", "position", "axes", "constraint")
+"""The stages that `evaluate_rows` runs."""
+
+
+@unit
+def evaluate_rows(run: Run) -> int:
+    """All markers, C, and the rows of Cq on bodies (Dense.jac) at the time and positions given."""
+    at = run.state_point
+    begin_run(run, at)
+    walk(run.stages.functions, run, at)
+    pose_stage(run, at)
+    complete_poses(run, at)
+    constraint_stage(run, at)
+    return constraint_jacobian(run)

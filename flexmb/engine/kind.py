@@ -86,10 +86,10 @@ class Kind:
     units : mapping of str to Unit
         Its units by stage.
     lower : callable, optional
-        Makes its tables from the model (`engine.compile.lowering`), None if the model has none;
+        Makes its tables from the model (`engine.lowering`), None if the model has none;
         those of the kinds that every model has are made elsewhere (`engine.compile.core`).
     place : callable, optional
-        Tells its tables where they stand in the iteration matrix (`engine.compile.lowering`).
+        Tells its tables where they stand in the iteration matrix (`engine.lowering`).
     couples : tuple of Couple
         Pairs of markers whose bodies each row couples in the iteration matrix.
     uses_velocity : bool

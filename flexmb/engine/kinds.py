@@ -19,6 +19,10 @@ from flexmb.engine.compile.forces.joint_friction import (
 from flexmb.engine.compile.forces.load import lower_loads
 from flexmb.engine.compile.forces.six_component_force import lower_six_component_forces
 from flexmb.engine.compile.forces.spring_damper import lower_springs
+from flexmb.engine.joints.constraint import CONSTRAINT_ROWS, JOINTS
+from flexmb.engine.joints.coordinate import COORDINATES
+from flexmb.engine.joints.curve_marker import CURVE_MARKERS
+from flexmb.engine.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kernels.forces.action_reaction_load import ACTION_REACTION_LOADS
 from flexmb.engine.kernels.forces.contact import CONTACTS
 from flexmb.engine.kernels.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -27,10 +31,6 @@ from flexmb.engine.kernels.forces.load import LOADS
 from flexmb.engine.kernels.forces.six_component_force import SIX_COMPONENT_FORCES
 from flexmb.engine.kernels.forces.spring_damper import SPRINGS
 from flexmb.engine.kernels.functions.time_function import TIME_FUNCTIONS
-from flexmb.engine.kernels.joints.constraint import CONSTRAINT_ROWS, JOINTS
-from flexmb.engine.kernels.joints.coordinate import COORDINATES
-from flexmb.engine.kernels.joints.curve_marker import CURVE_MARKERS
-from flexmb.engine.kernels.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kernels.sensors.feedback import FEEDBACK
 from flexmb.engine.kernels.sensors.row_measure import JOINT_ANGLES
 from flexmb.engine.kernels.sensors.turning import TURNING_ANGLES

@@ -5,20 +5,18 @@ all with one factor of [[W, Cqᵀ], [Cq, 0]], W a diagonal metric: masses play n
 repeat others do no harm. The factor of one point begins the next; reactions follow from
 Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ + h³/6 j), j the last difference of v̇. An
 increment is halved where Newton's method fails or the new point does not continue the motion
-(`engine.continuity`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
+(`engine.kinematics_point`); Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 4.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine import continuity
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.inverse import solve_reactions
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.reaction import read_reactions
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
 from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
@@ -34,9 +32,21 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.kinematics_state import MOVED, NEXT, KinematicsSettings, Path
-from flexmb.engine.method import FAILED, FINE, NOT_FINITE, OUTPUTS, STEPS
-from flexmb.engine.point import solve_positions, solve_velocities_accelerations
+from flexmb.engine.kinematics_point import (
+    KinematicsSettings,
+    Path,
+    add_works,
+    are_finite,
+    check_branch,
+    next_increment,
+    note_singular_pose,
+    predict,
+    remember_point,
+    solve_positions,
+    solve_reactions,
+    solve_velocities_accelerations,
+)
+from flexmb.engine.method import FINE, NOT_FINITE
 from flexmb.engine.state import Run
 
 # What the loop is asked for.
@@ -50,51 +60,51 @@ _MAX_CORRECTION = 0.3  # a correction of first positions is cut to this
 def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
     """Go to the next output time in one increment, or in several; returns the status."""
     st, tr, at, w = run.state, run.work.trial, run.trial_point, run.system.weights
-    memory, count = path.memory, st.count
-    target = settings.start + count[OUTPUTS] * settings.interval
-    first = count[OUTPUTS] == 0
+    memory, count = path.memory[0], st.count[0]
+    target = settings.start + count["outputs"] * settings.interval
+    first = count["outputs"] == 0
     while first or st.t[0] < target:
         left = target - st.t[0]
         h = left
         if not first:
             speed = weighted_size(st.v, w)
-            most = min(memory[NEXT], settings.interval)
-            h = continuity.next_increment(left, most, speed)
+            most = min(memory["next_increment"], settings.interval)
+            h = next_increment(left, most, speed)
         last = h <= _LEAST_INCREMENT * settings.interval
         tr.t[0] = st.t[0] + h
         walk(run.stages.functions, run, at)
-        continuity.predict(run, path, h)
-        if memory[MOVED] >= 0.0:
-            memory[MOVED] += weighted_size(tr.dq, w)
+        predict(run, path, h)
+        if memory["motion_since_factor"] >= 0.0:
+            memory["motion_since_factor"] += weighted_size(tr.dq, w)
         move(run.system.parts, st.q, tr.dq, tr.q)
         status = _solve_point(run, path, settings)
         if status == FINE and not first:
-            status = continuity.check_branch(run, path, h, 1 if last else 0)
+            status = check_branch(run, path, h, 1 if last else 0)
         if status == FINE:
             if not first:
-                continuity.note_singular_pose(run, path)
-            continuity.remember_point(run, path, h)
+                note_singular_pose(run, path)
+            remember_point(run, path, h)
             st.t[0] = target if h == left else tr.t[0]
             copy(tr.q, st.q)
             copy(tr.v, st.v)
             copy(tr.vd, st.vd)
             count_turns(run, run.state_point, st.angles)
-            count[STEPS] += 1
-            memory[NEXT] = max(2.0 * h, memory[NEXT])
+            count["steps"] += 1
+            memory["next_increment"] = max(2.0 * h, memory["next_increment"])
             first = False
             continue
         if last:
             return status
-        memory[MOVED] = -1.0
-        memory[NEXT] = 0.5 * h
-        count[FAILED] += 1
+        memory["motion_since_factor"] = -1.0
+        memory["next_increment"] = 0.5 * h
+        count["failed"] += 1
     return FINE
 
 
 @kernel
 def _solve_point(run, path, settings):
     """Trial positions, velocities and accelerations from their predictions; returns the status."""
-    if not continuity.are_finite(run.system.functions, run.work.con.fun):
+    if not are_finite(run.system.functions, run.work.con.fun):
         return NOT_FINITE
     status = solve_positions(run, path, settings)
     if status == FINE:
@@ -107,7 +117,7 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     """Write the present point, with reactions and energies; returns the status."""
     st, out, con, at = run.state, run.output, run.work.con, run.state_point
     row = out.rows[0]
-    if st.count[OUTPUTS] == 0:
+    if st.count[0]["outputs"] == 0:
         begin_history(run, at, st.history)
     status = solve_reactions(run)
     if status != FINE:
@@ -122,14 +132,14 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     out.drift[row, 1] = largest(con.rate)
     powers(run, at)
     copy(run.work.powers, st.power)
-    continuity.add_works(settings.interval, st.count[OUTPUTS], st.power, path.powers, st.work_done)
+    add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, out.energy[row])
     remember(run, at, st.history)
     read_channels(run, at, st.angles, out.sensors[row])
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(st.lam))):
         return NOT_FINITE
     out.rows[0] += 1
-    st.count[OUTPUTS] += 1
+    st.count[0]["outputs"] += 1
     return FINE
 
 
@@ -178,7 +188,7 @@ def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: in
         st, out = run.state, run.output
         out.rows[0] = 0
         status = FINE
-        while status == FINE and out.rows[0] < n and st.count[OUTPUTS] <= settings.outputs:
+        while status == FINE and out.rows[0] < n and st.count[0]["outputs"] <= settings.outputs:
             status = reach_output(run, path, settings)
             if status == FINE:
                 status = write_point(run, path, settings)

@@ -16,7 +16,7 @@ from flexmb.engine import control
 from flexmb.engine.algebra.vector import copy, largest, store
 from flexmb.engine.events import accept_events, begin_events, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
-from flexmb.engine.kernels.joints.reaction import read_reactions
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
@@ -32,14 +32,8 @@ from flexmb.engine.kernels.stages import (
     walk,
 )
 from flexmb.engine.method import (
-    AGE,
-    EARLIER_STEP,
-    FACTORISATIONS,
     FINE,
-    LAST_STEP,
     NOT_FINITE,
-    OUTPUTS,
-    STEPS,
     TOO_SMALL,
 )
 from flexmb.engine.state import Run
@@ -95,7 +89,7 @@ def accept_step(run: Run, h: float) -> int:
         copy(tr.jerk, st.jerk)
     copy(st.lam, st.lam_before)
     store(tr.lam, st.lam)
-    st.count[STEPS] += 1
+    st.count[0]["steps"] += 1
     if controlled:
         control.follow_motion(run)
         control.write_plan(settings, run.plan, st)
@@ -105,7 +99,7 @@ def accept_step(run: Run, h: float) -> int:
 @kernel
 def _is_output_within(run):
     """Whether an output is due before the end of the step."""
-    k = run.state.count[OUTPUTS]
+    k = run.state.count[0]["outputs"]
     end = run.work.trial.t[0] - control.round_off(run.settings)
     return k < run.times.shape[0] and run.times[k] < end
 
@@ -117,7 +111,7 @@ def _work(st, k, power, h):
     By the parabola over one, or the straight line, where those before are too short or unknown.
     """
     now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
-    a, b = st.memory[LAST_STEP], st.memory[EARLIER_STEP]
+    a, b = st.memory[0]["last_step"], st.memory[0]["earlier_step"]
     rise = (power - now) / h
     if math.isnan(before) or not a > 0.0:
         return 0.5 * h * (now + power)
@@ -167,7 +161,7 @@ def _due(run):
 def _place_output(run):
     """Put the state at the next output time into the trial state; returns the status."""
     st, tr, settings, history = run.state, run.work.trial, run.settings, run.work.now.history
-    before, now = tr.before, run.times[st.count[OUTPUTS]]
+    before, now = tr.before, run.times[st.count[0]["outputs"]]
     copy(st.angles, tr.angles)
     if now >= st.t[0] - control.round_off(settings):
         tr.t[0] = st.t[0]
@@ -196,9 +190,9 @@ def write_output(run: Run) -> int:
         return status
     on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
     project = VELOCITIES if on_step else POSITIONS
-    st.count[FACTORISATIONS] += 1
-    if run.settings.step > 0.0 and st.memory[AGE] >= _RENEW_AFTER:
-        st.memory[AGE] = -1.0
+    st.count[0]["factorisations"] += 1
+    if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _RENEW_AFTER:
+        st.memory[0]["factor_age"] = -1.0
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status
@@ -219,7 +213,7 @@ def write_output(run: Run) -> int:
     if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(tr.lam))):
         return NOT_FINITE
     out.rows[0] += 1
-    st.count[OUTPUTS] += 1
+    st.count[0]["outputs"] += 1
     return FINE
 
 
@@ -228,7 +222,7 @@ def _filter(run):
     """Factor cp of the matrix that reported accelerations are solved with, of order h²."""
     settings = run.settings
     if settings.determined == 0:
-        h = settings.step if settings.step > 0.0 else run.state.memory[LAST_STEP]
+        h = settings.step if settings.step > 0.0 else run.state.memory[0]["last_step"]
         return run.method.filter * h * h
     return 0.0
 
@@ -244,7 +238,7 @@ def march(run: Run, aside: Run, n_steps: int) -> int:
     out.rows[0] = 0
     done = 0
     status = FINE
-    st.memory[AGE] = -1.0
+    st.memory[0]["factor_age"] = -1.0
     run.work.collocation.span[1] = 0.0
     run.work.collocation.age[0] = -1.0
     run.work.partition.age[0] = -1.0

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from flexmb.engine.records import Records, Units
 
 
@@ -68,27 +70,48 @@ NO_LOOP = 20  # forces that depend on accelerations or reactions do not settle
 # that jumps, rows that repeat others and ask for other velocities.
 SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
 
-# Places in State.memory: contraction of Newton's method, age of the factor (< 0: none), whether it
-# is symmetric, the step it is for; the step to try next, the last one accepted; the share of a
-# fixed step that is done; the largest motion and speed so far, weighted; least and greatest step
-# accepted; steps since the size changed, error of velocities over h³ then; steps to go before it
-# may grow; the step before it was shortened to end at an event (0: it was not), how often it was,
-# and steps to go after an event before the next one is looked for; the largest present angular
-# velocity; sum of the local errors over the motion; steps of an explicit method at its limit of
-# stability, and the largest rate of the motion at the first one; the last step rejected, its error
-# over what is allowed, the times at which it began and would have ended, and 1 if a force jumps or
-# has a kink within it (0 after that time); that error of the last step accepted;
-# the length of the step before the last one.
-CONTRACTION, AGE, SYMMETRIC, FACTOR_STEP, STEP, LAST_STEP = 0, 1, 2, 3, 4, 5
-PART, MOTION, SPEED, LEAST_STEP, GREATEST_STEP = 6, 7, 8, 9, 10
-SINCE, JERK_ERROR, CALM = 11, 12, 13
-EVENT_STEP, EVENT_TRIES, EVENT_REST = 14, 15, 16
-TURNING, ERROR_SUM, STIFF_STEPS, STIFF_RATE = 17, 18, 19, 20
-REJECTED_STEP, REJECTED_RATIO, REJECTED_START, REJECTED_END = 21, 22, 23, 24
-KINK, LAST_RATIO, EARLIER_STEP = 25, 26, 27
-MEMORY = 28
-# Places in State.count; GRID counts whole fixed steps, OUTPUTS the rows written, PARTITIONS how
-# often independent coordinates were chosen because those before were poor.
-STEPS, RESIDUALS, FACTORISATIONS, FIXED_PIVOTS, REJECTED, FAILED, GRID, OUTPUTS = range(8)
-EVENTS, PARTITIONS = 8, 9
-COUNTS = 10
+#: Memory of the time loop and of Newton's method, from step to step.
+INTEGRATOR_MEMORY = np.dtype([
+    ("contraction", "f8"),  # of Newton's method
+    ("factor_age", "f8"),  # steps that the factor has served; < 0: there is none
+    ("symmetric", "f8"),  # 1: it is that of the symmetric matrix
+    ("factor_step", "f8"),  # the step that it is for, s
+    ("next_step", "f8"),  # the step to try next, s
+    ("last_step", "f8"),  # the last one accepted, s
+    ("earlier_step", "f8"),  # and the one before, s
+    ("step_fraction", "f8"),  # of a fixed step, that is done
+    ("smallest_step", "f8"),  # accepted, s
+    ("largest_step", "f8"),
+    ("max_displacement", "f8"),  # so far, weighted
+    ("max_velocity", "f8"),
+    ("angular_velocity", "f8"),  # largest one now, rad/s
+    ("error_sum", "f8"),  # of the local errors over the motion
+    ("error_ratio", "f8"),  # error of the last step over what is allowed
+    ("velocity_error", "f8"),  # of the last step, over h³
+    ("steps_at_this_size", "f8"),
+    ("steps_until_growth", "f8"),  # after a rejection
+    ("rejected_step", "f8"),  # the last one, s; 0 behind its end
+    ("rejected_ratio", "f8"),  # its error over what is allowed
+    ("rejected_start", "f8"),  # times at which it began and would have ended, s
+    ("rejected_end", "f8"),
+    ("has_kink", "f8"),  # 1: a force jumps or has a kink within it
+    ("step_before_event", "f8"),  # before it was shortened to end at one, s
+    ("event_trials", "f8"),  # how often it was shortened
+    ("steps_until_event_search", "f8"),  # after an event
+    ("steps_at_stability_limit", "f8"),  # of an explicit method
+    ("fastest_rate", "f8"),  # of the motion at the first one, 1/s
+])  # fmt: skip
+
+#: What a run has done so far.
+COUNTERS = np.dtype([
+    ("steps", "i8"),
+    ("residuals", "i8"),
+    ("factorisations", "i8"),
+    ("regularised_pivots", "i8"),
+    ("rejected", "i8"),
+    ("failed", "i8"),
+    ("fixed_steps", "i8"),  # whole ones
+    ("outputs", "i8"),  # rows written
+    ("events", "i8"),
+    ("partitions", "i8"),  # times that independent coordinates were chosen again
+])  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine.kernels.joints import axis_rows, line_rows, point_rows
+from flexmb.engine.joints import axis_rows, line_rows, point_joint
 from flexmb.engine.kind import RowKind
 
 __all__ = [
@@ -19,10 +19,10 @@ def _number(kind: RowKind) -> int:
     return len(ROW_KINDS) - 1
 
 
-POINT = _number(point_rows.POINT)
+POINT = _number(point_joint.POINT)
 DOT1 = _number(axis_rows.DOT1)
-DOT2 = _number(point_rows.DOT2)
-DISTANCE = _number(point_rows.DISTANCE)
+DOT2 = _number(point_joint.DOT2)
+DISTANCE = _number(point_joint.DISTANCE)
 ANGLE = _number(axis_rows.ANGLE)
 TWIST = _number(axis_rows.TWIST)
 RADIAL = _number(line_rows.RADIAL)

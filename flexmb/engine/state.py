@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.method import Method, Settings
+from flexmb.engine.method import COUNTERS, INTEGRATOR_MEMORY, Method, Settings
 from flexmb.engine.records import Complexes, Integers, Matrix, Records, Units, Vector, array_of
 from flexmb.engine.tables import System
 
@@ -73,8 +73,8 @@ class State(NamedTuple):
     q_first: Vector  # (nq,) positions at the start, for the motion so far
     motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted
     speed: Vector  # (nv,) largest speed of it so far, weighted
-    memory: Vector  # integrator memory, places in `method`
-    count: Integers  # counters, places in `method`
+    memory: array_of(INTEGRATOR_MEMORY)  # (1,)
+    count: array_of(COUNTERS)  # (1,)
     history: Vector  # of the elements: time of the last accepted step, then their own
 
 

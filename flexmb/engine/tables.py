@@ -4,18 +4,26 @@
 models have (springs, contacts, friction ...) stands with its kind (`engine.kind`). All numbers are
 SI. Offsets `iq`, `iv` point into q and v; `pool` holds all data whose size depends on the number of
 modes, addressed by offsets in the body and marker tables.
+Per body q = [r(3), p(4), eta(m)] and v = [r_dot(3), w(3), eta_dot(m)]; p are Euler parameters,
+scalar part first, and w is the angular velocity in body axes. `Layout` names the columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.records import Integers, Matrix, Vector, array_of
 from flexmb.engine.sensor_tables import Sensors
+
+if TYPE_CHECKING:
+    from flexmb.model.functions.expression import Expression, Ops
+
 
 _I = "i8"
 _F = "f8"
@@ -36,6 +44,7 @@ BODY = np.dtype(
     ],
     align=True,
 )
+
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns).
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
@@ -141,14 +150,15 @@ PANEL = np.dtype(
     ],
     align=True,
 )
+
 # Rectangular update of a later panel: rows x times rows y of a panel, both counted from its top.
 UPDATE = np.dtype(
     [("x", _I), ("nx", _I), ("y", _I), ("ny", _I), ("at", _I), ("stride", _I), ("diagonal", _I)],
     align=True,
 )
+
 # Place of an off-diagonal block: entry (i, j) at at + i stride + j, transposed if flipped.
 LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
-
 
 # One curve marker: a row of the marker table that slides along a curve carried by the marker it
 # begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
@@ -213,3 +223,80 @@ class System(NamedTuple):
     events: int  # values that the step control watches
     program_depth: int  # rows of stack that programs of the kinds need
     kinds: Mapping[str, Any]  # tables of the kinds that the model holds, by name (`engine.kinds`)
+
+
+@dataclass
+class Pool:
+    """Grows while the tables are built; every block is remembered by its offset."""
+
+    blocks: list[NDArray[np.float64]] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, values: ArrayLike) -> int:
+        """Append the values, row by row; returns their offset."""
+        flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
+        offset = self.size
+        self.blocks.append(flat)
+        self.size += flat.size
+        return offset
+
+    def array(self) -> NDArray[np.float64]:
+        """All blocks in one array (at least one number, so that it has an address)."""
+        return np.concatenate([*self.blocks, np.zeros(1)])
+
+
+@dataclass
+class Functions:
+    """Functions of time and of channels by index; equal programs share one.
+
+    `resolve` puts in what stands behind the names of channels.
+    """
+
+    resolve: Callable[[Expression], Expression]
+    programs: list[Expression] = field(default_factory=list)
+    _known: dict[Ops, int] = field(default_factory=dict)
+
+    def add(self, expression: Expression) -> int:
+        """Index of a function as the scene gives it."""
+        return self.put(self.resolve(expression))
+
+    def put(self, expression: Expression) -> int:
+        """Index of a function over measured channels and states in SI."""
+        k = self._known.setdefault(expression.ops, len(self.programs))
+        if k == len(self.programs):
+            self.programs.append(expression)
+        return k
+
+
+ENERGIES = ("kinetic", "strain", "gravity", "spring", "driver_work", "damper_work", "applied_work")
+
+
+@dataclass(frozen=True)
+class BodyColumns:
+    """Where one body stands in q and v."""
+
+    name: str
+    iq: int
+    iv: int
+    m: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names and offsets of all columns of a compiled system.
+
+    The scalar coordinates stand behind the bodies, in this order, in q and in v. A reaction is the
+    wrench that a joint or driver transmits, twelve numbers: force and moment on marker J in its
+    axes, then force and moment on marker I in its axes.
+    """
+
+    bodies: tuple[BodyColumns, ...]
+    coordinates: tuple[str, ...]
+    nq: int
+    nv: int
+    nc: int
+    rows: tuple[str, ...]
+    reactions: tuple[str, ...]
+    channels: tuple[str, ...]
+    energies: tuple[str, ...]
+    fingerprint: str

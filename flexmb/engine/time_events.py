@@ -23,14 +23,7 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
 )
 from flexmb.engine.method import (
-    AGE,
-    CALM,
-    FACTORISATIONS,
     FINE,
-    JERK_ERROR,
-    MOTION,
-    SINCE,
-    STEP,
 )
 from flexmb.engine.state import Run
 
@@ -73,7 +66,7 @@ def cross_time_event(run: Run, cp: float) -> int:
         return FINE
     st.t[0] = time_events[k, 1]
     status = _accelerate(run, cp)
-    allowed = settings.tolerance * st.memory[MOTION]
+    allowed = settings.tolerance * st.memory[0]["max_displacement"]
     if status == FINE and _jump(run.system.weights, st, run.work.trial) > allowed:
         _restart(run)
     return status
@@ -83,8 +76,8 @@ def cross_time_event(run: Run, cp: float) -> int:
 def _accelerate(run, cp):
     """Velocities, accelerations and multipliers of the far side in the trial state."""
     st, tr = run.state, run.work.trial
-    st.count[FACTORISATIONS] += 1
-    st.memory[AGE] = -1.0
+    st.count[0]["factorisations"] += 1
+    st.memory[0]["factor_age"] = -1.0
     tr.t[0] = st.t[0]
     copy(st.q, tr.q)
     copy(st.v, tr.v)
@@ -97,7 +90,7 @@ def _accelerate(run, cp):
 @kernel
 def _jump(weights, st, tr):
     """What the jumps of velocities and accelerations do to positions within the next step."""
-    h = st.memory[STEP]
+    h = st.memory[0]["next_step"]
     jump = 0.0
     for i in range(weights.shape[0]):
         moved = h * abs(tr.v[i] - st.v[i]) + 0.5 * h * h * abs(tr.vd[i] - st.vd[i])
@@ -133,7 +126,7 @@ def _restart(run):
     copy(run.work.powers, st.power)
     for k in range(3):
         st.power_before[0, k] = st.power_before[1, k] = math.nan
-    st.memory[SINCE] = 0.0
-    st.memory[JERK_ERROR] = 0.0
-    st.memory[CALM] = 0.0
-    st.memory[STEP] *= _RESTART
+    st.memory[0]["steps_at_this_size"] = 0.0
+    st.memory[0]["velocity_error"] = 0.0
+    st.memory[0]["steps_until_growth"] = 0.0
+    st.memory[0]["next_step"] *= _RESTART

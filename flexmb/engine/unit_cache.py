@@ -27,8 +27,8 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
-from flexmb.cache import cache_root, writable
 from flexmb.errors import FlexmbWarning
+from flexmb.folders import cache_root, is_writable
 
 __all__ = [
     "Stored", "cache_folders", "engine_hash", "file_of", "leave_cache", "read_stored", "read_unit",
@@ -152,7 +152,7 @@ def _shared_folders() -> tuple[Path, ...]:
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         shared = not _private(folder)
-        if not shared and writable(folder):
+        if not shared and is_writable(folder):
             _forget_unused(folder)
             return (folder,)
     why = "other users may write to it" if shared else "it is read-only or full"

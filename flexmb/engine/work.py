@@ -9,13 +9,10 @@ import numpy as np
 
 from flexmb.engine.jit import Unit
 from flexmb.engine.kinds import KINDS
-from flexmb.engine.kinematics_state import Path
+from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
 from flexmb.engine.method import (
-    AGE,
-    CONTRACTION,
-    COUNTS,
-    MEMORY,
-    SYMMETRIC,
+    COUNTERS,
+    INTEGRATOR_MEMORY,
     Method,
     Settings,
 )
@@ -160,14 +157,14 @@ def new_state(system: System, channels: int = 0) -> State:
     nq, nv, nc = sizes(system)
     q = np.zeros(nq)
     q[system.parts.bodies["iq"] + 3] = 1.0
-    memory = np.zeros(MEMORY)
-    memory[CONTRACTION], memory[AGE] = 1.0, -1.0
+    memory = np.zeros(1, INTEGRATOR_MEMORY)
+    memory["contraction"], memory["factor_age"] = 1.0, -1.0
     unsymmetric = any(kind.is_unsymmetric(system.kinds[kind.name]) for kind in kinds_of(system))
-    memory[SYMMETRIC] = 0.0 if unsymmetric else 1.0
+    memory["symmetric"] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(), np.zeros(nv),
-        np.zeros(nv), memory, np.zeros(COUNTS, dtype=np.int64), np.zeros(system.history),
+        np.zeros(nv), memory, np.zeros(1, COUNTERS), np.zeros(system.history),
     )  # fmt: skip
 
 
@@ -347,6 +344,6 @@ def new_path(system: System) -> Path:
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,
         *(np.zeros(nv) for _ in range(4)), np.zeros((n_functions, 3)), np.zeros((4, 3)),
-        np.array([np.inf, -1.0, 0.0]), np.zeros((_SINGULAR_POSES, 2)),
-        np.zeros((_SINGULAR_POSES, nq)), np.zeros(3, dtype=np.int64),
+        np.array([(np.inf, -1.0, 0.0)], PATH_MEMORY), np.zeros((_SINGULAR_POSES, 2)),
+        np.zeros((_SINGULAR_POSES, nq)), np.zeros(1, PATH_COUNTERS),
     )  # fmt: skip

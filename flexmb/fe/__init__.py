@@ -11,7 +11,8 @@ from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.reduce import Survey, make_body, mesh_problems, reduce, survey
+from flexmb.fe.model_checks import Survey
+from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
 from flexmb.fe.reduction.free_interface import free_interface
 from flexmb.fe.reduction.methods import METHODS, reduce_model

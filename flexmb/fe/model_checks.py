@@ -8,16 +8,19 @@ or stiffness. The nominal mass is the sum of volumes (areas, lengths) times dens
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem
+from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
-from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.blocks import Block
 from flexmb.fe.material import plausibility
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
+from flexmb.fe.reduction.fixed_interface import read_modes
+from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
@@ -140,3 +143,89 @@ def model_findings(
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),
     ]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of a body before it is reduced.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        What keeps it from being reduced; where there are some, the rest is missing.
+    findings : list of Finding
+        Notes and warnings.
+    elements : dict of str to int
+        Elements of the body by kind.
+    dofs : int
+        Degrees of freedom of the finite-element model.
+    coordinates : str
+        Kept coordinates and how they are counted.
+    mass : float
+        kg.
+    interfaces : dict of str to (3,) float
+        Places of the interfaces, mesh frame [m].
+    points : (n, 3) float
+        Nodes of the mesh [m].
+    groups : dict of str to (g,) int
+        Nodes of its named groups.
+    """
+
+    problems: list[Problem]
+    findings: list[Finding] = field(default_factory=list)
+    elements: dict[str, int] = field(default_factory=dict)
+    dofs: int = 0
+    coordinates: str = ""
+    mass: float = 0.0
+    interfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    groups: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def check_mode_count(
+    model: MeshModel, ends: tuple[ModelInterface, ...], modes: Any, reduction: str
+) -> None:
+    """Refuse more modes than there are degrees of freedom that the interfaces leave free.
+
+    Raises
+    ------
+    ReductionError
+        Both numbers.
+    """
+    if reduction == "user":
+        read_user_modes(modes)
+    if reduction not in ("craig-bampton", "free-interface"):
+        return
+    count = read_modes(modes).count
+    fixed = sum(len(part.dofs) if isinstance(part, RigidInterface) else 6 for part in ends)
+    free = model.numbering.n - fixed
+    if not ends or reduction == "free-interface":
+        free += 6 * len(ends) - 6
+    if count is not None and count > free:
+        what = f"{count} requested, but the model has only {free}"
+        raise ReductionError.from_problems([Problem("modes", what)])
+
+
+def coordinates_text(
+    freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Mapping[str, Any]
+) -> str:
+    """Kept coordinates, in words; loads add at most that many residual vectors."""
+    if reduction == "user":
+        return "those of the given modes"
+    selection = read_modes(modes)
+    count = 0 if reduction == "guyan" else selection.count
+    static = freedoms * interfaces
+    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
+    more *= 2 if interfaces and reduction != "free-interface" else 1
+    extra = f" + up to {more} for loads" if more else ""
+    if count is None:
+        by = "frequency" if selection.frequency is not None else "effective mass"
+        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
+    if not interfaces:
+        return f"{count} free modes{extra}"
+    text = f"{freedoms}*{interfaces} interfaces + {count} modes"
+    if reduction == "free-interface":
+        return f"up to {static + count + more} = {text}{extra}"
+    least = static + count - freedoms
+    most = f" to {least + more}" if more else ""
+    return f"{least}{most} = {text} - {freedoms}{extra}"

@@ -11,7 +11,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -34,13 +34,15 @@ from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
+    Survey,
+    check_mode_count,
     check_releases,
+    coordinates_text,
     mass_sentence,
     model_findings,
     nominal_mass,
     point_mass,
 )
-from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.methods import reduce_model, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -62,43 +64,6 @@ from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 
 Words = Mapping[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What is known of a body before it is reduced.
-
-    Parameters
-    ----------
-    problems : list of Problem
-        What keeps it from being reduced; where there are some, the rest is missing.
-    findings : list of Finding
-        Notes and warnings.
-    elements : dict of str to int
-        Elements of the body by kind.
-    dofs : int
-        Degrees of freedom of the finite-element model.
-    coordinates : str
-        Kept coordinates and how they are counted.
-    mass : float
-        kg.
-    interfaces : dict of str to (3,) float
-        Places of the interfaces, mesh frame [m].
-    points : (n, 3) float
-        Nodes of the mesh [m].
-    groups : dict of str to (g,) int
-        Nodes of its named groups.
-    """
-
-    problems: list[Problem]
-    findings: list[Finding] = field(default_factory=list)
-    elements: dict[str, int] = field(default_factory=dict)
-    dofs: int = 0
-    coordinates: str = ""
-    mass: float = 0.0
-    interfaces: dict[str, np.ndarray] = field(default_factory=dict)
-    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    groups: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def reduce(
@@ -289,7 +254,7 @@ def survey(
         attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
     )
     if model is not None:
-        attempts(_check_count, model, ends, modes, reduction)
+        attempts(check_mode_count, model, ends, modes, reduction)
     if model is None or attempts.errors:
         return Survey(attempts.problems)
     counts: dict[str, int] = {}
@@ -306,7 +271,7 @@ def survey(
         findings,
         counts,
         model.numbering.n,
-        _coordinates(6 if plane is None else 3, len(ends), modes, reduction, loads or {}),
+        coordinates_text(6 if plane is None else 3, len(ends), modes, reduction, loads or {}),
         mass,
         {part.name: part.position for part in ends},
         model.mesh.points,
@@ -437,44 +402,3 @@ def _file_provenance(
     if isinstance(mesh, Mapping):
         return {"key": key, "mesh": json.dumps(dict(mesh))}
     return {"key": key, "mesh sha256": mesh_hash(mesh)}
-
-
-def _check_count(
-    model: MeshModel, ends: tuple[ModelInterface, ...], modes: Any, reduction: str
-) -> None:
-    """Refuse more modes than there are degrees of freedom that the interfaces leave free."""
-    if reduction == "user":
-        read_user_modes(modes)
-    if reduction not in ("craig-bampton", "free-interface"):
-        return
-    count = read_modes(modes).count
-    fixed = sum(len(part.dofs) if isinstance(part, RigidInterface) else 6 for part in ends)
-    free = model.numbering.n - fixed
-    if not ends or reduction == "free-interface":
-        free += 6 * len(ends) - 6
-    if count is not None and count > free:
-        what = f"{count} requested, but the model has only {free}"
-        raise ReductionError.from_problems([Problem("modes", what)])
-
-
-def _coordinates(freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Words) -> str:
-    """Kept coordinates, in words; loads add at most that many residual vectors."""
-    if reduction == "user":
-        return "those of the given modes"
-    selection = read_modes(modes)
-    count = 0 if reduction == "guyan" else selection.count
-    static = freedoms * interfaces
-    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
-    more *= 2 if interfaces and reduction != "free-interface" else 1
-    extra = f" + up to {more} for loads" if more else ""
-    if count is None:
-        by = "frequency" if selection.frequency is not None else "effective mass"
-        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
-    if not interfaces:
-        return f"{count} free modes{extra}"
-    text = f"{freedoms}*{interfaces} interfaces + {count} modes"
-    if reduction == "free-interface":
-        return f"up to {static + count + more} = {text}{extra}"
-    least = static + count - freedoms
-    most = f" to {least + more}" if more else ""
-    return f"{least}{most} = {text} - {freedoms}{extra}"

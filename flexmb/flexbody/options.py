@@ -248,10 +248,11 @@ def _read_marked(mark: Any, value: Any, where: str) -> tuple[Any, list[Problem]]
 def _number_problems(mark: Unit, value: Any, where: str) -> list[Problem]:
     if not isinstance(value, Real) or isinstance(value, bool) or math.isnan(value):
         return [Problem(where, f"must be a number, given {value!r}")]
-    if mark.sign == "positive" and not value > 0:
-        return [Problem(where, f"must be positive, given {value:g} {mark.unit}".rstrip())]
-    if mark.sign == "not negative" and value < 0:
-        return [Problem(where, f"must not be negative, given {value:g} {mark.unit}".rstrip())]
+    number, unit = float(value), f" {mark.unit}".rstrip()
+    if mark.sign == "positive" and not number > 0:
+        return [Problem(where, f"must be positive, given {number:g}{unit}")]
+    if mark.sign == "not negative" and number < 0:
+        return [Problem(where, f"must not be negative, given {number:g}{unit}")]
     return []
 
 

@@ -35,6 +35,7 @@ PAGES = (
     "adding-a-kind",
     "benchmarks",
     "adams",
+    "changes",
 )
 _LIST = re.compile(r"^<!-- list: ([\w-]+)(?: (.+?))? -->$", re.MULTILINE)
 _COMMENT = re.compile(r"^<!--.*?-->\n?", re.DOTALL | re.MULTILINE)

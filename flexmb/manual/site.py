@@ -92,6 +92,14 @@ def _write_sources(folder: Path) -> None:
 def _write_search(folder: Path) -> None:
     """Replace the script that searches the pages by one that holds the index itself."""
     index = json.loads((folder / "search_index.json").read_text(encoding="utf-8"))["docs"]
+    titles = {entry["location"]: entry["title"] for entry in index}
+    sections = []
+    for entry in index:
+        page_title = titles[entry["location"].partition("#")[0]]
+        if "#" in entry["location"]:
+            same = entry["title"] == page_title
+            title = page_title if same else f"{page_title}: {entry['title']}"
+            sections.append({**entry, "title": title})
     script = (FOLDER / "search.js").read_text(encoding="utf-8")
-    text = f"var sections = {json.dumps(index)};\n{script}"
+    text = f"var sections = {json.dumps(sections)};\n{script}"
     (folder / "main.js").write_text(text, encoding="utf-8")

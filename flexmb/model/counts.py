@@ -15,8 +15,6 @@ from flexmb.model.joints.joint import JOINT_TYPES, JointType
 if TYPE_CHECKING:
     from flexmb.model.model import Model
 
-__all__ = ["Counts", "JointCount", "count"]
-
 
 @dataclass(frozen=True)
 class JointCount:

@@ -8,37 +8,23 @@ modes; a flexible one has one for each of its interfaces. Out: specifications, a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec
-from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.bodies.markers import GroundSpec, MarkerSpec, PlacedMarker, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad
+from flexmb.model.values.reading import Terms
+from flexmb.units import UnitSystem
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
-    from flexmb.model.model import Model
-
-__all__ = [
-    "PARALLEL",
-    "Found",
-    "automatic_markers",
-    "find",
-    "frames",
-    "has_marker",
-    "joint_frames",
-    "marker_names",
-    "markers_known",
-    "places",
-    "pose",
-    "poses",
-]
 
 Array = NDArray[np.float64]
 PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
@@ -46,7 +32,58 @@ _ORIGIN = MarkerSpec()
 Bodies = Mapping[str, "FlexBody"]
 
 
-class Found(NamedTuple):
+class ModelData(Protocol):
+    """The data of a model, as checks and lookups read them; see :class:`flexmb.Model`."""
+
+    title: str
+    folder: Path
+    units: UnitSystem
+    parameter_sources: dict[str, Any]
+    parameters: dict[str, float]
+    gravity: tuple[float, float, float] | None
+    plane: str | None
+    ground: GroundSpec
+    bodies: dict[str, BodySpec]
+    curves: dict[str, Any]
+    joints: dict[str, Any]
+    couplers: dict[str, Any]
+    drivers: dict[str, Any]
+    forces: dict[str, Any]
+    sensors: dict[str, Any]
+    states: dict[str, Any]
+    controllers: dict[str, Any]
+    checks: list[Any]
+    frequency_checks: list[Any]
+    assembly: Any
+    dynamics: Any
+    kinematics: Any
+    results: Any
+    study: Any
+    view: Any
+
+    @property
+    def terms(self) -> Terms:
+        """What numbers mean that are given to the model."""
+        ...
+
+    def check_terms(self, channel: Any) -> Terms:
+        """What numbers mean that are compared with a channel."""
+        ...
+
+    def channels(self) -> tuple[str, ...]:
+        """Names of all channels."""
+        ...
+
+    def channel_unit(self, channel: str) -> str | None:
+        """SI unit of a channel."""
+        ...
+
+    def path(self, name: str) -> Path:
+        """A path of the scene, made absolute."""
+        ...
+
+
+class NamedMarker(NamedTuple):
     """A marker by name."""
 
     body: str
@@ -54,30 +91,29 @@ class Found(NamedTuple):
     spec: MarkerSpec
 
 
-def flexbody_of(model: Model, body: str, flexbodies: Bodies) -> FlexBody | None:
+def flexbody_of(model: ModelData, body: str, flexbodies: Bodies) -> FlexBody | None:
     """The body's FlexBody as far as it is known."""
     spec = model.bodies.get(body)
     if body in flexbodies:
         return flexbodies[body]
     if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
-        held: FlexBody = spec.flexbody
-        return held
+        return spec.flexbody  # type: ignore[no-any-return]
     return None
 
 
-def markers_known(model: Model, body: str, flexbodies: Bodies) -> bool:
+def has_all_markers(model: ModelData, body: str, flexbodies: Bodies) -> bool:
     """Whether all markers of the body are known before it is reduced or read."""
     spec = model.bodies.get(body)
     return not isinstance(spec, FlexbodySpec) or flexbody_of(model, body, flexbodies) is not None
 
 
-def automatic_markers(model: Model, body: str, flexbodies: Bodies) -> tuple[str, ...]:
+def automatic_markers(model: ModelData, body: str, flexbodies: Bodies) -> tuple[str, ...]:
     """Names of the markers a body has without being told."""
     center = () if _center(model, body, flexbodies) is None else ("center",)
     return tuple(dict.fromkeys(("origin", *center, *_interfaces(model, body, flexbodies))))
 
 
-def _interfaces(model: Model, body: str, flexbodies: Bodies) -> tuple[str, ...]:
+def _interfaces(model: ModelData, body: str, flexbodies: Bodies) -> tuple[str, ...]:
     """Names of the interfaces of a body."""
     flexbody = flexbody_of(model, body, flexbodies)
     if flexbody is not None:
@@ -86,7 +122,7 @@ def _interfaces(model: Model, body: str, flexbodies: Bodies) -> tuple[str, ...]:
     return tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else ()
 
 
-def _center(model: Model, body: str, flexbodies: Bodies) -> tuple[float, float, float] | None:
+def _center(model: ModelData, body: str, flexbodies: Bodies) -> tuple[float, float, float] | None:
     """Centre of mass of a body that cannot deform, in its frame [m]; None of others."""
     spec = model.bodies.get(body)
     if isinstance(spec, RigidBodySpec):
@@ -98,25 +134,25 @@ def _center(model: Model, body: str, flexbodies: Bodies) -> tuple[float, float, 
     return x, y, z
 
 
-def _given_markers(model: Model, body: str) -> Mapping[str, MarkerSpec]:
-    """The markers that the model gives to a body."""
+def _own_markers(model: ModelData, body: str) -> Mapping[str, MarkerSpec]:
+    """The markers that the scene gives to a body."""
     return (model.ground if body == GROUND else model.bodies[body]).markers
 
 
-def marker_names(model: Model, body: str, flexbodies: Bodies | None = None) -> tuple[str, ...]:
+def marker_names(model: ModelData, body: str, flexbodies: Bodies | None = None) -> tuple[str, ...]:
     """Names of the markers of a body."""
     automatic = automatic_markers(model, body, flexbodies or {})
-    return tuple(dict.fromkeys((*automatic, *_given_markers(model, body))))
+    return tuple(dict.fromkeys((*automatic, *_own_markers(model, body))))
 
 
-def has_marker(model: Model, body: str, name: str, flexbodies: Bodies | None = None) -> bool:
+def has_marker(model: ModelData, body: str, name: str, flexbodies: Bodies | None = None) -> bool:
     """Whether a body has a marker of that name."""
-    if name == "origin" or name in _given_markers(model, body):
+    if name == "origin" or name in _own_markers(model, body):
         return True
     return name in automatic_markers(model, body, flexbodies or {})
 
 
-def _automatic(model: Model, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
+def _automatic(model: ModelData, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
     """A marker that a body has without being told; of another name, an interface to come."""
     if name not in _interfaces(model, body, flexbodies):
         center = _center(model, body, flexbodies)
@@ -127,20 +163,20 @@ def _automatic(model: Model, body: str, name: str, flexbodies: Bodies) -> Marker
     return MarkerSpec(interface=name)
 
 
-def missing(model: Model, reference: str, flexbodies: Bodies) -> Problem | None:
+def missing(model: ModelData, reference: str, flexbodies: Bodies) -> Problem | None:
     """The problem of a reference to a marker that does not exist; its place is left open."""
     body, marker = split_reference(reference)
     if body != GROUND and body not in model.bodies:
         bodies = (*model.bodies, GROUND)
         return Problem("", f'unknown body "{body}"', bodies, nearest(body, bodies))
-    if has_marker(model, body, marker, flexbodies) or not markers_known(model, body, flexbodies):
+    if has_marker(model, body, marker, flexbodies) or not has_all_markers(model, body, flexbodies):
         return None
-    known = marker_names(model, body, flexbodies)
+    names = marker_names(model, body, flexbodies)
     what = f'body "{body}" has no marker "{marker}"'
-    return Problem("", what, known, nearest(marker, known))
+    return Problem("", what, names, nearest(marker, names))
 
 
-def find(model: Model, reference: str, flexbodies: Bodies | None = None) -> Found:
+def find(model: ModelData, reference: str, flexbodies: Bodies | None = None) -> NamedMarker:
     """The marker of that name.
 
     Raises
@@ -153,9 +189,9 @@ def find(model: Model, reference: str, flexbodies: Bodies | None = None) -> Foun
     if problem is not None:
         raise SceneError.from_problems([problem])
     body, name = split_reference(reference)
-    given = _given_markers(model, body)
-    spec = given[name] if name in given else _automatic(model, body, name, flexbodies)
-    return Found(body, name, spec)
+    own = _own_markers(model, body)
+    spec = own[name] if name in own else _automatic(model, body, name, flexbodies)
+    return NamedMarker(body, name, spec)
 
 
 def pose(body: BodySpec) -> tuple[Array, Array]:
@@ -163,17 +199,17 @@ def pose(body: BodySpec) -> tuple[Array, Array]:
     return np.array(body.position), np.array(body.orientation)
 
 
-def places(model: Model, body: str, flexbodies: Bodies) -> list[Sequence[float] | Array]:
+def places(model: ModelData, body: str, flexbodies: Bodies) -> list[Sequence[float] | Array]:
     """Positions (3,) of all markers of a body, undeformed and in its frame [m]."""
     if flexbody_of(model, body, flexbodies) is not None:
         names = marker_names(model, body, flexbodies)
-        return [placed(model, f"{body}.{name}", flexbodies).position for name in names]
+        return [place_marker(model, f"{body}.{name}", flexbodies).position for name in names]
     origin = (0.0, 0.0, 0.0)
-    own = [marker.position or origin for marker in _given_markers(model, body).values()]
+    own = [marker.position or origin for marker in _own_markers(model, body).values()]
     return [origin, _center(model, body, flexbodies) or origin, *own]
 
 
-def poses(model: Model) -> tuple[Array, Array]:
+def poses(model: ModelData) -> tuple[Array, Array]:
     """Placed positions r (n + 1, 3) [m] and axes A (n + 1, 3, 3) of all bodies, ground the last."""
     specs = model.bodies.values()
     r = np.array([*(spec.position for spec in specs), (0.0, 0.0, 0.0)])
@@ -181,7 +217,9 @@ def poses(model: Model) -> tuple[Array, Array]:
     return r, rotation_matrices(p)
 
 
-def placed(model: Model, reference: str, flexbodies: Bodies | None = None) -> PlacedMarker:
+def place_marker(
+    model: ModelData, reference: str, flexbodies: Bodies | None = None
+) -> PlacedMarker:
     """The marker as the engine needs it; flexible bodies must be given.
 
     Raises
@@ -190,18 +228,18 @@ def placed(model: Model, reference: str, flexbodies: Bodies | None = None) -> Pl
         No such body, marker, node or interface.
     """
     flexbodies = flexbodies or {}
-    found = find(model, reference, flexbodies)
-    return place(found.body, found.spec, flexbody_of(model, found.body, flexbodies))
+    body, _, spec = find(model, reference, flexbodies)
+    return place(body, spec, flexbody_of(model, body, flexbodies))
 
 
 def frames(
-    model: Model, between: tuple[str, str], axis: Any, flexbodies: Bodies | None = None
+    model: ModelData, between: tuple[str, str], axis: Any, flexbodies: Bodies | None = None
 ) -> tuple[PlacedMarker, PlacedMarker]:
     """Markers I and J of a joint, their R being the joint's triad (z: the axis).
 
     Parameters
     ----------
-    model : Model
+    model : ModelData
         The model.
     between : pair of str
         References I and J.
@@ -211,15 +249,15 @@ def frames(
     flexbodies : mapping, optional
         The flexible bodies by name.
     """
-    I, J = (placed(model, reference, flexbodies) for reference in between)  # noqa: E741
+    I, J = (place_marker(model, reference, flexbodies) for reference in between)  # noqa: E741
     if axis is None:
         return I, J
     R = triad(axis)
-    return _turned(model, I, R), _turned(model, J, R)
+    return _with_global_axes(model, I, R), _with_global_axes(model, J, R)
 
 
 def joint_frames(
-    model: Model, name: str, flexbodies: Bodies | None = None
+    model: ModelData, name: str, flexbodies: Bodies | None = None
 ) -> tuple[PlacedMarker, PlacedMarker]:
     """Markers I and J of a joint with its triads; of two axes z_I is the first, z_J the second.
 
@@ -227,32 +265,27 @@ def joint_frames(
     bent into the second; parallel axes give equal triads.
     """
     joint = model.joints[name]
-    if JOINT_TYPES[joint.type].curves:  # the curve lies in the axes of its marker
-        I, J = (placed(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
-        return I, J if joint.axis is None else _turned(model, J, triad(joint.axis))
+    if joint.kind.curves:  # the curve lies in the axes of its marker
+        I, J = (place_marker(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
+        return I, J if joint.axis is None else _with_global_axes(model, J, triad(joint.axis))
     if joint.axis is None or joint.second_axis is None:
         return frames(model, joint.between, joint.axis, flexbodies)
-    I, J = (placed(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
-    first, second = _unit(joint.axis), _unit(joint.second_axis)
+    I, J = (place_marker(model, reference, flexbodies) for reference in joint.between)  # noqa: E741
+    first, second = (
+        np.array(axis) / np.linalg.norm(axis) for axis in (joint.axis, joint.second_axis)
+    )
     across = np.cross(first, second)
     if np.linalg.norm(across) < PARALLEL:
-        return _turned(model, I, triad(first)), _turned(model, J, triad(first))
-    y = across / np.linalg.norm(across)
-    triads = (np.column_stack([np.cross(y, z), y, z]) for z in (first, second))
-    return _turned(model, I, next(triads)), _turned(model, J, next(triads))
+        R = R_J = triad(first)
+    else:
+        y = across / np.linalg.norm(across)
+        R, R_J = (np.column_stack([np.cross(y, z), y, z]) for z in (first, second))
+    return _with_global_axes(model, I, R), _with_global_axes(model, J, R_J)
 
 
-def _unit(axis: Any) -> Array:
-    direction = np.array(axis, dtype=float)
-    unit: Array = direction / np.linalg.norm(direction)
-    return unit
-
-
-def _turned(model: Model, marker: PlacedMarker, R: Array) -> PlacedMarker:
+def _with_global_axes(model: ModelData, marker: PlacedMarker, R: Array) -> PlacedMarker:
     """The marker with its axes R (3, 3), global in the placed pose."""
-    if marker.body != GROUND:
-        R = rotation_matrix(model.bodies[marker.body].orientation).T @ R
-    return with_axes(marker, R)
+    return with_axes(marker, R if marker.body == GROUND else body_axes(model, marker.body).T @ R)
 
 
 def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
@@ -260,7 +293,18 @@ def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
     return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)
 
 
-def global_position(model: Model, marker: PlacedMarker) -> Array:
+def body_axes(model: ModelData, body: str) -> Array:
+    """Axes A (3, 3) of a body or of ground in the placed pose, global."""
+    return np.eye(3) if body == GROUND else rotation_matrix(model.bodies[body].orientation)
+
+
+def global_axes(model: ModelData, marker: PlacedMarker) -> Array:
+    """Axes (3, 3) of a marker in the placed pose, global."""
+    axes: Array = body_axes(model, marker.body) @ marker.R
+    return axes
+
+
+def global_position(model: ModelData, marker: PlacedMarker) -> Array:
     """Position (3,) of a marker in the placed, undeformed pose, global [m]."""
     if marker.body == GROUND:
         return marker.position

@@ -18,25 +18,22 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.carriers import far_markers
 from flexmb.model.bodies.markers import GroundSpec, MarkerSpec
-from flexmb.model.forces.force import AnyForce
-from flexmb.model.joints.couplers import CouplerSpec
-from flexmb.model.joints.coupling import repeated_couplers
-from flexmb.model.joints.curves import CurveSpec
-from flexmb.model.joints.drivers import DriverSpec
+from flexmb.model.joints.coupler import Coupler
+from flexmb.model.joints.coupler_loops import repeated_couplers
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.plane import read_plane
-from flexmb.model.scenes import references, writing
-from flexmb.model.scenes.entries import read_named
-from flexmb.model.scenes.head import read_gravity
+from flexmb.model.references import Component
+from flexmb.model.scenes.consistency import model_problems
+from flexmb.model.scenes.conversion import build, read_gravity, scene_dict
+from flexmb.model.scenes.sections import read_named
+from flexmb.model.sensors.control import ControllerSpec, StateSpec
 from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
-from flexmb.model.sensors.states import ControllerSpec, StateSpec
-from flexmb.model.tasks.assembly import AssemblySpec
-from flexmb.model.tasks.checks import CheckSpec, FrequencyCheckSpec
 from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.kinematics import KinematicsSpec
-from flexmb.model.tasks.results import ResultsSpec
+from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
+from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.tasks.study import StudySpec
-from flexmb.model.tasks.view import ViewSpec
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import plain
@@ -45,8 +42,6 @@ from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
-
-__all__ = ["Model", "Source"]
 
 S = TypeVar("S", bound=Spec)
 
@@ -91,9 +86,9 @@ class Model:
     ) -> None:
         self.title = title
         self.folder = Path(folder)
-        self.given_parameters: dict[str, Any] = plain(parameters or {})
+        self.parameter_sources: dict[str, Any] = plain(parameters or {})
         self.units = unit_system(units)
-        self.parameters, problems = resolve(self.given_parameters, self.units)
+        self.parameters, problems = resolve(self.parameter_sources, self.units)
         _raise(problems)
         self.gravity: tuple[float, float, float] | None = None
         self.set_gravity(gravity)
@@ -103,9 +98,9 @@ class Model:
         self.bodies: dict[str, BodySpec] = {}
         self.curves: dict[str, CurveSpec] = {}
         self.joints: dict[str, JointSpec] = {}
-        self.couplers: dict[str, CouplerSpec] = {}
+        self.couplers: dict[str, Coupler] = {}
         self.drivers: dict[str, DriverSpec] = {}
-        self.forces: dict[str, AnyForce] = {}
+        self.forces: dict[str, Component] = {}
         self.sensors: dict[str, SensorSpec] = {}
         self.states: dict[str, StateSpec] = {}
         self.controllers: dict[str, ControllerSpec] = {}
@@ -206,11 +201,11 @@ class Model:
 
         Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
         """
-        known: list[Any] = self.frequency_checks if "body" in fields else self.checks
+        checks: list[Any] = self.frequency_checks if "body" in fields else self.checks
         kind: type[Any] = FrequencyCheckSpec if "body" in fields else CheckSpec
         spec, problems = read_entry(kind, fields, self.check_terms(fields.get("sensor")))
-        _raise(under(f"check[{len(known)}]", problems))
-        known.append(spec)
+        _raise(under(f"check[{len(checks)}]", problems))
+        checks.append(spec)
         return spec  # type: ignore[return-value]
 
     def set_gravity(self, gravity: Any) -> None:
@@ -284,7 +279,7 @@ class Model:
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
         return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
 
-    def marker(self, reference: str) -> lookup.Found:
+    def marker(self, reference: str) -> lookup.NamedMarker:
         """Body, name and specification of ``"body.marker"``, automatic markers included.
 
         Raises
@@ -294,9 +289,9 @@ class Model:
         """
         return lookup.find(self, reference)
 
-    def path(self, given: str) -> Path:
+    def path(self, name: str) -> Path:
         """A path of the scene, made absolute."""
-        return (self.folder / given).resolve()
+        return (self.folder / name).resolve()
 
     def problems(self, flexbodies: Mapping[str, FlexBody] | None = None) -> list[Problem]:
         """Everything in the model that does not fit together.
@@ -304,9 +299,9 @@ class Model:
         Parameters
         ----------
         flexbodies : mapping, optional
-            The flexible bodies by name, once they are known; their markers are checked then.
+            The flexible bodies by name, as far as they are reduced; their markers are checked.
         """
-        return references.problems(self, flexbodies or {})
+        return model_problems(self, flexbodies or {})
 
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
         """Raise a :class:`SceneError` with all problems, if there are any.
@@ -315,8 +310,8 @@ class Model:
         of couplers that repeat others.
         """
         _raise(self.problems(flexbodies))
-        known = flexbodies or {}
-        for sentence in (*far_markers(self, known), *repeated_couplers(self, known)):
+        bodies = flexbodies or {}
+        for sentence in (*far_markers(self, bodies), *repeated_couplers(self, bodies)):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def to_scene_dict(
@@ -331,7 +326,7 @@ class Model:
         flexbodies : mapping, optional
             Files of reduced bodies by name, written as they are; needed for those given as objects.
         """
-        return writing.scene_dict(self, folder, flexbodies or {})
+        return scene_dict(self, folder, flexbodies or {})
 
     @classmethod
     def from_scene_dict(cls, scene: Mapping[str, Any], folder: str | Path = ".") -> Self:
@@ -342,8 +337,6 @@ class Model:
         SceneError
             All that is wrong with it.
         """
-        from flexmb.model.scenes.building import build
-
         return build(cls, scene, Path(folder))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.tables import BodyColumns
 from flexmb.results.columns import Columns
 from flexmb.results.output_request import row_bytes, stored_columns
 from flexmb.results.reactions import NOT_UNIQUE, Reaction

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.engine.tables import BodyColumns
+from flexmb.errors import ResultFileError
 from flexmb.model.sensors.sensor import channel_unit
 from flexmb.results.columns import DRIFT, Columns
 from flexmb.results.reactions import MarkerPair, marker_pairs
@@ -73,8 +74,7 @@ def list_channels(columns: Columns, scene: Mapping[str, Any], kind: str) -> tupl
     if kind == "accelerations":
         return tuple(_accelerations(columns))
     what = f'a result has no channels of the kind "{kind}"'
-    allowed = (*CHANNEL_KINDS, "stress")
-    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(kind, allowed))])
+    raise ResultFileError.unknown(what, kind, (*CHANNEL_KINDS, "stress"))
 
 
 def _sensors(columns: Columns, scene: Mapping[str, Any]) -> Iterator[Channel]:
@@ -100,11 +100,7 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
         names += [(f"eta.{i}", "") for i in range(body.m)]
         for i, (name, unit) in enumerate(names):
             yield Channel(f"{body.name}.{name}", "q", body.iq + i, unit)
-        names = [(f"r_dot.{axis}", "m/s") for axis in "xyz"]
-        names += [(f"w.{axis}", "rad/s") for axis in "xyz"]
-        names += [(f"eta_dot.{i}", "1/s") for i in range(body.m)]
-        for i, (name, unit) in enumerate(names):
-            yield Channel(f"{body.name}.{name}", "v", body.iv + i, unit)
+        yield from _rates(body, "v", "dot", ("m/s", "rad/s", "1/s"))
     n = len(columns.coordinates)  # scalar ones stand behind the bodies
     for i, name in enumerate(columns.coordinates):
         state = name.startswith("states.")  # its velocity is the state
@@ -116,12 +112,19 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
 
 def _accelerations(columns: Columns) -> Iterator[Channel]:
     for body in columns.bodies:
-        names = [(f"r_ddot.{axis}", "m/s^2") for axis in "xyz"]
-        names += [(f"w_dot.{axis}", "rad/s^2") for axis in "xyz"]
-        names += [(f"eta_ddot.{i}", "1/s^2") for i in range(body.m)]
-        for i, (name, unit) in enumerate(names):
-            yield Channel(f"{body.name}.{name}", "vd", body.iv + i, unit)
+        yield from _rates(body, "vd", "ddot", ("m/s^2", "rad/s^2", "1/s^2"))
     n = len(columns.coordinates)
     for i, name in enumerate(columns.coordinates):
         unit = "m/s^2" if name.endswith("position") else ""
         yield Channel(f"{name}.rate_dot", "vd", columns.nv - n + i, unit)
+
+
+def _rates(
+    body: BodyColumns, table: str, suffix: str, units: tuple[str, str, str]
+) -> Iterator[Channel]:
+    """Velocities or accelerations of one body: of translation, rotation, modal coordinates."""
+    turn = "w" if suffix == "dot" else "w_dot"
+    names = [f"r_{suffix}.{axis}" for axis in "xyz"] + [f"{turn}.{axis}" for axis in "xyz"]
+    names += [f"eta_{suffix}.{i}" for i in range(body.m)]
+    for i, name in enumerate(names):
+        yield Channel(f"{body.name}.{name}", table, body.iv + i, units[min(i // 3, 2)])

@@ -24,28 +24,29 @@ columns are stored that the scene requests (`output_request`).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns, Layout
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.engine.tables import BodyColumns, Layout
+from flexmb.errors import ResultFileError
 
-# dataset -> which column count of the layout it has; time is one column without a second axis
-TABLES: Final = {
-    "time": "",
-    "q": "nq",
-    "v": "nv",
-    "vd": "nv",
-    "lam": "nc",
-    "reactions": "reactions",
-    "sensors": "channels",
-    "energy": "energies",
-    "drift": "drift",
-}
 DRIFT: Final = ("position", "velocity")
+_WIDTHS: Final[Mapping[str, Callable[[Layout], int]]] = {
+    "time": lambda layout: 1,  # without a second axis
+    "q": lambda layout: layout.nq,
+    "v": lambda layout: layout.nv,
+    "vd": lambda layout: layout.nv,
+    "lam": lambda layout: layout.nc,
+    "reactions": lambda layout: 12 * len(layout.reactions),
+    "sensors": lambda layout: len(layout.channels),
+    "energy": lambda layout: len(layout.energies),
+    "drift": lambda layout: len(DRIFT),
+}
+TABLES: Final = tuple(_WIDTHS)
 
 
 @dataclass(frozen=True)
@@ -65,43 +66,15 @@ class Columns(Layout):
         ResultFileError
             No such body; lists those there are, nearest first.
         """
-        for body in self.bodies:
-            if body.name == name:
-                return body
-        raise unknown_name("body", name, tuple(body.name for body in self.bodies))
-
-    def channel(self, name: str) -> int:
-        """Column of the sensor channel of that name.
-
-        Raises
-        ------
-        ResultFileError
-            No such channel; lists those there are, nearest first.
-        """
-        if name in self.channels:
-            return self.channels.index(name)
-        raise unknown_name("channel", name, self.channels)
-
-
-def unknown_name(kind: str, name: str, names: tuple[str, ...]) -> ResultFileError:
-    """The error for a name that the result does not have."""
-    what = f'the result has no {kind} "{name}"'
-    return ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
+        bodies = {body.name: body for body in self.bodies}
+        if name not in bodies:
+            raise ResultFileError.unknown(f'the result has no body "{name}"', name, bodies)
+        return bodies[name]
 
 
 def widths(layout: Layout) -> dict[str, int]:
     """Number of columns of every table."""
-    counts = {
-        "": 1,
-        "nq": layout.nq,
-        "nv": layout.nv,
-        "nc": layout.nc,
-        "reactions": 12 * len(layout.reactions),
-        "channels": len(layout.channels),
-        "energies": len(layout.energies),
-        "drift": len(DRIFT),
-    }
-    return {name: counts[key] for name, key in TABLES.items()}
+    return {name: width(layout) for name, width in _WIDTHS.items()}
 
 
 def count_finite_rows(tables: dict[str, NDArray[np.float64]]) -> int:

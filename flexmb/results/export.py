@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import OutputError, Problem, nearest
+from flexmb.errors import OutputError
 from flexmb.results.channels import HistoryTable
 from flexmb.results.kill_safe_file import WriteLock
 
@@ -39,8 +39,7 @@ def export_table(table: HistoryTable, path: Path, ending: str | None = None) -> 
     """
     key = (path.suffix if ending is None else ending).lower()
     if key not in FORMATS:
-        what = f'{path}: no output format has the ending "{key}"'
-        raise OutputError.from_problems([Problem("", what, tuple(FORMATS), nearest(key, FORMATS))])
+        raise OutputError.unknown(f'{path}: no output format has the ending "{key}"', key, FORMATS)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         FORMATS[key](table, path)

@@ -42,7 +42,7 @@ class WriteLock:
         from filelock import FileLock, Timeout
 
         self._file = path.with_name(path.name + ".lock")
-        self._lock = FileLock(self._file, thread_local=False, mode=0o666)
+        self._lock = FileLock(self._file, thread_local=False)
         try:
             self._lock.acquire(timeout=_SECONDS, poll_interval=_SECONDS / 5)
         except Timeout:
@@ -112,18 +112,6 @@ class DiskFile(io.RawIOBase):
         self.failure: OSError | None = None
         self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
         self._position = 0
-
-    def readable(self) -> bool:
-        """True: HDF5 reads back what it evicted from its cache."""
-        return True
-
-    def writable(self) -> bool:
-        """True."""
-        return True
-
-    def seekable(self) -> bool:
-        """True."""
-        return True
 
     def readinto(self, buffer: Any) -> int | None:
         """Fill `buffer` from the current position."""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.errors import ResultFileError
 from flexmb.results.columns import Columns
 
 Array = NDArray[np.float64]
@@ -91,13 +91,11 @@ def find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, s
     """
     number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
     if number is None:
-        names = tuple(pair.name for pair in pairs)
         what = f'the result has no reaction of "{name}"'
-        raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
+        raise ResultFileError.unknown(what, name, [pair.name for pair in pairs])
     pair = pairs[number]
     for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):
         if on in (side, marker, body):
             return number, side, pair
-    allowed = tuple(dict.fromkeys((pair.body_I, pair.body_J, pair.I, pair.J, "I", "J")))
-    what = f'{pair.path} does not act on "{on}"'
-    raise ResultFileError.from_problems([Problem("", what, allowed, nearest(on, allowed))])
+    allowed = dict.fromkeys((pair.body_I, pair.body_J, pair.I, pair.J, "I", "J"))
+    raise ResultFileError.unknown(f'{pair.path} does not act on "{on}"', on, allowed)

@@ -72,7 +72,7 @@ class ResultReader:
 
     @property
     def status(self) -> str:
-        """How the run ended, or ``"running"``."""
+        """``"finished"``, ``"stopped"``, ``"failed"``; ``"running"`` in a run or after a kill."""
         return self._contents.status
 
     @property

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.errors import ResultFileError
 from flexmb.flexbody import (
     SECTION_FORCES,
     STRESS,
@@ -103,9 +103,8 @@ class Recovery(ResultReader):
             The file is missing or damaged.
         """
         if name not in self.flexbodies:
-            names = tuple(self.flexbodies)
             what = f'the result has no flexible body "{name}"'
-            raise ResultFileError.from_problems([Problem("", what, names, nearest(name, names))])
+            raise ResultFileError.unknown(what, name, self.flexbodies)
         path, m = self.flexbodies[name], self.layout.body(name).m
         stamp = path.stat().st_mtime_ns if path.exists() else 0
         self._bodies = self._bodies or {}
@@ -285,8 +284,7 @@ class Recovery(ResultReader):
             raise ResultFileError(what)
         if layer is not None and layer not in modes.layers:
             what = f'the body "{body}" has no stress in a layer "{layer}"'
-            problem = Problem("", what, modes.layers, nearest(layer, modes.layers))
-            raise ResultFileError.from_problems([problem])
+            raise ResultFileError.unknown(what, layer, modes.layers)
         rows = modes.rows(node, layer)
         if not len(rows):
             where = f" in the layer {layer}" if layer is not None and node in modes.ids else ""
@@ -358,8 +356,7 @@ def _section_force(result: Recovery, channel: StressChannel) -> Array:
 
 def _index_of(channel: StressChannel, word: str, allowed: tuple[str, ...], what: str) -> int:
     if word not in allowed:
-        problem = Problem("", f'{channel}: "{word}" is no {what}', allowed, nearest(word, allowed))
-        raise ResultFileError.from_problems([problem])
+        raise ResultFileError.unknown(f'{channel}: "{word}" is no {what}', word, allowed)
     return allowed.index(word)
 
 

@@ -26,7 +26,7 @@ from flexmb.results.channels import (
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, marker_pairs
-from flexmb.results.recovery import Recovery
+from flexmb.results.recovery import Recovery, StressChannel
 
 Array = NDArray[np.float64]
 _LINES = 3  # of the history that notebooks show
@@ -48,28 +48,6 @@ class Result(Recovery):
     ----------
     path : path
         A result file, or the folder that holds ``result.h5``.
-
-    Attributes
-    ----------
-    path : Path
-        Where the file is.
-    status : str
-        ``"finished"``, ``"stopped"``, ``"failed"``; ``"running"`` while a run writes it and after
-        a kill.
-    message : str
-        One sentence on the end of a run that stopped or failed.
-    statistics : dict
-        Steps, iterations, seconds by phase and so on.
-    model : dict
-        The scene that was run.
-    texts : dict
-        Further texts, such as the scene file's own.
-    units : UnitSystem
-        The unit system of times, channels, reactions and energies: that of the scene.
-    layout : Columns
-        Names and offsets of bodies, rows, channels and energies.
-    flexbodies : dict of str to Path
-        The file of each flexible body.
 
     Raises
     ------
@@ -159,10 +137,9 @@ class Result(Recovery):
         ResultFileError
             No such channel; lists those there are, nearest first.
         """
-        stress = self._stress_channel(channel)
-        if stress is not None and channel not in self._by_name:
-            return self._stress_values(stress)
         stored = self._channel(channel)
+        if isinstance(stored, StressChannel):
+            return self._stress_values(stored)
         if stored.table == "balance":
             return self.balance
         return self.in_scene_units(self.part(stored.table, [stored.column])[:, 0], stored.unit)
@@ -182,9 +159,6 @@ class Result(Recovery):
         ResultFileError
             No such channel.
         """
-        stress = self._stress_channel(channel)
-        if stress is not None and channel not in self._by_name:
-            return self.units.label(stress.unit, raised=True)
         return self.units.label(self._channel(channel).unit, raised=True)
 
     def pose(self, body: str, time: float) -> Pose:
@@ -320,7 +294,9 @@ class Result(Recovery):
     def _table(self, names: Sequence[str], what: str) -> HistoryTable:
         """The channels of these names, else of a kind, as a table for output formats."""
         names = tuple(names) or self.channels(what)
-        self._refuse_unknown(names)
+        problems = [problem for name in names if (problem := self._missing(name)) is not None]
+        if problems:
+            raise ResultFileError.from_problems(problems)
         if not names:
             lacks = f"has no channels of the kind {what}"
             if what in CHANNEL_KINDS and list_channels(self.layout, self.model, what):
@@ -333,33 +309,27 @@ class Result(Recovery):
         values = np.column_stack([self.time, *(self[name] for name in names)])
         return HistoryTable(self.title, ("time", *names), units, values)
 
-    def _refuse_unknown(self, names: Sequence[str]) -> None:
-        """Report all unknown names at once; or the first one that was not stored."""
-        for name in names:
-            if name in self._by_name and name not in self:
-                _ = self[name]  # says what stores it
-        allowed = [c for kind in ("sensors", "reactions", "energy") for c in self.channels(kind)]
-        problems = [
-            Problem(
-                "", f'the result has no channel "{name}"', tuple(allowed), nearest(name, allowed)
-            )
-            for name in names
-            if name not in self
-        ]
-        if problems:
-            raise ResultFileError.from_problems(problems)
+    def _missing(self, name: str) -> Problem | None:
+        """What is wrong with the name of a channel, if anything."""
+        if name in self:
+            return None
+        if name in self._by_name:
+            _ = self[name]  # raises the error that says what stores it
+        kinds = ("sensors", "reactions", "energy")
+        allowed = tuple(channel for kind in kinds for channel in self.channels(kind))
+        return Problem("", f'the result has no channel "{name}"', allowed, nearest(name, allowed))
 
     @cached_property
     def _by_name(self) -> dict[str, Channel]:
         return all_channels(self.layout, self.model)
 
-    def _channel(self, name: str) -> Channel:
-        if name not in self._by_name:
-            likely = nearest(name, self._by_name)
+    def _channel(self, name: str) -> Channel | StressChannel:
+        channel = self._by_name.get(name) or self._stress_channel(name)
+        if channel is None:
             allowed = self.layout.channels or ("energy.kinetic", "drift.position")
-            what = f'the result has no channel "{name}"'
+            what, likely = f'the result has no channel "{name}"', nearest(name, self._by_name)
             raise ResultFileError.from_problems([Problem("", what, allowed, likely)])
-        return self._by_name[name]
+        return channel
 
 
 def load_result(path: str | Path) -> Result:

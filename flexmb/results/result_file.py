@@ -42,7 +42,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.columns import TABLES, Columns, widths
 from flexmb.results.kill_safe_file import DiskFile, WriteLock
@@ -122,7 +122,12 @@ def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def arrays_text(arrays: Mapping[str, NDArray[Any]]) -> str:
     """Names, types and shapes of the arrays of a state, as JSON in their order."""
-    return json.dumps([[name, value.dtype.str, value.shape] for name, value in arrays.items()])
+    return json.dumps([[name, _kind(value.dtype), value.shape] for name, value in arrays.items()])
+
+
+def _kind(dtype: np.dtype[Any]) -> Any:
+    """A dtype for JSON: its name, or fields with theirs."""
+    return dtype.descr if dtype.names else dtype.str
 
 
 def state_bytes(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
@@ -229,7 +234,8 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
             return None
         data, start, arrays = group[str(slot)][:].tobytes(), 0, dict[str, NDArray[Any]]()
         for name, kind, shape in json.loads(group["arrays"].asstr()[()]):
-            dtype, n = np.dtype(kind), math.prod(shape)
+            fields = kind if isinstance(kind, str) else [tuple(field) for field in kind]
+            dtype, n = np.dtype(fields), math.prod(shape)
             arrays[name] = np.frombuffer(data, dtype, n, start).reshape(shape).copy()
             start += n * dtype.itemsize
         return int(group["rows"][slot]), arrays

@@ -12,14 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.columns import TABLES, Columns, count_finite_rows, describe_bad_row, widths
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
@@ -161,12 +160,7 @@ class ResultWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -276,13 +270,15 @@ class ResultWriter:
             return
         size = self._file.id.get_filesize() / 1e6
         self.close()
-        raise OutputError(
-            f"{self.path}: the disk takes no more of this file of {size:.3g} MB "
-            f"({failure.strerror}); the {self._rows} rows until then are kept"
-            if self._rows
-            else f"{self.path}: the disk has no room for this file of {size:.3g} MB "
-            f"({failure.strerror}); ask for fewer outputs or choose another folder"
-        ) from failure
+        what, cure = (
+            "the disk takes no more of this file",
+            f"the {self._rows} rows until then are kept",
+        )
+        if not self._rows:
+            what = "the disk has no room for this file"
+            cure = "request fewer outputs or choose another folder"
+        text = f"{self.path}: {what} of {size:.3g} MB ({failure.strerror}); {cure}"
+        raise OutputError(text) from failure
 
     def _check_shapes(self, tables: dict[str, Array]) -> None:
         k = len(tables["time"])

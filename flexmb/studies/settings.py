@@ -20,17 +20,16 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from flexmb.errors import Problem, SceneError
+from flexmb.folders import output_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.scenes.scene import load_scene, raw_scene
-from flexmb.model.tasks.knobs import resolve_knob
-from flexmb.model.tasks.methods import OPTIONS
-from flexmb.model.tasks.overrides import override
+from flexmb.model.tasks.dynamics import OPTIONS
+from flexmb.model.tasks.study import override, resolve_knob
 from flexmb.model.values.reading import under
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.workers import content_key
-from flexmb.workflow import output_folder
 
 NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""

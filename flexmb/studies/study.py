@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.tasks.study import StudySpec
-from flexmb.model.tasks.sweep import sweep_values
+from flexmb.folders import writable_folder
+from flexmb.model.tasks.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import check_sensors
 from flexmb.studies.report import Study
 from flexmb.studies.runner import StudyRunner
 from flexmb.studies.settings import StudySource, make_settings
 from flexmb.studies.workers import open_workers
-from flexmb.workflow import writable_folder
 
 if TYPE_CHECKING:
     from flexmb.model import Model

@@ -7,24 +7,39 @@ seen from aside and above z, or lengthwise above its thinnest extent if it is sl
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.view.content import Camera
 from flexmb.view.mechanism import Mechanism
-
-__all__ = ["body_camera", "camera_of"]
 
 Array = NDArray[np.float64]
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _PARALLEL = 0.999  # cosine above which two directions count as one
-_SLENDER = 2.0  # times its next extent from which on a body lies lengthwise
+_SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 
 
-def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None) -> Camera:
+@dataclass(frozen=True)
+class Camera:
+    """From where the scene is seen, in global axes."""
+
+    direction: tuple[float, float, float]  # from the scene towards the eye, unit length
+    up: tuple[float, float, float]
+
+    @property
+    def axes(self) -> Array:
+        """Rows (3, 3): right, above and towards the eye in the picture."""
+        towards = np.array(self.direction)
+        right = np.cross(self.up, towards)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(towards, right), towards])
+
+
+def mechanism_camera(mechanism: Mechanism, direction: tuple[float, float, float] | None) -> Camera:
     """The camera for a direction from the scene towards the eye, or by the joint axes.
 
     Raises
@@ -32,18 +47,20 @@ def camera_of(mechanism: Mechanism, direction: tuple[float, float, float] | None
     ViewError
         The direction has no length.
     """
-    given = direction if direction is not None else mechanism.model.view.direction
-    if given is not None:
-        towards = _direction(given)
+    direction = direction if direction is not None else mechanism.model.view.direction
+    if direction is not None:
+        towards = _unit_direction(direction)
         return _camera(towards, _up(mechanism, towards))
     normal = _common_axis(mechanism)
     up = _up(mechanism, normal)
     if normal is None:
-        aside = np.cross(up, _horizontal(up))
+        back = np.array([0.0, -1.0, 0.0] if abs(up[1]) < _PARALLEL else [0.0, 0.0, 1.0])
+        back -= (back @ up) * up
+        aside = np.cross(up, back / np.linalg.norm(back))
         frame = np.stack([aside, up, np.cross(aside, up)], axis=1)
         return _camera(frame @ _SPATIAL, up)
     right = np.cross(up, normal) / np.linalg.norm(np.cross(up, normal))
-    if right[int(np.argmax(np.abs(right)))] < 0:  # the axes that grow to the right are the usual
+    if right[int(np.argmax(np.abs(right)))] < 0:  # axes usually grow to the right
         normal, right = -normal, -right
     return _camera(normal + _ABOVE * up + _ASIDE * right, up)
 
@@ -57,7 +74,7 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
         The direction has no length.
     """
     if direction is not None:
-        towards = _direction(direction)
+        towards = _unit_direction(direction)
         ups = (np.eye(3)[axis] for axis in (2, 1))
         return _camera(towards, next(up for up in ups if abs(up @ towards) < _PARALLEL))
     extent = np.ptp(points, axis=0)
@@ -71,11 +88,11 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
     return _camera(frame @ _SPATIAL, above)
 
 
-def _direction(given: tuple[float, float, float]) -> Array:
-    towards = np.array(given, dtype=float)
+def _unit_direction(direction: tuple[float, float, float]) -> Array:
+    towards = np.array(direction, dtype=float)
     length = float(np.linalg.norm(towards))
     if not (np.isfinite(length) and length > 0):
-        raise ViewError(f"the direction {tuple(given)} has no length")
+        raise ViewError(f"the direction {tuple(direction)} has no length")
     return np.asarray(towards / length)
 
 
@@ -99,13 +116,6 @@ def _up(mechanism: Mechanism, towards: Array | None) -> Array:
     if towards is None:
         return candidates[0]
     return next(up for up in candidates if abs(up @ towards) < _PARALLEL)
-
-
-def _horizontal(up: Array) -> Array:
-    """A unit vector across `up`, from which the usual view of space is turned."""
-    helper = np.array([0.0, -1.0, 0.0]) if abs(up[1]) < _PARALLEL else np.array([0.0, 0.0, 1.0])
-    across = helper - (helper @ up) * up
-    return np.asarray(across / np.linalg.norm(across))
 
 
 def _camera(towards: Array, up: Array) -> Camera:

@@ -1,21 +1,20 @@
 """What a picture shows, apart from how it is drawn.
 
-In: nothing but numbers. Out: :class:`Content`: rigid shapes, flexible surfaces with what colours
-them, joints, ground, colour scale, captions and camera, in global axes [m]. Both ways of
-drawing, VTK and matplotlib, take it and show the same.
+:class:`Content` holds rigid shapes, flexible surfaces with the values that colour them, joints,
+ground, colour scale, captions and camera, in global axes [m]. Both renderers, VTK and matplotlib,
+take it and show the same.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.units import SI, UnitSystem
-from flexmb.view.geometry import Triangles
-
-__all__ = ["Camera", "Content", "Deformed", "Scale", "Solid"]
+from flexmb.view.camera import Camera
+from flexmb.view.shapes import Triangles
 
 Array = NDArray[np.float64]
 
@@ -40,8 +39,8 @@ class Deformed:
     faces: NDArray[np.int64]  # (t, 3)
     lines: NDArray[np.int64]  # (l, 2)
     displacement: Array  # (n,) magnitude relative to the body frame [m], not exaggerated
-    color: str  # where nothing is shown by colour
-    values: Array | None = None  # (n,) what the scale colours, SI; NaN where it is not known
+    color: str  # where no values are shown
+    values: Array | None = None  # (n,) what the scale colours, SI; NaN where there is none
 
 
 _SUITABLE = {  # units by the SI unit: below the limit, times the factor
@@ -80,14 +79,6 @@ class Scale:
         return self.largest * self.factor
 
 
-@dataclass(frozen=True)
-class Camera:
-    """From where the scene is seen, in global axes."""
-
-    direction: tuple[float, float, float]  # from the scene towards the eye, unit length
-    up: tuple[float, float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class Content:
     """Everything in one picture."""
@@ -101,7 +92,6 @@ class Content:
     scale: Scale | None  # None: no colour by values
     camera: Camera
     bar: bool = True  # whether the scale has its colour bar, if there is one
-    notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
         shown = any(body.values is not None for body in self.deformed)

@@ -1,7 +1,7 @@
-"""Where everything in a mechanism is at one time of a run.
+"""A mechanism at one time of a run: poses, markers, surfaces, joint axes.
 
 In: a :class:`Result`, a time. Out: poses, marker positions, deformed surfaces and joint axes in
-global axes [m]. The scene kept in the result says what there is; the flexible-body files beside it
+global axes [m]. The scene in the result names the parts; the flexible-body files
 say how the modes move their surfaces.
 """
 
@@ -17,12 +17,10 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
-from flexmb.model.lookup import frames, placed
+from flexmb.model.lookup import frames, place_marker
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import Pose, Result
-
-__all__ = ["Mechanism"]
 
 Array = NDArray[np.float64]
 
@@ -30,7 +28,7 @@ _GROUND_POSE = Pose(np.zeros(3), np.eye(3), np.zeros(0))
 
 
 class Mechanism:
-    """The bodies, joints and markers of a result's scene, placed at a time of the run.
+    """The bodies, joints and markers of a result's scene at a time of the run.
 
     Parameters
     ----------
@@ -55,7 +53,9 @@ class Mechanism:
         self.result = result
         self.flexbodies = {name: result.flexbody(name) for name in result.flexbodies}
         self.model = Model.from_scene_dict(_reduced(result), result.path.parent)
-        self.time = self._chosen(time)
+        if time is None and self.model.view.time is not None:
+            time = result.units.outward(self.model.view.time, "s")
+        self.time = float(result.time[-1] if time is None else time)
         self._poses: dict[str, Pose] = {}
 
     def pose(self, body: str) -> Pose:
@@ -68,7 +68,7 @@ class Mechanism:
 
     def point(self, reference: str) -> Array:
         """Position (3,) of the marker ``"body.marker"``, its body deformed."""
-        marker = placed(self.model, reference, self.flexbodies)
+        marker = place_marker(self.model, reference, self.flexbodies)
         pose = self.pose(marker.body)
         s = marker.position
         if marker.Phi_t is not None and marker.Phi_r is not None:
@@ -82,14 +82,14 @@ class Mechanism:
         if body == GROUND:
             here = float(self.point(reference) @ axis)
             return here, here
-        marker = placed(self.model, reference, self.flexbodies)
+        marker = place_marker(self.model, reference, self.flexbodies)
         times = np.linspace(self.result.time[0], self.result.time[-1], 60)
         poses = [self.result.pose(body, float(t)) for t in times]
         along = [float((p.r + p.A @ marker.position) @ axis) for p in poses]
         return min(along), max(along)
 
     def used_markers(self, body: str) -> list[str]:
-        """References to the markers of a body that joints and spring-dampers hold on to."""
+        """References to the markers of a body that joints and forces use."""
         return [
             reference
             for spec in (*self.model.joints.values(), *self.model.forces.values())
@@ -99,15 +99,15 @@ class Mechanism:
 
     @cached_property
     def axes(self) -> dict[str, Array]:
-        """Global direction (3,) of each joint's axis, in the placed pose."""
-        found = {}
+        """Global direction (3,) of each joint's axis, in the pose of the scene."""
+        axes = {}
         for name, spec in self.model.joints.items():
             marker, _ = frames(self.model, spec.between, spec.axis, self.flexbodies)
             A = np.eye(3)
             if marker.body != GROUND:
                 A = rotation_matrix(self.model.bodies[marker.body].orientation)
-            found[name] = A @ marker.R[:, 2]
-        return found
+            axes[name] = A @ marker.R[:, 2]
+        return axes
 
     def surface(self, name: str, exaggeration: float) -> tuple[Array, Array, Array] | None:
         """Exaggerated and undeformed points (n, 3), true displacements (n,) of a flexible body.
@@ -125,7 +125,7 @@ class Mechanism:
     def von_mises(self, name: str, layer: str | None) -> Array | None:
         """(n,) the largest von Mises stress [Pa] over layers and sections at each surface point.
 
-        NaN where the body tells none; None where it has none at all, or none in the layer.
+        NaN where the body has none there; None where it has none at all, or none in the layer.
         """
         body = self.flexbodies[name]
         if body.stress is None or body.surface is None:
@@ -133,23 +133,18 @@ class Mechanism:
         rows = body.stress.rows(layer=layer)
         if not len(rows):
             return None
-        known, nodes = body.stress.ids[rows], body.surface.node_ids
-        largest = np.full(max(known.max(), nodes.max()) + 1, np.nan)
-        np.fmax.at(largest, known, von_mises(body.stress.at(self.pose(name).eta, rows)))
+        ids, nodes = body.stress.ids[rows], body.surface.node_ids
+        largest = np.full(max(ids.max(), nodes.max()) + 1, np.nan)
+        np.fmax.at(largest, ids, von_mises(body.stress.at(self.pose(name).eta, rows)))
         return largest[nodes] if np.isfinite(largest[nodes]).any() else None
-
-    def _chosen(self, time: float | None) -> float:
-        if time is None and self.model.view.time is not None:
-            time = self.result.units.outward(self.model.view.time, "s")
-        return float(self.result.time[-1]) if time is None else float(time)
 
 
 def _reduced(result: Result) -> dict[str, Any]:
-    """The scene with its flexible bodies as the files beside the result: no mesh is needed."""
+    """The scene with its flexible bodies as files next to the result: no mesh is needed."""
     bodies = dict(result.model.get("bodies", {}))
     for name, path in result.flexbodies.items():
-        kept = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
-        bodies[name] = {**kept, "flexbody": str(path.resolve())}
+        fields = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
+        bodies[name] = {**fields, "flexbody": str(path.resolve())}
     return {**result.model, "bodies": bodies}
 
 

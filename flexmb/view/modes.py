@@ -1,6 +1,6 @@
 """Pictures of the mode shapes of a flexible body, one or several in a grid.
 
-In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are held. Out: a PNG file:
+In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are fixed. Out: a PNG file:
 each mode deformed over the undeformed body, its number and frequency above it, coloured by its
 displacement over the largest. Modes are the natural ones of the reduced body, numbered from 1
 as in the checks of a scene; those of the free body are its modal coordinates, from eta.0 on.
@@ -17,22 +17,19 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.natural_modes import natural_modes
-from flexmb.view.camera import body_camera
-from flexmb.view.content import Camera, Content, Deformed, Scale
-from flexmb.view.files import writable_file
+from flexmb.view.camera import Camera, body_camera
+from flexmb.view.content import Content, Deformed, Scale
 from flexmb.view.mechanism import size_of
 from flexmb.view.picture import check_exaggeration, check_size, draw_panels
-from flexmb.view.style import BODIES
-
-__all__ = ["render_modes"]
+from flexmb.view.style import BODIES, writable_file
 
 Array = NDArray[np.float64]
 
 _FIRST = 6  # modes drawn where none are named
-_SEEN = 0.10  # of the body's size that a mode moves it at most
+_AMPLITUDE = 0.10  # of the body's size that a mode moves it at most
 _JOINT = 0.012  # radius of an interface's ball as a share of the body's size
 _CELL = (640, 420)  # pixels of a panel where the size is not given
-_ALONE = (1280, 720)
+_SINGLE = (1280, 720)
 
 
 def render_modes(
@@ -80,29 +77,24 @@ def render_modes(
         The file is missing or damaged.
     """
     path = writable_file(output, (".png",))
-    found = body if isinstance(body, FlexBody) else load(body)
-    surface = found.surface
-    if found.m == 0 or surface is None or not len(surface.points):
-        where = f"the body {found.name}" if isinstance(body, FlexBody) else str(body)
+    where = f"the body {body.name}" if isinstance(body, FlexBody) else str(body)
+    body = body if isinstance(body, FlexBody) else load(body)
+    surface = body.surface
+    if body.m == 0 or surface is None or not len(surface.points):
         raise ViewError(f"{where}: has no modes to draw, or no surface")
-    frequencies, motion = _motions(found, held)
-    numbers = _numbers(found, modes, len(frequencies))
+    frequencies, motion = _motions(body, held)
+    numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
     columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
     rows = -(-len(numbers) // columns)
-    pixels = size or (_ALONE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
+    pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
     check_size((pixels[0] // columns, pixels[1] // rows))
     camera = body_camera(surface.points, direction)
-    caption = f"{found.name}, {'held at ' + ', '.join(held) if held else 'free'}"
+    caption = f"{body.name}, {'held at ' + ', '.join(held) if held else 'free'}"
     panels = [
-        _panel(
-            found,
-            motion[:, :, k - 1],
-            (f"mode {k}: {frequencies[k - 1]:.4g} Hz", caption),
-            exaggeration,
-            camera,
-        )
+        _panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
         for k in numbers
+        if (title := f"mode {k}: {frequencies[k - 1]:.4g} Hz")
     ]
     draw_panels(panels, path, pixels, columns)
     return path
@@ -115,20 +107,19 @@ def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    found = natural_modes(body, held)
-    return found.frequencies, found.shapes(points, shapes)
+    modes = natural_modes(body, held)
+    return modes.frequencies, modes.shapes(points, shapes)
 
 
 def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> list[int]:
     if modes is None:
         return list(range(1, min(_FIRST, count) + 1))
-    asked = [modes] if isinstance(modes, int) else list(modes)
-    wrong = [k for k in asked if not 1 <= k <= count]
-    if wrong or not asked:
-        given = ", ".join(str(k) for k in wrong) or "none"
-        what = f"the body {body.name} has the modes 1 to {count}, given {given}"
-        raise ViewError(what)
-    return asked
+    numbers = [modes] if isinstance(modes, int) else list(modes)
+    wrong = [k for k in numbers if not 1 <= k <= count]
+    if wrong or not numbers:
+        what = ", ".join(str(k) for k in wrong) or "none"
+        raise ViewError(f"the body {body.name} has the modes 1 to {count}, given {what}")
+    return numbers
 
 
 def _panel(
@@ -144,17 +135,10 @@ def _panel(
     u = motion[: len(points)]
     amount = np.linalg.norm(u, axis=1)
     largest = float(amount.max()) or 1.0
-    factor = _SEEN * size / largest if isinstance(exaggeration, str) else float(exaggeration)
-    drawn = Deformed(
-        body.name,
-        points + factor * u,
-        points,
-        body.surface.faces,
-        body.surface.lines,
-        amount,
-        BODIES[0],
-        amount,
-    )
+    factor = _AMPLITUDE * size / largest if isinstance(exaggeration, str) else float(exaggeration)
+    faces, lines = body.surface.faces, body.surface.lines
+    moved = points + factor * u
+    drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],

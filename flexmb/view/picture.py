@@ -2,23 +2,44 @@
 
 In: a :class:`Result`, a time, how much to exaggerate deformations. Out: a PNG file, drawn by VTK
 where it renders, else by matplotlib, which then says so in the picture and names what to install.
+`compose` collects what the picture shows.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexmb.errors import Problem, ViewError, nearest
-from flexmb.results import Result
-from flexmb.view import backend
-from flexmb.view.content import Content
-from flexmb.view.files import writable_file
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["COLORS", "check_exaggeration", "check_size", "draw_panels", "render"]
+from flexmb.errors import ViewError
+from flexmb.model.values.names import GROUND
+from flexmb.results import Result
+from flexmb.view import mpl_renderer, vtk_renderer
+from flexmb.view.camera import mechanism_camera
+from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.mechanism import Mechanism, size_of
+from flexmb.view.shapes import (
+    Triangles,
+    body_shape,
+    curve_shapes,
+    ground_shapes,
+    joint_points,
+    own_shape,
+)
+from flexmb.view.style import BODIES, writable_file
+from flexmb.view.style import GROUND as GROUND_COLOR
+
+Array = NDArray[np.float64]
 
 COLORS = ("displacement", "von_mises", "body")
-_LEAST_PIXELS = 64
+_MIN_PIXELS = 64
+_VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
+_ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
+_SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
+_JOINT = 0.018  # radius of a ball as a share of the mechanism's size
 
 
 def render(
@@ -69,9 +90,6 @@ def render(
     BodyFileError
         A flexible-body file is missing or damaged.
     """
-    from flexmb.view.compose import compose
-    from flexmb.view.mechanism import Mechanism
-
     path = writable_file(output, (".png",))
     run = result if isinstance(result, Result) else Result(result)
     mechanism = Mechanism(run, time)
@@ -90,40 +108,77 @@ def render(
     return path
 
 
+def compose(
+    mechanism: Mechanism,
+    *,
+    exaggeration: float | str = "auto",
+    color: str = "displacement",
+    layer: str | None = None,
+    direction: tuple[float, float, float] | None = None,
+) -> Content:
+    """Everything to draw; see :func:`flexmb.view.render` for the options."""
+    factor = _factor(mechanism, exaggeration)
+    colors = {
+        name: body.color or BODIES[i % len(BODIES)]
+        for i, (name, body) in enumerate(mechanism.model.bodies.items())
+    }
+    deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
+    drawn = {body.name for body in deformed}
+    size = _size(mechanism, deformed)
+    camera = mechanism_camera(mechanism, direction)
+    joints = joint_points(mechanism)
+    solids = [
+        Solid(name, shape, colors[name], _opacity(shape, joints, mechanism.model.bodies[name]))
+        for name in mechanism.model.bodies
+        if name not in drawn and (shape := body_shape(mechanism, name, size)) is not None
+    ]
+    solids += [
+        Solid(GROUND, shape, GROUND_COLOR) for shape in ground_shapes(mechanism, size, camera)
+    ]
+    scale = _scale(mechanism, color, deformed)
+    return Content(
+        title=mechanism.model.title,
+        caption=_caption(mechanism, factor, deformed, scale),
+        solids=tuple(solids),
+        deformed=deformed,
+        joints=joints,
+        joint_radius=_JOINT * size,
+        scale=scale,
+        camera=camera,
+    )
+
+
+def round_exaggeration(ratio: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten by which a deformation stays within view.
+
+    Parameters
+    ----------
+    ratio : float
+        Largest displacement of a body over its size.
+
+    >>> round_exaggeration(3e-5)
+    1000.0
+    """
+    if ratio < _ROUND_OFF or ratio >= _VISIBLE:
+        return 1.0
+    limit = _VISIBLE / ratio * (1 + 1e-9)
+    power = 10.0 ** math.floor(math.log10(limit))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= limit)
+
+
 def draw_panels(
     panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int = 1
 ) -> None:
     """Draw panels, row by row, with VTK where it renders, else with matplotlib."""
-    verdict = backend.probe()
+    verdict = vtk_renderer.probe()
     if verdict.works:
-        backend.use(verdict)
-        from flexmb.view import vtk_picture
-
-        vtk_picture.draw(panels, path, size, columns)
+        vtk_renderer.draw(panels, path, size, columns, verdict)
     else:
-        from flexmb.view import mpl_picture
-
-        mpl_picture.draw(panels, path, size, f"{verdict.how}; {verdict.advice}", columns)
-
-
-def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
-    if color not in COLORS:
-        raise ViewError.from_problems(
-            [Problem("", f'unknown color "{color}"', COLORS, nearest(color, COLORS))]
-        )
-    if layer is not None and color != "von_mises":
-        raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
-    check_exaggeration(exaggeration)
+        mpl_renderer.draw(panels, path, size, f"{verdict.how}; {verdict.advice}", columns)
 
 
 def check_exaggeration(exaggeration: float | str | None) -> None:
-    """Refuse factors that cannot be.
-
-    Raises
-    ------
-    ViewError
-        Neither a number of at least 0 nor ``"auto"``.
-    """
+    """Refuse what is neither a number of at least 0 nor ``"auto"``."""
     if isinstance(exaggeration, str) and exaggeration != "auto":
         raise ViewError(f'exaggeration "{exaggeration}" is neither a number nor "auto"')
     if isinstance(exaggeration, int | float) and not 0 <= exaggeration < float("inf"):
@@ -131,12 +186,115 @@ def check_exaggeration(exaggeration: float | str | None) -> None:
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse pictures that show nothing.
-
-    Raises
-    ------
-    ViewError
-        Fewer than 64 pixels either way.
-    """
-    if min(size) < _LEAST_PIXELS:
+    """Refuse fewer than 64 pixels either way."""
+    if min(size) < _MIN_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
+
+
+def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
+    if color not in COLORS:
+        raise ViewError.unknown(f'unknown color "{color}"', color, COLORS)
+    if layer is not None and color != "von_mises":
+        raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
+    check_exaggeration(exaggeration)
+
+
+def _factor(mechanism: Mechanism, exaggeration: float | str) -> float:
+    if exaggeration != "auto":
+        return float(exaggeration)
+    ratios = [0.0]
+    for name in mechanism.flexbodies:
+        surface = mechanism.surface(name, 0.0)
+        if surface is not None:
+            _, undeformed, displacement = surface
+            ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
+    return round_exaggeration(max(ratios))
+
+
+def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Array | None]:
+    """What colours the flexible bodies, by name; None for the displacement itself."""
+    if color != "von_mises":
+        return dict.fromkeys(mechanism.flexbodies)
+    stress = {name: mechanism.von_mises(name, layer) for name in mechanism.flexbodies}
+    if all(values is None for values in stress.values()):
+        layers = {name for body in mechanism.flexbodies.values() if body.stress is not None
+                  for name in body.stress.layers}  # fmt: skip
+        if layers and layer is not None:
+            what = f'no flexible body has stress in a layer "{layer}"'
+            raise ViewError.unknown(what, layer, sorted(layers))
+        what = 'no flexible body of the run has stress; reduce the mesh with stress = "surface"'
+        raise ViewError(what)
+    return stress
+
+
+def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
+    units = mechanism.result.units
+    if color == "displacement" and deformed:
+        return Scale.fitting(max(float(body.displacement.max()) for body in deformed), units)
+    shown = [float(np.nanmax(body.values)) for body in deformed if body.values is not None]
+    if color == "von_mises" and shown:
+        return Scale.fitting(max(shown), units, "Pa", "von Mises stress")
+    return None
+
+
+def _deformed(
+    mechanism: Mechanism,
+    factor: float,
+    colors: dict[str, str],
+    values: dict[str, Array | None],
+) -> list[Deformed]:
+    by_stress = any(stress is not None for stress in values.values())
+    bodies = []
+    for name, body in mechanism.flexbodies.items():
+        surface = mechanism.surface(name, factor)
+        if surface is not None and body.surface is not None:
+            points, undeformed, displacement = surface
+            faces, lines = body.surface.faces, body.surface.lines
+            shown = values[name]
+            if shown is None and not by_stress:
+                shown = displacement
+            bodies.append(
+                Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
+            )
+    return bodies
+
+
+def _size(mechanism: Mechanism, deformed: tuple[Deformed, ...]) -> float:
+    """Diagonal of all there is, at this time [m]; 1 for a single point."""
+    points = [mechanism.pose(name).r[None, :] for name in mechanism.model.bodies]
+    points += [body.undeformed for body in deformed]
+    points += [joint_points(mechanism)]
+    for name in mechanism.model.bodies:
+        shape = own_shape(mechanism, name)
+        shapes = [*curve_shapes(mechanism, name, 0.0), *([] if shape is None else [shape])]
+        points += [part.points for part in shapes]
+    return size_of(np.vstack(points)) or 1.0
+
+
+def _opacity(shape: Triangles, joints: Array, spec: object) -> float:
+    """Full, but for a shape of the scene that would hide the joints inside it."""
+    low, high = shape.points.min(axis=0), shape.points.max(axis=0)
+    inside = ((joints > low) & (joints < high)).all(axis=1)
+    hides = getattr(spec, "shape", None) is not None and inside.any()
+    return _SEE_THROUGH if hides else 1.0
+
+
+def _caption(
+    mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...], scale: Scale | None
+) -> str:
+    units = mechanism.result.units
+    parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
+    if deformed:
+        seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
+        parts.append(f"deformation {seen}")
+        most = max(deformed, key=lambda body: float(body.displacement.max()))
+        moved = Scale.fitting(float(most.displacement.max()), units)
+        parts.append(f"largest displacement {moved.top:.3g} {moved.unit} ({most.name})")
+    if scale is not None and scale.quantity != "displacement":
+        where = next(
+            body.name
+            for body in deformed
+            if body.values is not None and np.nanmax(body.values) == scale.largest
+        )
+        parts.append(f"largest {scale.quantity} {scale.top:.3g} {scale.unit} ({where})")
+    return ", ".join(parts)

@@ -17,16 +17,12 @@ from flexmb.errors import ViewError
 from flexmb.model.sensors.sensor import CHANNEL_UNITS
 from flexmb.results import Result
 from flexmb.units import SI, UnitSystem
-from flexmb.view.files import writable_file
-from flexmb.view.style import INK, LINES, PAPER
+from flexmb.view.style import INK, LINES, new_figure, style_axes, writable_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["history_figure", "plot_history", "save_figure"]
-
-_DPI = 150
-_FURTHER_UNITS = {"force": "N", "moment": "N m", "energy": "J"}  # of what sensors do not measure
+_OTHER_UNITS = {"force": "N", "moment": "N m", "energy": "J"}  # of what sensors do not measure
 _PREFIXED = ("m", "m/s", "m/s²", "s")
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
@@ -65,26 +61,21 @@ def history_figure(result: Result | str | Path, channels: Sequence[str] = ()) ->
     ViewError
         The result has no channels or no rows.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     result = result if isinstance(result, Result) else Result(result)
-    names = tuple(channels) or _chosen(result)
+    names = tuple(channels) or _default_channels(result)
     if not names or not len(result.time):
         lacks = "rows" if names else "sensor channels"
         raise ViewError(f"{result.path}: the result has no {lacks} to draw")
-    panels = _panels(result, names)
-    figure = Figure(figsize=(9.6, 1.2 + 2.5 * len(panels)), dpi=_DPI, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
+    panels: dict[str, list[str]] = {}  # by unit, in the order of the names
+    for name in names:
+        panels.setdefault(result.unit(name), []).append(name)
+    figure = new_figure(9.6, 1.2 + 2.5 * len(panels), result.title)
     grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (unit, members) in zip(grid, panels.items(), strict=True):
         _draw_panel(axes, result, unit, members)
     factor, unit = _time_scale(result)
     grid[-1].set_xlabel(f"time [{unit}]", color=INK)
     grid[-1].set_xlim(result.time[0] / factor, max(result.time[-1] / factor, 1e-300))
-    if result.title:
-        figure.suptitle(result.title, color=INK, fontsize=12, x=0.02, ha="left")
     return figure
 
 
@@ -104,11 +95,11 @@ def save_figure(figure: Figure, output: str | Path) -> Path:
     return path
 
 
-def _chosen(result: Result) -> tuple[str, ...]:
-    """Channels the scene asks for, else those that change, else all."""
-    asked = tuple(result.model.get("view", {}).get("history", ()))
-    if asked:
-        return asked
+def _default_channels(result: Result) -> tuple[str, ...]:
+    """Channels that the scene names, else those that change, else all."""
+    history = tuple(result.model.get("view", {}).get("history", ()))
+    if history:
+        return history
     names = result.channels()
     largest = {name: float(np.abs(result[name]).max(initial=0.0)) for name in names}
     scale: dict[str, float] = {}
@@ -117,14 +108,6 @@ def _chosen(result: Result) -> tuple[str, ...]:
         scale[unit] = max(scale.get(unit, 0.0), largest[name])
     moving = tuple(n for n in names if np.ptp(result[n]) > 1e-9 * scale[result.unit(n)])
     return moving or names
-
-
-def _panels(result: Result, names: Sequence[str]) -> dict[str, list[str]]:
-    """The channels by unit, in the order given."""
-    panels: dict[str, list[str]] = {}
-    for name in names:
-        panels.setdefault(result.unit(name), []).append(name)
-    return panels
 
 
 def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
@@ -140,15 +123,11 @@ def _draw_panel(axes: Any, result: Result, unit: str, names: list[str]) -> None:
             ls=("-", "--", ":")[i // len(LINES) % 3],
             label=name,
         )
-    words = {**CHANNEL_UNITS, **_FURTHER_UNITS}.items()
+    words = {**CHANNEL_UNITS, **_OTHER_UNITS}.items()
     labels = {result.units.label(si, raised=True): word for word, si in words}
     quantity = labels.get(unit, "value")
     axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
-    axes.set_facecolor("white")
-    axes.grid(True, color="#d9dbe0", lw=0.6)
-    axes.tick_params(colors=INK)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    style_axes(axes)
     axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, labelcolor=INK)
 
 

@@ -1,10 +1,14 @@
-"""Colours of pictures and plots, in one place."""
+"""What all pictures and plots share: colours, the look of axes, the files that they go to."""
 
 from __future__ import annotations
 
-from typing import Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-__all__ = ["BODIES", "COLORMAP", "GHOST", "GROUND", "INK", "JOINT", "LINES", "PAPER"]
+from flexmb.errors import ViewError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAPER: Final = "#fbfbf9"
 INK: Final = "#2b2f36"
@@ -18,3 +22,52 @@ COLORMAP: Final = "viridis"
 # readers (M. Okabe and K. Ito, Color Universal Design, 2008), its yellow left out.
 BODIES: Final = ("#7d93b2", "#b59f86", "#93ab8f", "#b08fa3", "#8aa8a8", "#a8a08a")
 LINES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+
+_DPI = 150
+
+
+def new_figure(width: float, height: float, title: str = "") -> Figure:
+    """An empty matplotlib figure for plots [inch], without matplotlib's global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    figure.set_layout_engine("constrained")
+    if title:
+        figure.suptitle(title, color=INK, fontsize=12, x=0.02, ha="left")
+    return figure
+
+
+def style_axes(axes: Any, **ticks: Any) -> None:
+    """White ground, light grid, no frame above and right; `ticks` go to the tick labels."""
+    axes.set_facecolor("white")
+    axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
+    axes.tick_params(colors=INK, **ticks)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def writable_file(output: str | Path, endings: tuple[str, ...]) -> Path:
+    """The path, its folder made, if a file with one of these endings can be written there.
+
+    Raises
+    ------
+    ViewError
+        Another ending, a folder in its place, or the folder cannot be made or written.
+    """
+    path = Path(output)
+    if path.suffix.lower() not in endings:
+        raise ViewError(f"{path}: the file must end in {' or '.join(endings)}")
+    if path.is_dir():
+        raise ViewError(f"{path}: is a folder; give the name of a file in it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
+        with path.open("ab"):
+            pass
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise ViewError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path

@@ -1,7 +1,7 @@
 """Error against wall time: work-precision plots, and the front of settings that no other beats.
 
 In: plain numbers by quantity and series. Out: a matplotlib ``Figure``, log-log, one pair of axes
-per quantity, the target as a line and what cannot be told from the reference's own error shaded.
+per quantity, the target as a line; errors below that of the reference itself are shaded.
 """
 
 from __future__ import annotations
@@ -10,17 +10,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexmb.errors import ViewError
-from flexmb.view.style import GHOST, INK, LINES, PAPER
+from flexmb.view.style import GHOST, INK, LINES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Curve", "pareto_figure", "work_precision_figure"]
-
-_DPI = 150
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_LEAST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
 _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
@@ -36,6 +33,7 @@ class Curve(NamedTuple):
     words: Sequence[str] = ()
 
 
+Point = tuple[float, float, str]  # seconds, error, word
 Panels = Mapping[str, Sequence[Curve]]
 
 
@@ -62,16 +60,7 @@ def work_precision_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        for i, curve in enumerate(curves):
-            axes.loglog(
-                curve.seconds,
-                [max(error, _LEAST) for error in curve.errors],
-                color=LINES[i % len(LINES)],
-                marker=_MARKERS[i // len(LINES) % len(_MARKERS)],
-                ms=5,
-                lw=1.4,
-                label=curve.name or None,
-            )
+        _draw(axes, curves, joined=True)
         _finish(axes, name, floors.get(name), target)
     _legend(figure, grid)
     return figure
@@ -86,43 +75,39 @@ def pareto_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        found = []
-        for i, curve in enumerate(curves):
-            errors = [max(error, _LEAST) for error in curve.errors]
-            axes.loglog(
-                curve.seconds, errors, ls="", ms=7, label=curve.name or None,
-                color=LINES[i % len(LINES)], marker=_MARKERS[i % len(_MARKERS)],
-            )  # fmt: skip
-            words = curve.words or [""] * len(errors)
-            found += list(zip(curve.seconds, errors, words, strict=True))
-        front = _front(found)
+        points = _draw(axes, curves, joined=False)
+        front: list[Point] = []  # the points that no other one beats in both time and error
+        for point in sorted(points):
+            if not front or point[1] < front[-1][1]:
+                front.append(point)
         axes.step(
             [point[0] for point in front], [point[1] for point in front],
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
         )  # fmt: skip
         _finish(axes, name, floors.get(name), target)
-        _label(axes, front, found)
+        _label(axes, front, points)
     _legend(figure, grid)
     return figure
 
 
-def _front(points: Sequence[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
-    """The points that no other one beats in both time and error, by time."""
-    front: list[tuple[float, float, str]] = []
-    for point in sorted(points):
-        if not front or point[1] < front[-1][1]:
-            front.append(point)
-    return front
+def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
+    """Points of all curves in their colours, joined by lines or not; returns them."""
+    points = list[Point]()
+    for i, curve in enumerate(curves):
+        errors = [max(error, _SMALLEST) for error in curve.errors]
+        marker = _MARKERS[(i // len(LINES) if joined else i) % len(_MARKERS)]
+        axes.loglog(
+            curve.seconds, errors, color=LINES[i % len(LINES)], label=curve.name or None,
+            marker=marker, ms=5 if joined else 7, ls="-" if joined else "", lw=1.4,
+        )  # fmt: skip
+        points += zip(curve.seconds, errors, curve.words or [""] * len(errors), strict=True)
+    return points
 
 
-def _label(
-    axes: Any,
-    front: Sequence[tuple[float, float, str]],
-    points: Sequence[tuple[float, float, str]],
-) -> None:
-    """Words beside the points of the front, where they cover neither each other nor a point."""
+def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
+    """Words next to the points of the front, where they cover neither each other nor a point."""
 
-    def place(point: tuple[float, float, str]) -> tuple[float, float]:
+    def place(point: Point) -> tuple[float, float]:
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
         return float(x), float(y)
 
@@ -133,7 +118,11 @@ def _label(
         for ha, dx, dy in (("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
             low = x + 0.02 if ha == "left" else x - 0.02 - width
             box = (low, low + width, y + dy / 220)
-            if _free(box, taken):
+            inside = box[0] >= 0 and box[1] <= 1
+            if inside and not any(
+                box[0] < right and left < box[1] and abs(box[2] - height) < _LINE
+                for left, right, height in taken
+            ):
                 axes.annotate(
                     point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
                     fontsize=7, color=INK, ha=ha, va="center",
@@ -142,30 +131,15 @@ def _label(
                 break
 
 
-def _free(box: tuple[float, float, float], taken: Sequence[tuple[float, float, float]]) -> bool:
-    """Whether a line of text (left, right, height; shares of the axes) fits in."""
-    inside = box[0] >= 0 and box[1] <= 1
-    return inside and not any(
-        box[0] < right and left < box[1] and abs(box[2] - y) < _LINE for left, right, y in taken
-    )
-
-
 def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not any(len(curve.seconds) for curves in panels.values() for curve in curves):
         raise ViewError("no run has an error to draw")
     columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    size = (1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows)
-    figure = Figure(figsize=size, dpi=_DPI, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
+    figure = new_figure(1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows, title)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
     for empty in grid[len(panels) :]:
         empty.remove()
-    figure.suptitle(title, color=INK, fontsize=12, x=0.02, ha="left")
     if note:
         figure.supxlabel(note, color=GHOST, fontsize=7, x=0.02, ha="left")
     return figure, grid[: len(panels)]
@@ -177,16 +151,12 @@ def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
     _ticks(axes.xaxis, axes.get_xlim())
     _ticks(axes.yaxis, axes.get_ylim())
-    axes.set_facecolor("white")
-    axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
-    axes.tick_params(colors=INK, labelsize=8)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    style_axes(axes, labelsize=8)
     if floor is None:
         return
     axes.axhline(target, color=GHOST, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
     low = min(axes.get_ylim()[0], 0.5 * floor)
-    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="not told from the reference")
+    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="error of the reference")
     axes.set_ylim(bottom=low)
 
 
@@ -196,12 +166,10 @@ def _ticks(axis: Any, limits: tuple[float, float]) -> None:
 
     subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(10.0, subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+    axis.set_major_formatter(
+        FuncFormatter(lambda x, _: f"{x:g}" if x >= _SMALL else f"{x:.0e}".replace("e-0", "e-"))
+    )
     axis.set_minor_formatter(NullFormatter())
-
-
-def _number(value: float) -> str:
-    return f"{value:g}" if value >= _SMALL else f"{value:.0e}".replace("e-0", "e-")
 
 
 def _legend(figure: Figure, grid: Sequence[Any]) -> None:

@@ -3,17 +3,25 @@
 The command line and the Python API use the same functions.
 """
 
-from flexmb.workflow.bodies import flexible_bodies
-from flexmb.workflow.catalog import TOPICS, Listing, listing
-from flexmb.workflow.check import check_scene
-from flexmb.workflow.installation import Installation, Warmup, examine_installation, machine, warmup
-from flexmb.workflow.mobility import mobility
-from flexmb.workflow.place import output_folder, writable_folder
-from flexmb.workflow.reducing import Reduced, ReducedScene, reduce_mesh, reduce_scene
-from flexmb.workflow.reports import CheckOutcome, CheckReport, RunReport
+from flexmb.workflow.check import CheckReport, check_scene, mobility
+from flexmb.workflow.flexible_bodies import (
+    ReducedBody,
+    ReducedScene,
+    flexible_bodies,
+    reduce_mesh,
+    reduce_scene,
+)
+from flexmb.workflow.installation import (
+    Installation,
+    Warmup,
+    examine_installation,
+    machine,
+    warmup,
+)
+from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
-from flexmb.workflow.templates import new_scene, templates
+from flexmb.workflow.run_report import CheckOutcome, RunReport
 
 __all__ = [
     "TOPICS",
@@ -21,7 +29,7 @@ __all__ = [
     "CheckReport",
     "Installation",
     "Listing",
-    "Reduced",
+    "ReducedBody",
     "ReducedScene",
     "RunReport",
     "Warmup",
@@ -33,7 +41,6 @@ __all__ = [
     "machine",
     "mobility",
     "new_scene",
-    "output_folder",
     "reduce_mesh",
     "reduce_scene",
     "resume",
@@ -43,5 +50,4 @@ __all__ = [
     "simulate",
     "templates",
     "warmup",
-    "writable_folder",
 ]

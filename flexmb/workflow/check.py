@@ -1,14 +1,16 @@
-"""Validating a scene without running it."""
+"""Checking a scene without running it: mistakes, counts, mobility."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import AssemblyError, SceneError
+from flexmb.errors import AssemblyError, FlexmbError, SceneError
+from flexmb.folders import output_folder
 from flexmb.units import SI, UnitSystem
-from flexmb.workflow.reports import CheckReport
+from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
 
 if TYPE_CHECKING:
     from flexmb.analysis.mobility.degrees_of_freedom import Mobility
@@ -16,14 +18,41 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.model.counts import Counts
+    from flexmb.workflow.listings import Table
 
-__all__ = ["check_scene"]
+
+@dataclass(frozen=True)
+class CheckReport:
+    """The report on a valid scene.
+
+    Attributes
+    ----------
+    title : str
+        Of the scene.
+    counts : dict
+        Bodies, joints, drivers and so on.
+    notes : list of str
+        Units, gravity, findings of meshes and so on.
+    bodies : dict
+        Elements and coordinates of each flexible body, in words.
+    mobility : Mobility or None
+        Coordinates, equations, rank and what follows; None for what is too large or never moves.
+    definition : tuple
+        The tables that define the model, each with its title, on request.
+    """
+
+    title: str
+    counts: dict[str, int]
+    notes: list[str]
+    bodies: dict[str, dict[str, str]] = field(default_factory=dict)
+    mobility: Mobility | None = None
+    definition: tuple[tuple[str, Table], ...] = ()
 
 
 def check_scene(
     path: str | Path, overrides: Mapping[str, str] | None = None, *, tables: bool = False
 ) -> CheckReport:
-    """Validate a scene, the groups of its meshes too; count what it holds and what can move.
+    """Validate a scene and its meshes, count its parts and its degrees of freedom.
 
     Parameters
     ----------
@@ -44,57 +73,97 @@ def check_scene(
     from flexmb.analysis.assembly.rank import MAX_COORDINATES
     from flexmb.model import load_scene
     from flexmb.model.counts import count
-    from flexmb.workflow.bodies import bodies_of_surveys, surveyed_bodies
-    from flexmb.workflow.definition import definition_tables
-    from flexmb.workflow.place import output_folder
+    from flexmb.workflow.model_tables import definition_tables
 
     model = load_scene(Path(path), dict(overrides or {}))
-    surveys, problems = surveyed_bodies(model)
+    surveys, problems = survey_bodies(model)
     problems = model.problems() + problems
     if problems:
         raise SceneError.from_problems(problems)
     counts = count(model)
     notes = _notes(model)
-    for name, found in surveys.items():
-        notes += [f"{name}: {finding.sentence}" for finding in found.findings]
-    known, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
-    _check_results(model, known, rigid)
+    for name, survey in surveys.items():
+        notes += [f"{name}: {finding.sentence}" for finding in survey.findings]
+    bodies, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
+    _check_results(model, bodies, rigid)
     moves = None
     if counts.rigid_coordinates > MAX_COORDINATES:
         notes.append(
             f"more than {MAX_COORDINATES} coordinates: equations are counted, not their rank"
         )
     elif model.joints or model.dynamics is not None:
-        moves, told = _mobility(model, known, rigid)
-        notes += told
+        moves, mobility_notes = _mobility(model, bodies, rigid)
+        notes += mobility_notes
     return CheckReport(
         model.title or str(path),
-        _counted(counts),
+        _counts_table(counts),
         notes,
-        {name: _told(found, model.units) for name, found in surveys.items()},
+        {name: _survey_table(survey, model.units) for name, survey in surveys.items()},
         moves,
-        definition_tables(model, known) if tables else (),
+        definition_tables(model, bodies) if tables else (),
     )
 
 
-def _check_results(model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
-    """Refuse names of nothing in what is to be stored."""
+def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Mobility:
+    """Coordinates, equations, rank, redundant equations with their cures, free motions.
+
+    Parameters
+    ----------
+    model : Model
+        The model; it is not changed.
+    flexbodies : mapping of str to FlexBody, optional
+        Reduced bodies of meshes by name; a mesh that is not given counts as a rigid body.
+
+    Returns
+    -------
+    Mobility
+        In the assembled pose, at t = 0.
+
+    Raises
+    ------
+    SceneError
+        All that does not fit together.
+    AssemblyError
+        It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
+        joints.
+    FlexmbError
+        It has too many coordinates.
+    """
+    from flexmb.analysis.assembly.rank import MAX_COORDINATES
+    from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
+    from flexmb.engine.compile import compile_system
+
+    bodies = dict(flexbodies or {})
+    missing = [name for name, spec in model.bodies.items() if spec.flexible and name not in bodies]
+    if missing:
+        surveys, problems = survey_bodies(model)
+        if problems:
+            raise SceneError.from_problems(problems)
+        bodies = {**bodies_of_surveys(model, surveys)[0], **bodies}
+    compiled = compile_system(model, bodies)
+    if compiled.layout.nv > MAX_COORDINATES:
+        what = f"the model has {compiled.layout.nv} coordinates; the rank of its equations is "
+        raise FlexmbError(f"{what}found for up to {MAX_COORDINATES}")
+    return mobility_of(compiled, model)
+
+
+def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
+    """Refuse unknown names among the results to store."""
     from flexmb.engine.compile import compile_system
     from flexmb.results import Columns, stored_columns
 
     if model.results is not None and model.results.keep:
-        scene = {"results": {"keep": model.results.keep}, **_reacting(model)}
-        stored_columns(Columns.of(compile_system(model, known).layout), scene, rigid)
+        scene = {"results": {"keep": model.results.keep}, **_reaction_scene(model)}
+        stored_columns(Columns.of(compile_system(model, bodies).layout), scene, rigid)
 
 
-def _reacting(model: Model) -> dict[str, Any]:
+def _reaction_scene(model: Model) -> dict[str, Any]:
     """The sections of a scene that the names of channels are made of."""
     scene = model.to_scene_dict(model.folder, dict.fromkeys(model.bodies, ""))
     return {key: scene[key] for key in scene if key not in ("results", "bodies")}
 
 
-def _counted(counts: Counts) -> dict[str, int]:
-    """What a model consists of."""
+def _counts_table(counts: Counts) -> dict[str, int]:
     coupled = " and couplers" if counts.couplers else ""
     return {
         "rigid bodies": counts.rigid_bodies,
@@ -111,20 +180,18 @@ def _counted(counts: Counts) -> dict[str, int]:
 
 
 def _mobility(
-    model: Model, known: Mapping[str, FlexBody], rigid: Sequence[str]
+    model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]
 ) -> tuple[Mobility | None, list[str]]:
-    """What can move, and notes; `rigid` are flexible bodies that are not reduced yet.
+    """Mobility and notes; `rigid` are flexible bodies that are not reduced yet.
 
-    What keeps those together only because they are rigid is a note and no error.
+    Where only their rigidity prevents assembly, this is a note and no error.
     """
-    from flexmb.workflow.mobility import mobility
-
     try:
-        moves = mobility(model, known)
+        moves = mobility(model, bodies)
     except AssemblyError as error:
         if not rigid:
             raise
-        return None, [f"if the flexible bodies do not give way: {p}" for p in error.problems]
+        return None, [f"if the flexible bodies are rigid: {p}" for p in error.problems]
     notes = list(moves.notes)
     if rigid:
         notes.append(
@@ -134,19 +201,17 @@ def _mobility(
     return moves, notes
 
 
-def _told(found: Survey, units: UnitSystem) -> dict[str, str]:
-    """What a body will be made of and what is kept of it."""
+def _survey_table(survey: Survey, units: UnitSystem) -> dict[str, str]:
     return {
-        "elements": ", ".join(f"{count} {kind}" for kind, count in found.elements.items()),
-        "degrees of freedom": str(found.dofs),
-        "kept coordinates": found.coordinates,
-        "mass": units.say(found.mass, "kg"),
+        "elements": ", ".join(f"{count} {kind}" for kind, count in survey.elements.items()),
+        "degrees of freedom": str(survey.dofs),
+        "kept coordinates": survey.coordinates,
+        "mass": units.say(survey.mass, "kg"),
     }
 
 
 def _notes(model: Model) -> list[str]:
-    """What is worth knowing of a valid scene."""
-    from flexmb.model.scenes.head import gravity_in_words
+    from flexmb.model.scenes.conversion import gravity_in_words
 
     gravity = None
     if model.gravity is not None:

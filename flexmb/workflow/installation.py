@@ -14,8 +14,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-from flexmb.cache import cache_root, writable
 from flexmb.errors import FlexmbError
+from flexmb.folders import cache_root, is_writable
 from flexmb.progress import Progress, silent
 
 PACKAGES = {
@@ -180,9 +180,9 @@ def _versions(packages: dict[str, str]) -> tuple[tuple[str, str | None, str], ..
 
 
 def _rendering() -> tuple[str, str]:
-    from flexmb.view import backend
+    from flexmb.view import vtk_renderer
 
-    verdict = backend.probe(fresh=True)
+    verdict = vtk_renderer.probe(fresh=True)
     if verdict.works:
         return "ok", verdict.how
     return "simple", f"{verdict.how}. Simple pictures by matplotlib instead; {verdict.advice}"
@@ -190,7 +190,7 @@ def _rendering() -> tuple[str, str]:
 
 def _cache() -> tuple[str, str]:
     folder = cache_root()
-    if not writable(folder):
+    if not is_writable(folder):
         return "slow", f"{folder} cannot be written: every run compiles again; set FLEXMB_CACHE_DIR"
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return "ok", f"{folder} ({size / 1e6:.1f} MB)"

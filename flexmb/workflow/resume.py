@@ -1,16 +1,24 @@
-"""Going on with a run that was stopped, killed or has finished too early.
+"""Resuming a run that was stopped or killed, or extending one that has finished.
 
-In: a result, or its folder. Out: the same result, gone on to its end as if nothing had happened.
-The scene kept in the result and the flexible bodies beside it are the run; the scene file is only
-asked whether it has changed since.
+In: a result, or its folder. Out: the same result with the rows of the uninterrupted run. The scene
+in the result and the flexible bodies in its folder define the run; the scene file is only compared.
+
+The provenance of a result is a text of JSON in it: version of flexmb, hash of the compiled code,
+the scene file with its overrides, a hash of every flexible body.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+import os
 import warnings
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from flexmb.errors import (
     BodyFileError,
@@ -22,9 +30,7 @@ from flexmb.errors import (
     SceneError,
 )
 from flexmb.progress import Progress, silent
-from flexmb.workflow import origin
-from flexmb.workflow.finish import finish
-from flexmb.workflow.reports import RunReport
+from flexmb.workflow.run_report import RunReport, report_run
 
 if TYPE_CHECKING:
     from flexmb.engine.compile import Compiled
@@ -32,9 +38,54 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-__all__ = ["resume", "resume_run"]
+PROVENANCE = "origin"  # name of the text in the result
+_MAX_CHANGES = 8  # in a message: a scene rewritten from scratch has too many to read
+_EXTENDED = ("dynamics.duration", "dynamics.outputs")
+_WHOLE_TOLERANCE = 1e-9  # of the number of output intervals in a duration
 
-_WHOLE = 1e-9  # how far a duration may lie from a whole number of output intervals
+
+def code_version() -> dict[str, str]:
+    """This version of flexmb and the hash of its compiled code."""
+    from flexmb import __version__
+    from flexmb.engine.unit_cache import engine_hash
+
+    return {"flexmb": __version__, "engine": engine_hash()}
+
+
+def provenance_text(
+    model: Model, folder: Path, bodies: Mapping[str, FlexBody], start_from: Path | None = None
+) -> str:
+    """The provenance of a result in `folder`."""
+    data: dict[str, Any] = code_version()
+    data["bodies"] = {
+        name: {"hash": body_hash(body), "key": body.provenance.get("key", "")}
+        for name, body in bodies.items()
+    }
+    if model.source is not None:
+        data["scene_file"] = _relative(model.source.path, folder)
+        data["overrides"] = dict(model.source.overrides)
+    if start_from is not None:
+        data["from"] = str(start_from)
+    return json.dumps(data, default=str)
+
+
+def provenance(result: Result) -> dict[str, Any]:
+    """The provenance in a result; empty if there is none."""
+    data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))
+    return data
+
+
+def body_hash(body: FlexBody) -> str:
+    """Hash of all data of a flexible body but its provenance."""
+    from flexmb.flexbody.body_file import to_datasets
+
+    digest = hashlib.sha256(repr((body.name, body.mass)).encode())
+    for path, value in sorted(to_datasets(body).items()):
+        if not path.startswith("provenance/"):
+            digest.update(path.encode())
+            data = repr(value).encode() if isinstance(value, list) else np.asarray(value).tobytes()
+            digest.update(data)
+    return digest.hexdigest()
 
 
 def resume(
@@ -44,9 +95,7 @@ def resume(
     as_begun: bool = False,
     progress: Progress = silent,
 ) -> Result:
-    """Go on with a run and open its result.
-
-    The rest is what an uninterrupted run would have given, to the last bit.
+    """Resume a run and open its result, which is that of the uninterrupted run to the last bit.
 
     Parameters
     ----------
@@ -54,11 +103,11 @@ def resume(
         The result, its file or the folder it is in.
     duration : float, optional
         A new duration of the run as a whole in the scene's units, a whole number of its output
-        intervals; also a finished run goes on then.
+        intervals; a finished run is extended.
     as_begun : bool
-        Go on even if the scene file has changed since; the change has no effect.
+        Resume even if the scene file has changed since; the change has no effect.
     progress : Progress
-        Told every phase.
+        Called for every phase.
 
     Raises
     ------
@@ -83,7 +132,7 @@ def resume_run(
     pictures: bool = True,
     progress: Progress = silent,
 ) -> RunReport:
-    """Go on with a run to its pictures; see :func:`resume`."""
+    """Resume a run and draw it; see :func:`resume`."""
     from flexmb.analysis.dynamics.analysis import integrate
     from flexmb.analysis.dynamics.resume import prepare_rest
     from flexmb.engine.compile import compile_system
@@ -92,8 +141,8 @@ def resume_run(
 
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:
-        _refuse_a_changed_scene(run)
-    bodies = _bodies(run)
+        _check_scene_file(run)
+    bodies = _load_bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
     if problems := model.problems():  # tables that end before the new duration
@@ -113,22 +162,77 @@ def resume_run(
             {**outcome.statistics, "resumed_at_s": began}, outcome.status, outcome.message
         )
     run.refresh()
-    return finish(model, run, outcome, notes, pictures=pictures, progress=progress)
+    return report_run(model, run, outcome, notes, pictures=pictures, progress=progress)
 
 
-def _refuse_a_changed_scene(run: Result) -> None:
-    found = origin.scene_changes(run)
-    if found is None or not found[1]:
+def _check_scene_file(run: Result) -> None:
+    """Refuse to resume if the scene file has changed since."""
+    path = _scene_file(run)
+    changes = [] if path is None else scene_changes(run, path)
+    if not changes:
         return
-    path, changes = found
     cure = (
-        "a resumed run goes on with the scene it began with: undo the change, go on as begun "
-        "(--as-begun), or run the changed scene anew or from this result's end (--from)"
+        "a resumed run uses the scene it began with: undo the change, resume as begun "
+        "(--as-begun), or run the changed scene again or from this result's end (--from)"
     )
     if any(change.startswith("dynamics.duration ") for change in changes):
         cure += "; for a longer run give the new duration of the whole (--duration)"
     listed = "".join(f"\n  {change}" for change in changes)
     raise SceneError(f"{path}: has changed since {run.path} was begun; {cure}{listed}")
+
+
+def _scene_file(run: Result) -> Path | None:
+    """The scene file of a result, if it is there."""
+    name = provenance(run).get("scene_file")
+    path = Path(os.path.normpath(run.path.parent / (name or "")))
+    return path if name and path.is_file() else None
+
+
+def scene_changes(run: Result, path: Path) -> list[str]:
+    """The changes in the scene file at `path` since a result was begun."""
+    from flexmb.model import load_scene
+
+    names = {name: file.name for name, file in run.flexbodies.items()}
+    try:
+        model = load_scene(path, provenance(run).get("overrides", {}))
+        now = model.to_scene_dict(run.path.parent, names)
+    except FlexmbError as error:
+        return [f"it has mistakes now: {str(error).splitlines()[0]}"]
+    now = json.loads(json.dumps(now))
+    changes = [
+        change
+        for where, change in _differences("", run.model, now)
+        if not (run.extended and where in _EXTENDED)
+    ]
+    more = len(changes) - _MAX_CHANGES
+    return changes[:_MAX_CHANGES] + ([f"and {more} more"] if more > 0 else [])
+
+
+def _differences(where: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
+    """Places in a scene, and their changes."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys((*old, *new)):
+            place = f"{where}.{key}" if where else str(key)
+            if key not in new:
+                yield place, f"{place} is gone"
+            elif key not in old:
+                yield place, f"{place} is new"
+            else:
+                yield from _differences(place, old[key], new[key])
+    elif old != new:
+        yield where, f"{where} was {_short(old)}, is {_short(new)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()
 
 
 def _set_duration(model: Model, run: Result, duration: float | None) -> None:
@@ -153,14 +257,14 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
             "nothing more; begin another one where it ended (--from)"
         )
         raise SceneError.from_problems([Problem("duration", what)])
-    interval, asked = spec.duration / spec.outputs, duration * units.scale("s")
-    outputs = round(asked / interval) if math.isfinite(asked) else 0
+    interval, new = spec.duration / spec.outputs, duration * units.scale("s")
+    outputs = round(new / interval) if math.isfinite(new) else 0
     what = ""
-    if outputs < 1 or abs(asked / interval - outputs) > _WHOLE * outputs:
-        given, step = units.say(asked, "s"), units.say(interval, "s", 9)
-        what = f"must be a whole number of output intervals of {step}, is {given}"
+    if outputs < 1 or abs(new / interval - outputs) > _WHOLE_TOLERANCE * outputs:
+        step = units.say(interval, "s", 9)
+        what = f"must be a whole number of output intervals of {step}, is {units.say(new, 's')}"
     elif outputs < spec.outputs:
-        what = f"must not be shorter than it was, {whole}, is {units.say(asked, 's')}"
+        what = f"must not be shorter than it was, {whole}, is {units.say(new, 's')}"
     elif run.status == "finished" and outputs == spec.outputs:
         what = f"is {whole} already, and the run is finished"
     if what:
@@ -168,11 +272,11 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
     model.dynamics = spec.model_copy(update={"duration": outputs * interval, "outputs": outputs})
 
 
-def _bodies(run: Result) -> dict[str, FlexBody]:
+def _load_bodies(run: Result) -> dict[str, FlexBody]:
     """The flexible bodies of the run, unchanged."""
     from flexmb.flexbody import load
 
-    known = origin.origin(run).get("bodies", {})
+    stored = provenance(run).get("bodies", {})
     bodies: dict[str, FlexBody] = {}
     problems: list[Problem] = []
     for name, file in run.flexbodies.items():
@@ -182,7 +286,7 @@ def _bodies(run: Result) -> dict[str, FlexBody]:
         except FlexmbError as error:
             problems.append(Problem(where, str(error)))
             continue
-        if name in known and known[name]["hash"] != origin.body_hash(bodies[name]):
+        if name in stored and stored[name]["hash"] != body_hash(bodies[name]):
             what = f"{file} has changed since the run began; put the old one back, or run again"
             problems.append(Problem(where, what))
     if problems:
@@ -192,7 +296,7 @@ def _bodies(run: Result) -> dict[str, FlexBody]:
 
 def _check_system(run: Result, compiled: Compiled) -> list[str]:
     """Refuse another system; a note where compiled code has changed since."""
-    now, then = origin.made_by(), origin.origin(run)
+    now, then = code_version(), provenance(run)
     if run.layout.fingerprint != compiled.layout.fingerprint:
         raise ResultFileError(
             f"{run.path}: was begun by flexmb {then.get('flexmb', 'of another version')}; this "

@@ -1,31 +1,47 @@
-"""Running a scene or a model: bodies, system, analysis, files, pictures."""
+"""Running a scene or a model: flexible bodies, system, analysis, files, pictures.
+
+An analysis of a scene is a section of it that says how to run it: ``[dynamics]``, ``[kinematics]``.
+"""
 
 from __future__ import annotations
 
 import copy
 import time
 import warnings
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import FlexmbWarning, SolverError
+from flexmb.errors import FlexmbWarning, Problem, SceneError, SolverError, nearest
+from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
-from flexmb.workflow.begin import beginning
-from flexmb.workflow.bodies import flexible_bodies
-from flexmb.workflow.finish import finish
-from flexmb.workflow.origin import ORIGIN, origin_text
-from flexmb.workflow.place import output_folder, writable_folder
-from flexmb.workflow.reports import RunReport
-from flexmb.workflow.task import chosen_analysis, prepared_task
+from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.resume import PROVENANCE, provenance_text
+from flexmb.workflow.run_report import RunReport, report_run
+from flexmb.workflow.start_from import StartState, match_start
 
 if TYPE_CHECKING:
+    from flexmb.analysis.dynamics.analysis import Outcome, Sink
     from flexmb.engine.compile import Compiled
     from flexmb.model import Model
     from flexmb.results import Result
 
-__all__ = ["kinematics", "run_model", "run_scene", "simulate"]
+ANALYSES = ("dynamics", "kinematics")
+
+
+@dataclass(frozen=True)
+class Task:
+    """An analysis that is ready to run into a sink of rows."""
+
+    analysis: str
+    rows: int
+    run: Callable[[Sink], Outcome]
+    notes: tuple[str, ...] = ()
+
+    def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
+        """The scene for the result: without the sections of other analyses."""
+        return {k: v for k, v in scene.items() if k == self.analysis or k not in ANALYSES}
 
 
 def run_scene(
@@ -54,11 +70,11 @@ def run_scene(
     start_from : Result or path, optional
         Another run whose last row this one begins with, bodies matched by name, at time 0.
     fresh : bool
-        Reduce meshes anew even if an equal reduction is there.
+        Reduce meshes again even if an equal reduction is there.
     pictures : bool
         Whether to draw the picture and the history.
     progress : Progress
-        Told every phase.
+        Called for every phase.
 
     Raises
     ------
@@ -67,13 +83,9 @@ def run_scene(
     """
     from flexmb.model import load_scene
 
-    path = Path(path)
-    model = load_scene(path, dict(overrides or {}))
-    if output is None:
-        output = output_folder(path)
     return run_model(
-        model,
-        output,
+        load_scene(Path(path), dict(overrides or {})),
+        output_folder(path) if output is None else output,
         analysis=analysis,
         start_from=start_from,
         fresh=fresh,
@@ -97,7 +109,7 @@ def run_model(
     from flexmb.results import Result, ResultWriter
 
     model.validate()
-    chosen = chosen_analysis(model, analysis, start_from is not None)
+    analysis = select_analysis(model, analysis, start_from is not None)
     folder = writable_folder(Path(output))
     started = time.perf_counter()
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
@@ -105,11 +117,11 @@ def run_model(
     compiled = compile_system(model, bodies)
     names = {name: file.name for name, file in files.items()}
     scene = model.to_scene_dict(folder, names)
-    notes += _stored_part(compiled, scene)
-    other = beginning(model, compiled, bodies, start_from) if start_from is not None else None
-    task = prepared_task(chosen, compiled, model, other, progress)
+    notes += _row_size_note(compiled, scene)
+    start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
+    task = prepare_task(analysis, compiled, model, start, progress)
     texts = {"scene": model.source.text} if model.source is not None else {}
-    texts[ORIGIN] = origin_text(model, folder, bodies, other.source if other is not None else None)
+    texts[PROVENANCE] = provenance_text(model, folder, bodies, start.source if start else None)
     with ResultWriter(
         folder / "result.h5",
         compiled.layout,
@@ -122,14 +134,82 @@ def run_model(
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
         writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
     notes += task.notes
-    report = finish(
+    report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
-    return replace(report, resumable=chosen == "dynamics")
+    return replace(report, resumable=analysis == "dynamics")
 
 
-def _stored_part(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
-    """A note where a scene keeps part of the results; its mistakes before anything is run."""
+def select_analysis(model: Model, name: str | None, starts_from_result: bool = False) -> str:
+    """The analysis of this name, or that of the only section of the scene.
+
+    Raises
+    ------
+    SceneError
+        Unknown, not in the scene, or without a name though the scene has both.
+    """
+    available = [section for section in ANALYSES if getattr(model, section) is not None]
+    if name is not None and name not in ANALYSES:
+        what = f'unknown analysis "{name}"'
+        raise SceneError.from_problems([Problem("", what, ANALYSES, nearest(name, ANALYSES))])
+    if not available and name is None:
+        raise SceneError("the scene has no [dynamics] and no [kinematics]: give its duration")
+    if name is not None and name not in available:
+        raise SceneError(f"the scene has no [{name}]: give its duration")
+    if name is None and len(available) > 1:
+        raise SceneError(
+            "the scene has [dynamics] and [kinematics]: say which one to run (--analysis dynamics "
+            "or --analysis kinematics)"
+        )
+    selected = name or available[0]
+    if selected == "kinematics" and starts_from_result:
+        raise SceneError(
+            "a kinematic analysis begins where its drivers say, not where another run ended: "
+            "remove --from, or guess joint coordinates (assembly.guess)"
+        )
+    return selected
+
+
+def prepare_task(
+    analysis: str, compiled: Compiled, model: Model, start: StartState | None, progress: Progress
+) -> Task:
+    """Load compiled units and find the first state of an analysis.
+
+    Parameters
+    ----------
+    analysis : str
+        From `select_analysis`.
+    compiled, model : Compiled, Model
+        The model and its compiled system.
+    start : StartState, optional
+        The end of another run, to begin there.
+    progress : Progress
+        Called for every phase.
+    """
+    from flexmb.analysis.dynamics.analysis import integrate, prepare
+    from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+
+    if analysis == "kinematics":
+        ready = prepare_kinematics(compiled, model, progress=progress)
+        return Task(
+            analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
+        )
+    begin = start.begin if start is not None else None
+    prepared = prepare(compiled, model, begin=begin, progress=progress)
+    notes: tuple[str, ...] = ()
+    if start is not None:
+        notes = (*start.notes, *start.changes(compiled, prepared.run.state, model.units))
+    assert model.dynamics is not None  # it is prepared
+    return Task(
+        analysis,
+        model.dynamics.n_rows,
+        lambda sink: integrate(prepared, sink, progress=progress),
+        notes,
+    )
+
+
+def _row_size_note(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
+    """A note where a scene stores part of the results; its mistakes before anything is run."""
     from flexmb.results import Columns, row_bytes, stored_columns
 
     if not scene.get("results", {}).get("keep"):
@@ -154,12 +234,12 @@ def simulate(
     model : Model
         The model.
     output : path, optional
-        Folder to keep the files in. By default a temporary one, which is removed with the last
-        `Result` of it: `Result.save` keeps it.
+        Folder of the files. By default a temporary one, which is removed with the last `Result` of
+        it: `Result.save` copies it.
     start_from : Result or path, optional
         Another run whose last row this one begins with, bodies matched by name, at time 0.
     progress : Progress
-        Told every phase.
+        Called for every phase.
     **dynamics
         Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`, in the model's units.
 
@@ -172,14 +252,14 @@ def simulate(
 
     if dynamics:
         spec = model.dynamics
-        given = {} if spec is None else spec.model_dump(context=model.terms)
+        fields = {} if spec is None else spec.model_dump(context=model.terms)
         for new in dynamics:
-            given.pop(INSTEAD.get(new, ""), None)
+            fields.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
-        fields = {**given, **dynamics}
+        fields |= dynamics
         drop_idle_options(fields, dynamics)
         model.set_dynamics(**fields)
-    return _opened(model, "dynamics", output, start_from, progress)
+    return _run_and_open(model, "dynamics", output, start_from, progress)
 
 
 def kinematics(
@@ -192,16 +272,16 @@ def kinematics(
     """Find the motion that the joints and drivers of a model fix, and open its result.
 
     Positions, velocities, accelerations at each output, exact to round-off, and the reactions and
-    driving forces of that motion (inverse dynamics). Flexible bodies are held undeformed.
+    driving forces of that motion (inverse dynamics). Flexible bodies stay undeformed.
 
     Parameters
     ----------
     model : Model
         The model.
     output : path, optional
-        Folder to keep the files in; as in :func:`simulate`.
+        Folder of the files; as in :func:`simulate`.
     progress : Progress
-        Told every phase.
+        Called for every phase.
     **fields
         Fields of `[kinematics]`, such as `duration=1.0, outputs=400`, in the model's units.
 
@@ -213,13 +293,13 @@ def kinematics(
     """
     if fields:
         spec = model.kinematics
-        given = {} if spec is None else spec.model_dump(context=model.terms)
+        present = {} if spec is None else spec.model_dump(context=model.terms)
         model = copy.copy(model)
-        model.set_kinematics(**{**given, **fields})
-    return _opened(model, "kinematics", output, None, progress)
+        model.set_kinematics(**{**present, **fields})
+    return _run_and_open(model, "kinematics", output, None, progress)
 
 
-def _opened(
+def _run_and_open(
     model: Model,
     analysis: str,
     output: str | Path | None,

@@ -101,7 +101,7 @@ def test_the_window_of_vtk_is_chosen_in_one_place(project: Path) -> None:
         for path in (project / "flexmb").rglob("*.py")
         if "VTK_DEFAULT_OPENGL_WINDOW" in path.read_text(encoding="utf-8")
     ]
-    assert homes == ["backend.py"]
+    assert homes == ["vtk_renderer.py"]
 
 
 def test_text_files_of_the_package_have_one_kind_of_line_end(project: Path) -> None:

@@ -57,9 +57,9 @@ def test_shapes_that_nothing_can_slide_along(shape, where, sentence):
 @pytest.mark.parametrize(
     ("fields", "where", "sentence"),
     [
-        ({}, "", "give exactly one of points, file"),
+        ({}, "", 'give exactly one of "points", "file"'),
         ({"circle": 1, "polar": "2"}, "", "given polar and circle"),
-        ({"x": "t"}, "y", "is missing beside x"),
+        ({"x": "t"}, "y", "is missing: x and y are given together"),
         ({"polar": "2", "y": "t"}, "y", "only a curve given by x, y"),
         ({"circle": 1, "range": [0, 1]}, "range", "only curves given by expressions"),
         ({"polar": "1", "range": [1, 0]}, "range", "must be larger than the first"),
@@ -141,7 +141,7 @@ def test_no_force_follows_a_place():
     model = cam()
     model.add_sensor("place", "place", joint="contact")
     model.add_force("pull", "force", at="follower", value=["100*place", 0, 0])
-    told(model.problems(), "forces.pull.value[0]", '"place" is a place along a curve, known at out')
+    told(model.problems(), "forces.pull.value[0]", '"place" is a place along a curve, computed')
 
 
 def test_an_unknown_curve_is_told_with_the_nearest():

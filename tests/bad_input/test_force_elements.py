@@ -18,14 +18,14 @@ GAP = '[forces.f]\ntype = "stop"\nbetween = ["ground", "rod.center"]\nstiffness 
 LINE = '[forces.f]\ntype = "spring-damper"\nbetween = ["ground", "rod.center"]\n'
 PUSH = '[forces.f]\ntype = "force"\nat = "crank.tip"\nvalue = [1, 0, 0]\n'
 MISTAKES = {
-    "nothing in a bushing": (BUSH, "forces.f: does nothing: give stiffness, rotational_stiffness"),
+    "nothing in a bushing": (BUSH, "forces.f: needs stiffness, rotational_stiffness"),
     "negative stiffness": (
         BUSH + "stiffness = [1, -2, 3]",
         "forces.f.stiffness: must be zero or positive, is -2 N/m",
     ),
     "unsymmetric": (
         BUSH + "stiffness = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]",
-        "forces.f.stiffness: must be symmetric: a force that no energy belongs to is not elastic",
+        "forces.f.stiffness: must be symmetric: a force without a potential energy is not elastic",
     ),
     "indefinite": (
         BUSH + "damping = [[1, 2, 0], [2, 1, 0], [0, 0, 1]]",
@@ -48,17 +48,17 @@ MISTAKES = {
     ),
     "beam along its direction": (
         BEAM.replace("crank.tip", "ground") + 'E = 1\nG = 1\norientation = "x"',
-        "forces.f.orientation: leads along the beam",
+        "forces.f.orientation: is parallel to the beam",
     ),
     "beam of length zero": (
         BEAM.replace("rod.center", "rod") + "E = 1\nG = 1",
-        "forces.f.between: its markers coincide in the placed pose: a beam of length zero",
+        "forces.f.between: its markers coincide in the placed pose: the direction of the beam is u",
     ),
     "spring of length zero": (
         LINE.replace('"ground", "rod.center"', '"crank.tip", "rod"') + "stiffness = 1",
-        "forces.f.between: its markers coincide in the placed pose: a spring of length zero pulls",
+        "forces.f.between: its markers coincide in the placed pose: the direction of the spring is",
     ),
-    "stop without bounds": (STOP, "forces.f: stops nothing: give lower, upper or both"),
+    "stop without bounds": (STOP, 'forces.f: needs "lower", "upper" or both'),
     "stop upside down": (
         STOP + "lower = 2\nupper = 1",
         "forces.f.upper: must lie above lower: between them the stop is clear",
@@ -81,11 +81,11 @@ MISTAKES = {
     ),
     "spring that does nothing": (
         LINE,
-        "forces.f: does nothing: give stiffness, damping or value, or spring_force or damper_force",
+        "forces.f: needs stiffness, damping or value, or spring_force or damper_force",
     ),
     "two springs in one": (
         LINE + 'stiffness = 1\nspring_force = "x"',
-        'forces.f.spring_force: stands in place of "stiffness"; give one of them',
+        'forces.f.spring_force: replaces "stiffness"; give one of them',
     ),
     "table that does not increase": (
         LINE + "spring_force = [[0, 0], [1, 1], [1, 2]]",
@@ -147,5 +147,5 @@ def test_mistakes_are_told(name, tmp_path):
 def test_a_variable_that_is_a_parameter_too():
     made = Model("x", parameters={"x": 3})
     made.add_body("a", mass=1, inertia=[1, 1, 1], position=[1, 0, 0])
-    with pytest.raises(SceneError, match='"x" is the variable of this law and a parameter: rename'):
+    with pytest.raises(SceneError, match="is the variable of this force characteristic and"):
         made.add_force("f", "spring-damper", between=["ground", "a"], spring_force="x**2")

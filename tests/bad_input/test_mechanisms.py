@@ -47,8 +47,8 @@ CASES = {
     "locked": (
         lambda: four_bar(tilt=0.2, driven=True),
         "drivers.motor: has nothing to drive: the mechanism is locked, its joints A, B, C, D "
-        "prevent every motion; to free one motion exchange B: revolute -> spherical and C: revolute -> "
-        "cylindrical",
+        "prevent every motion; to free one motion exchange B: revolute -> spherical and C: "
+        "revolute -> cylindrical",
     ),
     "conflicting drivers": (
         conflicting,

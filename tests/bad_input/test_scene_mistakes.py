@@ -190,7 +190,7 @@ ONE_LINE = [
     ),
     pytest.param(
         ("[dynamics]", '[forces.f]\ntype = "force"\nat = "ground"\nvalue = [1, 0, 0]\n[dynamics]'),
-        "forces.f.at: a force on ground moves nothing",
+        "forces.f.at: a force on ground has no effect",
         id="force on ground",
     ),
     pytest.param(
@@ -199,8 +199,8 @@ ONE_LINE = [
             '[forces.s]\ntype = "spring-damper"\nbetween = ["ground", "crank"]\n'
             "stiffness = 1\n[dynamics]",
         ),
-        "forces.s.between: its markers coincide in the placed pose: a spring of length zero "
-        "pulls nowhere",
+        "forces.s.between: its markers coincide in the placed pose: the direction of the "
+        "spring is undefined (zero length)",
         id="spring of length zero",
     ),
     pytest.param(

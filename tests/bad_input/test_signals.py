@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
-from flexmb.engine.layout import Layout
+from flexmb.analysis.monitors import SingularOrientationMonitor, algebraic_loop_notes
+from flexmb.engine.tables import Layout
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.results import OutputBlock
@@ -91,7 +91,7 @@ def test_a_transfer_function_over_nothing():
 @pytest.mark.parametrize(
     "fields, sentence",
     [
-        ({}, "does nothing: give kp, ki or kd"),
+        ({}, "needs kp, ki or kd"),
         ({"kd": 1}, "filter: is missing"),
         ({"kp": 1, "filter": 1}, "filter: is that of the rate, but kd is zero"),
         ({"kp": 1, "limits": [2, 1]}, "limits: the lower limit comes first, given [2, 1]"),
@@ -116,7 +116,7 @@ def test_the_reaction_of_what_is_none():
 def test_an_energy_leads_no_force():
     made = push(model(), "-k*stored")
     made.add_sensor("stored", "energy")
-    assert 'forces.push.value[0]: "stored" is an energy, known at outputs only' in told(made)
+    assert 'forces.push.value[0]: "stored" is an energy, computed at outputs only' in told(made)
 
 
 def test_one_name_for_two_things():
@@ -167,15 +167,15 @@ def test_a_unit_is_that_of_si():
 def test_a_line_force_without_length():
     made = model()
     made.add_force("line", "line-force", between=["ground", "cart"], value="-x.x")
-    assert "a force along a line of length zero pulls nowhere" in told(made)
+    assert "the direction of the force along a line is undefined (zero length)" in told(made)
 
 
 def test_a_force_that_follows_accelerations_is_noted():
     made = push(model(), "-k*inertia")
     made.add_sensor("inertia", "expression", value="a.x")
-    (note,) = loop_notes(made)
+    (note,) = algebraic_loop_notes(made)
     assert note.startswith("forces.push.value[0] depends on a.x") and "algebraic loop" in note
-    assert loop_notes(push(model(), "-k*x.x")) == []
+    assert algebraic_loop_notes(push(model(), "-k*x.x")) == []
 
 
 def test_a_singular_pose_is_noted():
@@ -188,7 +188,7 @@ def test_a_singular_pose_is_noted():
     rows = OutputBlock(
         np.array([0.0, 0.5, 1.0]), *[np.zeros((3, 0))] * 5, beta, *[np.zeros((3, 0))] * 2
     )
-    poses = SingularPoses(layout, made)
+    poses = SingularOrientationMonitor(layout, made)
     poses.add(rows)
-    (note,) = poses.notes
+    (note,) = poses.notes()
     assert "sensors.o: at t = 0.5 s within 0.5 deg of the singular pose" in note

@@ -40,7 +40,10 @@ def problem(tmp_path, what, **overrides):
 def test_points_that_end_or_begin_within_the_run(tmp_path, form, entry, where):
     points = "points = [[0, 0], [0.2, 1], [0.4, 1], [0.6, 2], [0.7, 3]]"
     told = problem(tmp_path, entry.format(form=f'type = "{form}", {points}'))
-    assert f"{where}: its points end at 0.7 s, the run at 1 s; give more points, or say how" in told
+    assert (
+        f"{where}: its points end at 0.7 s, the run at 1 s; give more points, or say what holds"
+        in told
+    )
     points = "points = [[0.1, 0], [0.2, 1], [0.4, 1], [0.6, 2], [2, 3]]"
     told = problem(tmp_path, entry.format(form=f'type = "{form}", {points}'))
     assert f"{where}: its points begin at 0.1 s, the run at 0; give more points" in told

@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics
+import numpy as np
+
+from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import POINTS, analyse_kinematics
@@ -29,7 +31,7 @@ def per_point(model):
         status = analyse_kinematics(run, ready.pose.path, ready.settings, POINTS, n)
         seconds.append((time.process_time() - begin) / n)
         assert status == method.FINE, status
-    return median(seconds), ready.pose.path.count / n
+    return median(seconds), np.array(ready.pose.path.count[0].item()) / n
 
 
 def main():
@@ -41,7 +43,7 @@ def main():
     for kind, plane in (("A", "xy"), ("C", "xy"), ("A", None)):
         for per_turn in (200, 360, 1000):
             made = quick_return(kind, plane, _POINTS / per_turn, _POINTS)
-            seconds, (iterations, factors, _) = per_point(made)
+            seconds, iterations, factors = per_point(made)
             name = f"{kind}, {len(made.bodies)} bodies, {plane or 'in space'}"
             print(
                 f"{name:>24} {per_turn:12} {1e6 * seconds:9.2f} {iterations:11.2f} {factors:8.2f}"

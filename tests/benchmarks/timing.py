@@ -63,8 +63,8 @@ def per_step(model, compiled, h, count):
         if k:  # the first loads or compiles the loop
             seconds.append((time.process_time() - begin) / count)
         assert status == method.FINE, (model, status, state.t)
-    share = state.count / count
-    return median(seconds), share[method.RESIDUALS], share[method.FACTORISATIONS]
+    done = state.count[0]
+    return median(seconds), done["residuals"] / count, done["factorisations"] / count
 
 
 def set_up(n, joint="spherical", **fields):
@@ -119,14 +119,14 @@ def control_overhead(model, compiled, accuracy):
     ratios, iterations = [], np.zeros(2)
     for _ in range(_REPEATS + 1):
         seconds, state = _march(compiled, chosen, controlled, first)
-        steps = int(state.count[method.STEPS])
+        steps = int(state.count[0]["steps"])
         fixed = method.Settings(
             0.0, duration, duration, duration / steps, 0.0, 0.0, 2, 1e-8, 15, 1, stiff, 0
         )
         other, last = _march(compiled, chosen, fixed, first)
         ratios.append(seconds / other)
-        iterations[:] = state.count[method.RESIDUALS], last.count[method.RESIDUALS]
-    return median(ratios[1:]), steps, int(state.count[method.REJECTED]), iterations / steps
+        iterations[:] = state.count[0]["residuals"], last.count[0]["residuals"]
+    return median(ratios[1:]), steps, int(state.count[0]["rejected"]), iterations / steps
 
 
 def _march(compiled, chosen, settings, first):

@@ -177,7 +177,7 @@ def test_in_a_plane_coordinates_are_its_two_axes_and_the_angle_from_the_first(pl
 @pytest.mark.parametrize("case", ["velocity", "acceleration"])
 def test_integrated_drivers_start_in_the_placed_pose(case):
     bench = Bench(driven(case, "rigid-flexible"))
-    bench.at(t=0.0, q=bench.compiled.placed, v=np.zeros(bench.layout.nv))
+    bench.at(t=0.0, q=bench.compiled.initial_q, v=np.zeros(bench.layout.nv))
     close(bench.C, 0.0, 1e-14)
     begin = {"velocity": [-0.4, -1.0, 0.0], "acceleration": [0.0]}[case]
     close(bench.rate, begin, 1e-14)

@@ -102,7 +102,7 @@ def hinged(case):
 
 def moved(bench, motions, rng):
     """The placed pose after a random turn or slide of every motion, the last one first."""
-    r, p = bench.compiled.placed[:3].copy(), np.roll(bench.compiled.placed[3:7], -1)
+    r, p = bench.compiled.initial_q[:3].copy(), np.roll(bench.compiled.initial_q[3:7], -1)
     R = Rotation.from_quat(p)
     for kind, axis, through in reversed(motions):
         s = rng.uniform(-1.2, 1.2)

@@ -17,7 +17,7 @@ from rowmeasures import placed_markers
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.engine.compile.joints.joint_rows import signs_of_axes
+from flexmb.engine.joints.joint import signs_of_axes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 

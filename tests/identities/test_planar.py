@@ -191,17 +191,17 @@ def test_a_flexible_body_keeps_its_modes_in_the_plane():
 
 
 OUT_OF_PLANE = [
-    (lambda m: m.set_gravity([0, 0, -9.81]), "gravity: leads out of the plane xy"),
+    (lambda m: m.set_gravity([0, 0, -9.81]), "gravity: has a component normal to the plane xy"),
     (lambda m: m.add_joint("j", "revolute", between=["ground", "b"], axis="x"),
      "joints.j.axis: must be normal to the plane xy"),
     (lambda m: m.add_joint("j", "prismatic", between=["ground", "b"], axis="z"),
      "joints.j.axis: must lie in the plane xy"),
     (lambda m: m.add_force("f", "force", at="b", value=[0, 0, "t"]),
-     "forces.f.value[2]: leads out of the plane xy"),
+     "forces.f.value[2]: has a component normal to the plane xy"),
     (lambda m: m.add_force("f", "torque", at="b", value=["t", 0, 1]),
-     "forces.f.value[0]: turns out of the plane xy"),
+     "forces.f.value[0]: has a component parallel to the plane xy"),
     (lambda m: m.add_body("c", mass=1, inertia=[1, 1, 1], velocity=[0, 0, 1]),
-     "bodies.c.velocity: leads out of the plane xy"),
+     "bodies.c.velocity: has a component normal to the plane xy"),
     (lambda m: m.add_body("c", mass=1, inertia=[1, 1, 1], angular_velocity=[1, 0, 0]),
      "bodies.c.angular_velocity: is not about the normal of xy"),
     (lambda m: m.add_body("c", mass=1, inertia=[1, 1, 1],

@@ -11,8 +11,8 @@ from mechanisms import excavator, quick_return
 from rowmeasures import MEASURES, moved, rows_at
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, dense_jacobian, row_gradient
-from flexmb.engine.compile.joints.joint_rows import DRIVER_ROWS, JOINT_ROWS
-from flexmb.engine.constraint_rows import evaluate_rows
+from flexmb.engine.initial_conditions import evaluate_rows
+from flexmb.engine.joints.joint import DRIVER_ROWS, JOINT_ROWS
 from flexmb.engine.row_kinds import DISTANCE, RADIAL, ROW_KINDS
 from flexmb.engine.units import interpretation, interpreted, prepare_units
 from flexmb.model import Model

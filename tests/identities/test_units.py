@@ -10,7 +10,7 @@ from femeshes import block
 
 import flexmb
 from flexmb import fe
-from flexmb.model.lookup import global_position, placed
+from flexmb.model.lookup import global_position, place_marker
 from flexmb.model.values.orientation import rotation_matrix
 
 SCENE = Path(__file__).parents[2] / "cases" / "rigid_slider_crank" / "scene.toml"
@@ -99,8 +99,8 @@ def test_position_and_orientation_place_the_frame_of_the_mesh():
     A = rotation_matrix(model.bodies["bar"].orientation)
     ends = {"a": [0.2, -0.035, 0.08], "b": [0.3, -0.035, 0.08]}  # centres of the end faces, m
     for name, s in ends.items():
-        found = global_position(model, placed(model, f"bar.{name}"))
+        found = global_position(model, place_marker(model, f"bar.{name}"))
         np.testing.assert_allclose(found, [1, 2, 3] + A @ s, atol=1e-14)
     np.testing.assert_allclose(body.center, [0.25, -0.035, 0.08], atol=1e-14)
-    origin = global_position(model, placed(model, "bar"))
+    origin = global_position(model, place_marker(model, "bar"))
     np.testing.assert_allclose(origin, [1, 2, 3], atol=1e-15)

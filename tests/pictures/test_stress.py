@@ -14,8 +14,8 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import StressModes, load, save
 from flexmb.results import Result
 from flexmb.view import render
-from flexmb.view.compose import compose
 from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import compose
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from truthkit import order, run
 
-from flexmb.engine.compile.joints import coordinates
+from flexmb.engine.compile import ordering
+from flexmb.engine.joints import coordinate
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.expression import parse
@@ -115,10 +116,10 @@ def test_a_first_order_state_follows_its_law(p, h, knobs, monkeypatch):
     T = 0.3
 
     def scalars(model, functions, states):
-        return [coordinates.Scalar("lag", mass=T, damping=1.0,
+        return [coordinate.Scalar("lag", mass=T, damping=1.0,
                                    function=functions.add(parse("sin(5*t)", {})))]  # fmt: skip
 
-    monkeypatch.setattr(coordinates, "scalars", scalars)
+    monkeypatch.setattr(ordering, "scalar_coordinates", scalars)
     made = Model("state")
     made.add_body("idle", mass=1, inertia=[1, 1, 1])
     w = 5.0
@@ -136,7 +137,7 @@ def test_a_first_order_state_follows_its_law(p, h, knobs, monkeypatch):
 
 BAD = [
     ({"joint": "hing"}, 'forces.f.joint: unknown joint "hing"; nearest: hinge; allowed: hinge'),
-    ({"joint": "hinge"}, "forces.f: does nothing: give stiffness, damping or value"),
+    ({"joint": "hinge"}, "forces.f: needs stiffness, damping or value"),
     ({"joint": "hinge", "stiffness": -1}, "forces.f.stiffness: must be zero or positive"),
 ]
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.joints.joint_rows import signs_of_axes
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.joints.curve import Pieces
+from flexmb.engine.joints.joint import signs_of_axes
 from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import State, Work
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
 from flexmb.units import UnitSystem
@@ -190,23 +191,16 @@ def _curve_points(
     compiled: Compiled, curve: np.void, state: State, work: Work
 ) -> tuple[NDArray[np.float64], float]:
     """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
-    parts = compiled.system.parts
-    coordinates = parts.coordinates
-    at, n = int(curve["at"]), int(curve["n"])
+    parts, at, n = compiled.system.parts, int(curve["at"]), int(curve["n"])
     ends = parts.pool[at : at + n + 1]
-    pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
-    t = np.linspace(0.0, 1.0, 5)[:, None] * np.diff(ends)
-    powers = t[:, :, None] ** np.arange(6)
-    local = np.einsum("tkp,kap->kta", powers, pieces).reshape(-1, 3)
-    now = work.now.marker[int(curve["marker"])]
-    s = state.q[coordinates[curve["coordinate"]]["iq"]]
-    if curve["closed"]:
-        s %= ends[-1]
-    k = min(max(int(np.searchsorted(ends, s, side="right")) - 1, 0), n - 1)
-    here = pieces[k] @ (s - ends[k]) ** np.arange(6)
-    slope = pieces[k][:, 1:] @ (np.arange(1, 6) * (s - ends[k]) ** np.arange(5))
-    turn = np.eye(3)
-    c, d = slope[:2] / np.linalg.norm(slope[:2])
+    pieces = Pieces(ends, parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6), 0.0)
+    s = state.q[parts.coordinates[curve["coordinate"]]["iq"]]
+    s = s % ends[-1] if curve["closed"] else s
+    here, tangent, _ = pieces.at(np.array([s]))[0]
+    places = ends[:-1] + np.linspace(0.0, 1.0, 5)[:, None] * np.diff(ends)
+    points = pieces.at(places.ravel())[:, 0]
+    now, turn = work.now.marker[int(curve["marker"])], np.eye(3)
+    c, d = tangent[:2] / np.linalg.norm(tangent[:2])
     turn[:2, :2] = [[c, -d], [d, c]]
     R = now["R"] @ turn.T  # of the marker that carries the curve
-    return now["x"] + (local - here) @ R.T, float(np.linalg.norm(np.ptp(local, axis=0)))
+    return now["x"] + (points - here) @ R.T, float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -110,7 +110,7 @@ def assemble(
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
-    state.q[:] = compiled.placed if begin is None else begin.q
+    state.q[:] = compiled.initial_q if begin is None else begin.q
     period = _slowest_period(system)
     stiff = _stiffened(system, _RIGID * period)
     velocities = InitialVelocities(compiled, model, stiff)

@@ -1,10 +1,10 @@
 """Constraint rows at any positions: values, gradients, markers, and the Jacobian with its rank.
 
-The rows are those of the engine's units (`engine.constraint_rows`). Nothing is compiled for them:
-where units are missing in the cache they run as plain Python, from the same source. Ranks are those
-of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise, so
-that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those of
-the bodies; each takes one equation for itself.
+The rows are those of the engine's units (`engine.initial_conditions`). Nothing is compiled for
+them: where units are missing in the cache they run as plain Python, from the same source. Ranks are
+those of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise,
+so that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those
+of the bodies; each takes one equation for itself.
 """
 
 from __future__ import annotations
@@ -104,9 +104,27 @@ class WeightedJacobian:
         padded[:, ~self.driven] = circuits
         return padded
 
+    def without_modes(self) -> WeightedJacobian:
+        """The Jacobian of the same bodies without deformation."""
+        rigid = ~self.modal
+        if np.all(rigid):
+            return self
+        return WeightedJacobian(self.compiled, self.A[:, rigid], self.columns[rigid])
+
+    def velocities(self, motions: Array) -> Array:
+        """(nv, k) velocity coordinates of motions (columns, k) that multiply A."""
+        v = np.zeros((self.compiled.layout.nv, motions.shape[1]))
+        v[self.columns] = motions / self.compiled.system.weights[self.columns, None]
+        return v
+
     def rows_of(self, owner: str) -> Mask:
         """Which rows belong to a scene path."""
-        return np.array([name == owner for name in self.owners], dtype=bool)
+        return self._rows_by_owner[owner]
+
+    @cached_property
+    def _rows_by_owner(self) -> dict[str, Mask]:
+        owners = np.array(self.owners)
+        return {name: owners == name for name in dict.fromkeys(self.owners)}
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
-from flexmb.model.scenes.entries import read_named
+from flexmb.model.scenes.sections import read_named
 from flexmb.model.values.reading import Terms
 
 FIXED_WEIGHT = 1e10

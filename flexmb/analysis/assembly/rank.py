@@ -9,7 +9,7 @@ Applications, ch. 2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -112,14 +112,3 @@ def circuits(N: Array) -> Array:
     basis /= np.abs(basis).max(axis=1, keepdims=True)
     basis[np.abs(basis) < _ZERO_COEFFICIENT] = 0.0
     return np.asarray(basis)
-
-
-def connected_sets(sets: Sequence[frozenset[int]]) -> list[list[int]]:
-    """Indices of sets that share members, directly or through others, group by group."""
-    groups: list[tuple[set[int], list[int]]] = []
-    for k, members in enumerate(sets):
-        touched = [group for group in groups if group[0] & members]
-        merged = set(members).union(*(group[0] for group in touched))
-        indices = sorted([k, *(i for group in touched for i in group[1])])
-        groups = [group for group in groups if group not in touched] + [(merged, indices)]
-    return [indices for _, indices in groups]

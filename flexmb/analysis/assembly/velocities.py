@@ -15,13 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.core import with_markers
-from flexmb.engine.compile.markers import Markers
-from flexmb.engine.compile.pool import Pool
+from flexmb.engine.compile.system import with_markers
 from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
-from flexmb.engine.tables import MARKER, System
+from flexmb.engine.tables import MARKER, Pool, System
 from flexmb.engine.work import new_work
 from flexmb.model import lookup
 from flexmb.model.bodies.body import InitialVelocity
@@ -67,13 +66,14 @@ class InitialVelocities:
     def __init__(self, compiled: Compiled, model: Model, metric: System) -> None:
         self._length, self._units = compiled.length, model.units
         self._bodies = compiled.layout.bodies
-        markers = Markers(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
+        markers = MarkerTable(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
         before = len(metric.parts.markers)
         self._prescribed = [
             _Prescribed(
                 _place(name, marker, marker in spec.initial),
                 markers.numbers[name],
-                before + markers.add(lookup.placed(model, f"{name}.{marker}", compiled.flexbodies)),
+                before
+                + markers.add(lookup.place_marker(model, f"{name}.{marker}", compiled.flexbodies)),
                 one,
             )
             for name, spec in model.bodies.items()
@@ -143,7 +143,7 @@ class InitialVelocities:
         return system._replace(parts=system.parts._replace(bodies=bodies))
 
     def _measure(self, state: State) -> None:
-        """Markers as they are and move in this state; the state is left as it is."""
+        """MarkerTable as they are and move in this state; the state is left as it is."""
         aside = state._replace(power=state.power.copy(), angles=state.angles.copy())
         solve_level(self._system, aside, self._work, BEGIN)
 

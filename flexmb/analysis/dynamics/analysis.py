@@ -14,9 +14,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.dynamics.contacts import Lifts
 from flexmb.analysis.dynamics.failure import gaps_at, n_kept, open_joint, reason
-from flexmb.analysis.dynamics.growth import Growth
 from flexmb.analysis.dynamics.passes import (
     error_statistics,
     limited_by_stability,
@@ -28,10 +26,15 @@ from flexmb.analysis.dynamics.passes import (
 from flexmb.analysis.dynamics.prepared import Prepared, prepared_run
 from flexmb.analysis.dynamics.run import Clock, Run
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid
-from flexmb.analysis.dynamics.signal_notes import SingularPoses, loop_notes
 from flexmb.analysis.dynamics.survey import needs_survey, survey
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.monitors import (
+    ContactLossMonitor,
+    GrowthMonitor,
+    SingularOrientationMonitor,
+    algebraic_loop_notes,
+)
 from flexmb.analysis.procedure import precheck
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -66,8 +69,8 @@ class _Watched:
     """A sink that shows its rows to those who look for singular poses and for growth."""
 
     sink: Sink
-    poses: SingularPoses
-    growth: Growth
+    poses: SingularOrientationMonitor
+    growth: GrowthMonitor
 
     def append(self, block: OutputBlock) -> None:
         self.poses.add(block)
@@ -139,7 +142,7 @@ def prepare(
     settings = loop_settings(compiled, spec, chosen, first.rank == n_free(compiled))
     progress("assemble", 1.0)
     clock.lap("assemble")
-    notes = [*first.assembled.notes, *_frictions(model), *first.notes, *loop_notes(model)]
+    notes = [*first.assembled.notes, *_frictions(model), *first.notes, *algebraic_loop_notes(model)]
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         shortened = f"from {spec.step:g} s to {grid.step:.6g} s"
         met = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
@@ -212,9 +215,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
     finished: Prepared | None = None  # the run before, if it came to its end
     while True:
         run = prepared.run
-        lifts = Lifts(run.compiled)
-        poses = SingularPoses(run.compiled.layout, prepared.model)
-        growth = Growth(run.compiled, prepared.model)
+        lifts = ContactLossMonitor(run.compiled)
+        poses = SingularOrientationMonitor(run.compiled.layout, prepared.model)
+        growth = GrowthMonitor(run.compiled, prepared.model)
         status, message = _integrate(prepared, _Watched(sink, poses, growth), progress, lifts)
         if status == _STIFF:
             # what the explicit method can't do is said by the other one
@@ -231,11 +234,11 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             finished, again = prepared, prepared.stricter(tolerance)
         sink.restart()
         prepared = again
-    notes += [*lifts.notes(), *poses.notes]
+    notes += [*lifts.notes(), *poses.notes()]
     if growth.sentence and growth.sentence != message:
         notes.append(growth.sentence)
     clock.lap("integrate")
-    replaced = int(run.state.count[method.FIXED_PIVOTS])
+    replaced = int(run.state.count[0]["regularised_pivots"])
     if replaced:
         notes.append(
             f"{replaced} pivots without digits were replaced: the steps are long, a body has no "
@@ -262,7 +265,7 @@ def dynamics(
 
 
 def _integrate(
-    prepared: Prepared, sink: _Watched, progress: Progress, lifts: Lifts
+    prepared: Prepared, sink: _Watched, progress: Progress, lifts: ContactLossMonitor
 ) -> tuple[str, str]:
     """The loop over chunks; a failure or an interruption keeps everything until then."""
     run, verified = prepared.run, prepared.verified
@@ -276,7 +279,7 @@ def _integrate(
             sink.save_state(prepared.saved())
             status, rows = run.advance(first=True) if verified is None else verified.march(True)
             for block in rows:
-                lifts.see(block)
+                lifts.add(block)
                 sink.append(block)
         while status == method.FINE and not run.finished:
             status, rows = run.advance() if verified is None else verified.march()
@@ -299,7 +302,7 @@ def _integrate(
     if status != method.FINE:
         if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
             run = verified.scout
-        at, step = float(run.state.t[0]), float(run.state.memory[method.STEP])
+        at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
         unstable = unstable_step(run, prepared.method, failed=True)
         if unstable:
             return "failed", f"at t = {at:.6g} s {unstable}"
@@ -307,13 +310,15 @@ def _integrate(
     return "finished", ""
 
 
-def _store(prepared: Prepared, blocks: list[OutputBlock], sink: Sink, lifts: Lifts) -> str:
+def _store(
+    prepared: Prepared, blocks: list[OutputBlock], sink: Sink, lifts: ContactLossMonitor
+) -> str:
     """Rows and state of the last chunk; the sentence of a mechanism that has come apart, or ""."""
     compiled = prepared.run.compiled
     for rows in blocks:
         whole = n_kept(compiled, rows)
         kept = rows.part(0, whole)
-        lifts.see(kept)
+        lifts.add(kept)
         sink.append(kept)
         if whole < len(rows.t):
             return open_joint(compiled, gaps_at(compiled, rows, whole), float(rows.t[whole]))
@@ -327,29 +332,29 @@ def _ten_times(run: Run) -> float:
 
 
 def _statistics(run: Run, clock: Clock) -> dict[str, float | int | str]:
-    count, memory = run.state.count, run.state.memory
+    count, memory = run.state.count[0], run.state.memory[0]
     fixed = run.settings.step > 0.0
     steps = (
         {"step_s": run.settings.step}
         if fixed
         else {
-            "rejected_steps": int(count[method.REJECTED]),
-            "smallest_step_s": float(memory[method.LEAST_STEP]),
-            "largest_step_s": float(memory[method.GREATEST_STEP]),
+            "rejected_steps": int(count["rejected"]),
+            "smallest_step_s": float(memory["smallest_step"]),
+            "largest_step_s": float(memory["largest_step"]),
             "ten_times_more_accuracy_costs": _ten_times(run),
         }
     )
-    estimate = {"estimated_error": float(memory[method.ERROR_SUM])}
+    estimate = {"estimated_error": float(memory["error_sum"])}
     return {
-        "steps": int(count[method.STEPS]),
+        "steps": int(count["steps"]),
         **steps,
         **({} if fixed or run.settings.refinement else estimate),
-        "failed_steps": int(count[method.FAILED]),
-        "newton_iterations": int(count[method.RESIDUALS]),
-        "factorisations": int(count[method.FACTORISATIONS]),
-        "replaced_pivots": int(count[method.FIXED_PIVOTS]),
-        **({"events": int(count[method.EVENTS])} if count[method.EVENTS] else {}),
-        **({"partitions": 1 + int(count[method.PARTITIONS])} if run.method.partitions else {}),
+        "failed_steps": int(count["failed"]),
+        "newton_iterations": int(count["residuals"]),
+        "factorisations": int(count["factorisations"]),
+        "replaced_pivots": int(count["regularised_pivots"]),
+        **({"events": int(count["events"])} if count["events"] else {}),
+        **({"partitions": 1 + int(count["partitions"])} if run.method.partitions else {}),
         "largest_position_drift": float(run.largest_drift[0]),
         "largest_velocity_drift": float(run.largest_drift[1]),
         "energy_balance_error": run.balance.relative,

@@ -18,10 +18,11 @@ from flexmb.engine.entries import RESIDUAL, solve_level
 from flexmb.engine.state import Work
 from flexmb.engine.status import sentence
 from flexmb.engine.work import new_state, new_work
-from flexmb.model.forces.force import JointSpringSpec, LineForceSpec, LoadSpec, SpringDamperSpec
+from flexmb.model.forces.load import LineForceSpec, LoadSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model
-from flexmb.model.sensors.signals import live_functions, resolved
+from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.results import OutputBlock
 
 __all__ = ["gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
@@ -71,7 +72,7 @@ def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> st
     if "feedback" not in compiled.system.kinds:
         return ""
     names = dict(zip(compiled.numbers, work.trial.variables[:, 0], strict=True))
-    for where, function in live_functions(model):
+    for where, function in feedback_functions(model):
         program = resolved(model, function.expression)
         used = {name: float(names[name]) for name in program.channels}
         if where.startswith("sensors.") or not all(map(math.isfinite, used.values())):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.layout import Layout
+from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
 from flexmb.model.sensors.sensor import channels_of, unit_of
 from flexmb.model.values.reading import Spec

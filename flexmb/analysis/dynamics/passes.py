@@ -9,7 +9,6 @@ from collections.abc import Iterator
 
 from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
 from flexmb.analysis.dynamics.run import Run
-from flexmb.engine import method
 from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD
 
 __all__ = [
@@ -71,7 +70,7 @@ def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:
     statistics: dict[str, float | int | str] = {
         "accuracy_asked": verified.kept.settings.accuracy,
         "passes": int(prepared.pace[1]),
-        "scout_steps": int(verified.scout.state.count[method.STEPS]),
+        "scout_steps": int(verified.scout.state.count[0]["steps"]),
     }
     for quantity, found in verified.errors().items():
         if quantity in ("positions", "velocities", "reactions"):
@@ -119,14 +118,14 @@ def may_change_method(prepared: Prepared) -> bool:
 
 def unstable_step(run: Run, name: str, failed: bool) -> str:
     """The sentence for steps that an explicit method is not stable with, or nothing."""
-    memory, steps, h = run.state.memory, run.state.count[method.STEPS], run.settings.step
+    memory, steps, h = run.state.memory[0], run.state.count[0]["steps"], run.settings.step
     share = _SELDOM if failed else _OFTEN
-    if h == 0.0 or memory[method.STIFF_STEPS] <= share * steps:
+    if h == 0.0 or memory["steps_at_stability_limit"] <= share * steps:
         return _DRIFTED if failed and run.method.stabilised else ""
     where = "beyond" if failed else "at"
     limit = f"the limit of stability of {name}"
-    if memory[method.STIFF_RATE] > 0.0:
-        longest = run.method.coefficients[0].stable / float(memory[method.STIFF_RATE])
+    if memory["fastest_rate"] > 0.0:
+        longest = run.method.coefficients[0].stable / float(memory["fastest_rate"])
         limit += f", about {longest:.1g} s at the fastest rate of this motion"
     rest = "" if failed else ", and the fastest vibrations may be wrong"
     return (
@@ -138,6 +137,6 @@ def unstable_step(run: Run, name: str, failed: bool) -> str:
 def limited_by_stability(prepared: Prepared) -> bool:
     """Whether stability, not accuracy, limits the steps of an explicit method."""
     run = prepared.run if prepared.verified is None else prepared.verified.scout
-    count, stiff = run.state.count, run.state.memory[method.STIFF_STEPS]
-    tried = count[method.STEPS] + count[method.REJECTED]
+    count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
+    tried = count["steps"] + count["rejected"]
     return may_change_method(prepared) and tried > _MANY and bool(stiff > _OFTEN * tried)

@@ -10,8 +10,8 @@ import numpy as np
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.control import round_off
-from flexmb.engine.layout import ENERGIES
 from flexmb.engine.state import Plan, State, Work
+from flexmb.engine.tables import ENERGIES
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, new_output, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
@@ -133,8 +133,8 @@ class Run:
 
     def _refuse_endless(self) -> None:
         """Stop a run whose rest would take far too many steps."""
-        done, t = int(self.state.count[method.STEPS]), float(self.state.t[0])
-        stiff = float(self.state.memory[method.STIFF_STEPS])
+        done, t = int(self.state.count[0]["steps"]), float(self.state.t[0])
+        stiff = float(self.state.memory[0]["steps_at_stability_limit"])
         if self._seen is None:
             self._seen = done, t, stiff
         steps, passed = done - self._seen[0], t - self._seen[1]

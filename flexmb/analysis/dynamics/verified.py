@@ -83,7 +83,7 @@ class VerifiedRun:
     @property
     def ratio(self) -> float:
         """Error of the scout over that of the kept run, which may add steps where it needs them."""
-        kept, scout = (run.state.count[method.STEPS] for run in (self.kept, self.scout))
+        kept, scout = (run.state.count[0]["steps"] for run in (self.kept, self.scout))
         finer = min(max(kept / max(scout, 1), 1.0), self.kept.settings.refinement)
         return float(finer**self.order)
 
@@ -128,7 +128,7 @@ class VerifiedRun:
 
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
         """Of rows of the kept run, those of its newest block."""
-        behind = int(self.kept.state.count[method.OUTPUTS])
+        behind = int(self.kept.state.count[0]["outputs"])
         return which[behind - len(block.t) : behind]
 
     def saved(self) -> dict[str, np.ndarray]:

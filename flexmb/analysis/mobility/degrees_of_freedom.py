@@ -28,7 +28,7 @@ from flexmb.analysis.assembly.positions import (
     length_corrector,
     nearby_poses,
 )
-from flexmb.analysis.assembly.rank import Decomposition, one_blas_thread
+from flexmb.analysis.assembly.rank import one_blas_thread
 from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
     driver_problems,
@@ -45,7 +45,6 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
-from flexmb.model.joints.drivers import DriverSpec
 from flexmb.model.model import Model
 
 
@@ -142,7 +141,7 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
     regular, *elsewhere = [
         one for one, rank in zip((pose, *others), ranks, strict=True) if rank == max(ranks)
     ]
-    n_scalars = int(np.sum(jacobian.scalar))
+    n_scalars, n_joint_rows = int(np.sum(jacobian.scalar)), int(np.sum(~jacobian.driven))
     mobility = Mobility(
         bodies=len(model.bodies),
         planar=model.plane is not None,
@@ -155,7 +154,7 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
         redundancies=redundancies(model, regular, elsewhere),
         undetermined=undetermined_reactions((elsewhere or [regular])[0]),
         motions=free_motions(model, regular, elsewhere),
-        as_rigid=_redundant_if_rigid(pose),
+        as_rigid=n_joint_rows - jacobian.without_modes().joint_decomposition.rank,
         notes=(),
     )
     return replace(mobility, notes=(*notes, *_notes(model, pose, mobility)))
@@ -197,7 +196,7 @@ def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> s
 def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
     """The closed pose, and what had to move for it; or the reason why there is none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
     weights = assembly_weights(model)
     start = length_corrector(compiled, state, weights)
     start.evaluate()
@@ -220,24 +219,11 @@ def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
     for path in dict.fromkeys(rows):
         section, _, name = path.partition(".")
         spec = getattr(model, section)[name]
-        kind = getattr(spec, "type", None) or _driven_coordinates(spec)
+        kind = getattr(spec, "type", None) or ", ".join(m.coordinate for m in spec.motions())
         count = rows.count(path) - scalars.count(path)
         if count:
             equations.append(Equations(path, kind, count))
     return tuple(equations)
-
-
-def _driven_coordinates(spec: DriverSpec) -> str:
-    return ", ".join(motion.coordinate for motion in spec.motions())
-
-
-def _redundant_if_rigid(pose: ConstraintPose) -> int:
-    """Redundant equations of the joints if no body could deform."""
-    jacobian = pose.jacobian
-    A, rank = jacobian.A[~jacobian.driven], jacobian.joint_decomposition.rank
-    if np.any(jacobian.modal):
-        rank = Decomposition.of(A[:, ~jacobian.modal]).rank
-    return len(A) - rank
 
 
 def _notes(model: Model, pose: ConstraintPose, mobility: Mobility) -> list[str]:

@@ -27,8 +27,14 @@ from flexmb.analysis.assembly.rank import (
     null_space,
     one_blas_thread,
 )
-from flexmb.analysis.mobility.joint_exchange import MACHINE_JOINTS, Weaker, fewest_exchanges
-from flexmb.analysis.mobility.redundancy import Exchange, scene_exchanges, weaker_choices
+from flexmb.analysis.mobility.redundancy import (
+    MACHINE_JOINTS,
+    Exchange,
+    Weaker,
+    fewest_exchanges,
+    scene_exchanges,
+    weaker_choices,
+)
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, Problem
 from flexmb.model.model import Model
@@ -123,7 +129,7 @@ def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -
     """
     if not model.drivers or compiled.layout.nv > MAX_COORDINATES:
         return gaps
-    pose = close_rows(ConstraintRows(compiled), compiled.placed, joint_rows(compiled))
+    pose = close_rows(ConstraintRows(compiled), compiled.initial_q, joint_rows(compiled))
     if pose is None:
         return gaps
     problems, _ = _driver_findings(model, pose, _always_redundant(pose), moment=0.0)

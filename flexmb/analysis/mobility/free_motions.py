@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintPose
 from flexmb.analysis.assembly.rank import null_space
-from flexmb.engine.layout import BodyColumns
+from flexmb.engine.tables import BodyColumns
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix

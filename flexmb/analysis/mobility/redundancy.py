@@ -1,41 +1,79 @@
 """Redundant equations by the joints that share them, cures, and reactions that are not unique.
 
-In: the weighted rows of a pose. Out: groups of joints whose equations repeat each other; for each
-the exchange of joints that removes them and frees no motion; and the components of reactions that
-the redundancy leaves undetermined: those that the null vectors of the transposed Jacobian change.
+In: the rows of a pose. Out: groups of joints whose equations depend on each other; for each the
+exchange of joints that removes them and frees no motion; and the components of reactions that the
+redundancy leaves undetermined: those that the null vectors of the transposed Jacobian change.
+
+A weaker joint constrains a part of what a joint does: its rows are combinations T of the rows of
+the joint, computed from their gradients, so nothing is tabulated. With the left null space N of the
+Jacobian and K the combinations of the joint's rows that the weaker one releases, rows K N become
+free: the redundancy that is left is that of N less the rank of all K N together, and the motion
+stays as it is if as many equations are released as redundancy goes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, islice, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import ConstraintPose, element, elements, plain_name
-from flexmb.analysis.assembly.rank import Decomposition, connected_sets, null_space
-from flexmb.analysis.mobility.joint_exchange import (
-    MACHINE_JOINTS,
-    Weaker,
-    fewest_exchanges,
-    greedy_exchanges,
-    released_rows,
-    turned_axes,
-    weaker_joints,
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    element,
+    elements,
+    plain_name,
+    row_gradient,
 )
-from flexmb.engine.compile.joints.joint_rows import JOINT_ROWS
-from flexmb.model.joints.gearing import terms_of
+from flexmb.analysis.assembly.rank import Decomposition, null_space
+from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
 from flexmb.model.values.names import GROUND
 
 Array = NDArray[np.float64]
+Turns = tuple[int, int]
 _CHANGED = 1e-6  # share of the largest change of a reaction that is round-off
 _MAX_EXCHANGES = 2  # of any joints
 _MAX_MACHINE_EXCHANGES = 4  # of joints that machines have
 _COMPONENTS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in "xyz")
+_PART = 1e-9  # of a gradient that may be outside of the rows it is a part of
+_RANK = 1e-6  # of the combinations that exchanges release, which are of size one
+_MAX_TRIALS = 20_000
+_MAX_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
+_REMOVAL_COST = 50  # of a joint: the last resort
+MACHINE_JOINTS = ("spherical", "cylindrical", "universal", "revolute", "prismatic")
+"""Joints that are bought or made as such; the others are conditions."""
+
+_PREFERRED = (
+    *MACHINE_JOINTS, "in-line", "planar", "revolute-spherical", "prismatic-spherical", "distance",
+    "constant-velocity", "in-plane",
+)  # fmt: skip
+_X_FIRST = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # columns: the triad's y, z, x
+_Y_FIRST = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])  # columns: the triad's z, x, y
+_TURNS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the turned triad: z, x, y
+
+
+@dataclass(frozen=True)
+class Weaker:
+    """A joint in place of another, no type: none; `turns` of the joint's triads lead to its own.
+
+    `released` (d, rows of the joint) are the combinations of rows that go.
+    """
+
+    joint: str
+    type: str
+    turns: Turns
+    released: Array
+    cost: int
+
+    @property
+    def drops(self) -> int:
+        """Number of equations that go."""
+        return len(self.released)
 
 
 @dataclass(frozen=True)
@@ -94,21 +132,21 @@ def redundancies(
     others : sequence of ConstraintPose
         Other poses, in which a cure must cure as well.
     """
-    owners, circuits = np.array(pose.jacobian.owners), pose.jacobian.joint_circuits
-    sets = [frozenset(np.flatnonzero(circuit).tolist()) for circuit in circuits]
-    by_joint = [frozenset(_numbers(owners, members)) for members in sets]
+    jacobian, circuits = pose.jacobian, pose.jacobian.joint_circuits
+    if not len(circuits):
+        return ()
+    from scipy.sparse.csgraph import connected_components  # takes time, and is seldom needed
+
+    names = tuple(dict.fromkeys(jacobian.owners))
+    shares = np.array([np.any(circuits[:, jacobian.rows_of(name)], axis=1) for name in names])
     groups = []
-    for indices in connected_sets(by_joint):
-        mine = circuits[indices]
-        names = tuple(dict.fromkeys(owners[np.abs(mine).max(axis=0) > 0].tolist()))
-        cures = _cures(model, pose, names, mine, others) or _without_couplers(model, pose, mine)
-        groups.append(Redundancy(elements(names), len(indices), cures))
+    n, label = connected_components(shares.T @ shares)  # of circuits that share a joint
+    for k in range(n):
+        mine = circuits[label == k]
+        joints = tuple(np.array(names)[shares[:, label == k].any(axis=1)].tolist())
+        cures = _cures(model, pose, joints, mine, others) or _without_couplers(model, pose, mine)
+        groups.append(Redundancy(elements(joints), len(mine), cures))
     return tuple(groups)
-
-
-def _numbers(owners: NDArray[np.str_], members: frozenset[int]) -> set[int]:
-    """First row of the owner of each row: a number for the owner."""
-    return {int(np.flatnonzero(owners == owners[k])[0]) for k in members}
 
 
 def _cures(
@@ -170,42 +208,180 @@ def _cured(
     N = Decomposition.of(jacobian.A[rows]).circuits
     freed = []
     for weaker in cure:
-        mine, markers = jacobian.rows_of(weaker.joint), pose.markers_of(weaker.joint)
-        g = pose.weighted_g[mine]
-        released = released_rows(weaker.type, weaker.turns, g, markers, _used_motions(model))
+        released = _released_rows(model, pose, weaker.joint, weaker.type, weaker.turns)
         if released is None:
             return False
-        freed.append(released @ N[:, mine[rows]].T)
+        freed.append(released @ N[:, jacobian.rows_of(weaker.joint)[rows]].T)
     return len(N) == drops and Decomposition.of(np.vstack(freed)).rank == drops
 
 
 def weaker_choices(
     model: Model, pose: ConstraintPose, names: tuple[str, ...]
 ) -> dict[str, list[Weaker]]:
-    """What each of the joints can be exchanged for; drivers and springs keep their coordinates."""
+    """What each of the joints can be exchanged for, the most usual ones first, removal last.
+
+    Drivers and springs keep their coordinates.
+    """
     choices, jacobian = {}, pose.jacobian
     for name in names:
         joint, rows = plain_name(name), jacobian.rows_of(name)
         if joint not in model.joints or np.any(jacobian.A[np.ix_(rows, jacobian.scalar)]):
             continue  # screws and curves have nothing weaker of their kind
-        needed = _used_coordinates(model, joint)
-        types = [
-            row.name
-            for row in JOINT_TYPES.values()
-            if row.name != model.joints[joint].type
-            and len(JOINT_ROWS.get(row.name, ())) == row.equations  # primitives and nothing else
-            and needed <= set(row.coordinates)
-            and (model.plane is None or row.planar_equations is not None)
-        ]
-        g, markers = pose.weighted_g[rows], pose.markers_of(name)
-        options = weaker_joints(name, types, g, markers, _used_motions(model))
-        on_ground = any(end.partition(".")[0] == GROUND for end in model.joints[joint].between)
-        choices[name] = [
-            replace(weaker, cost=weaker.cost + on_ground)  # bearings of the frame stay if they can
-            for weaker in options
-            if weaker.type or not needed
-        ]
+        needed, spec = _used_coordinates(model, joint), model.joints[joint]
+        on_ground = any(end.partition(".")[0] == GROUND for end in spec.between)
+        options: list[Weaker] = []
+        for row in JOINT_TYPES.values():
+            primitive = len(JOINT_ROWS.get(row.name, ())) == row.equations
+            in_plane = model.plane is None or row.planar_equations is not None
+            if primitive and in_plane and row.name != spec.type and needed <= set(row.coordinates):
+                _add_placements(model, pose, name, row.name, options)
+        if not needed:
+            options.append(Weaker(name, "", (0, 0), np.eye(int(rows.sum())), _REMOVAL_COST))
+        # bearings of the frame stay if they can
+        options = [replace(weaker, cost=weaker.cost + on_ground) for weaker in options]
+        choices[name] = sorted(options, key=lambda weaker: weaker.cost)
     return choices
+
+
+def _add_placements(
+    model: Model, pose: ConstraintPose, joint: str, kind: str, options: list[Weaker]
+) -> None:
+    """Add a joint type with all turns of its axes that constrain a part of what a joint does."""
+    cost = _PREFERRED.index(kind) if kind in _PREFERRED else len(_PREFERRED)
+    for turns in _placements(kind):
+        released = _released_rows(model, pose, joint, kind, turns)
+        if released is not None and not any(_same(released, one.released) for one in options):
+            extra = 3 * (turns[0] + (turns[1] != turns[0]))
+            options.append(Weaker(joint, kind, turns, released, cost + extra))
+
+
+def _placements(kind: str) -> tuple[Turns, ...]:
+    """Which turns of the two triads to try."""
+    if kind in ("universal", "revolute-universal", "perpendicular"):
+        return ((0, 1), (0, 2), (1, 0), (2, 0))
+    return ((0, 0),) if kind in ("spherical", "distance", "fixed") else ((0, 0), (1, 1), (2, 2))
+
+
+def _released_rows(
+    model: Model, pose: ConstraintPose, joint: str, kind: str, turns: Turns
+) -> Array | None:
+    """Combinations (d, n) of the n rows of a joint that a type releases; None if it is no part.
+
+    Without a type, all.
+    """
+    g = pose.weighted_g[pose.jacobian.rows_of(joint)]
+    if not kind:
+        return np.eye(len(g))
+    used, rows = _used_motions(model), JOINT_ROWS.get(kind, ())
+    if used.all() and len(rows) >= len(g):
+        return None
+    xi, Ri, xj, Rj = pose.markers_of(joint)
+    A, B = (R @ _TURNS[k] for R, k in zip((Ri, Rj), turns, strict=True))
+    other = np.array([row_gradient(row[:3], xi, A, xj, B)[used] for row in rows])
+    if not other.size or not np.all(np.isfinite(other)):
+        return None
+    other, g = other[np.abs(other).max(axis=1) > _PART], g[:, used]
+    if not 0 < len(other) < len(g):
+        return None
+    T = np.linalg.lstsq(g.T, other.T, rcond=None)[0].T
+    left = np.abs(T @ g - other).max()
+    _, size, Vt = np.linalg.svd(T)
+    if left > _PART * np.abs(g).max() or size[-1] < _RANK * size[0]:
+        return None
+    return np.asarray(Vt[len(T) :])
+
+
+def _same(A: Array, B: Array) -> bool:
+    """Whether two sets of orthonormal rows span the same."""
+    return len(A) == len(B) and bool(np.allclose(A.T @ A, B.T @ B, atol=1e-9))
+
+
+Choices = Mapping[str, Sequence[Weaker]]
+Fits = Callable[[tuple[Weaker, ...]], bool]
+
+
+def fewest_exchanges(
+    choices: Choices,
+    N: Mapping[str, Array],
+    drops: int,
+    max_exchanges: int,
+    fits: Fits | None = None,
+) -> tuple[Weaker, ...] | None:
+    """The fewest exchanges, of the most usual joints, that release `drops` equations.
+
+    None as well where there are too many to go through.
+
+    Parameters
+    ----------
+    choices : mapping of str to sequence of Weaker
+        What each joint can be exchanged for.
+    N : mapping of str to (rows, r) float
+        Rows of the left null space by joint.
+    drops : int
+        Equations to release, the r redundant ones among them.
+    max_exchanges : int
+        Exchanges at most.
+    fits : callable, optional
+        Whether a solution will do.
+    """
+    r = next(iter(N.values())).shape[1]
+    for n in range(1, min(len(choices), drops, max_exchanges) + 1):
+        if _count(choices, n) > _MAX_CANDIDATES:
+            break
+        for trial in islice(_by_cost(choices, n, drops), _MAX_TRIALS):
+            if (not r or _freed_rank(trial, N) == r) and (fits is None or fits(trial)):
+                return trial
+    return None
+
+
+def greedy_exchanges(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, ...] | None:
+    """Exchanges that free the null space N, each the one that frees most and nothing else.
+
+    For many joints; not always the fewest.
+    """
+    r = next(iter(N.values())).shape[1]
+    cure: tuple[Weaker, ...] = ()
+    free = {joint: list(options) for joint, options in choices.items()}
+    rank = 0
+    while rank < r:
+        useful = [
+            (-weaker.drops, weaker.cost, k, (*cure, weaker))
+            for k, weaker in enumerate(w for options in free.values() for w in options)
+            if rank + weaker.drops <= r and _freed_rank((*cure, weaker), N) == rank + weaker.drops
+        ]
+        if not useful:
+            return None
+        cure = min(useful)[3]
+        rank += cure[-1].drops
+        del free[cure[-1].joint]
+    return cure
+
+
+def _freed_rank(cure: Sequence[Weaker], N: Mapping[str, Array]) -> int:
+    """How much of the null space the exchanges free."""
+    freed = np.vstack([weaker.released @ N[weaker.joint] for weaker in cure])
+    return int(np.linalg.matrix_rank(freed, tol=_RANK))
+
+
+def _count(choices: Choices, n: int) -> int:
+    """In how many ways n joints can be exchanged: an elementary symmetric polynomial."""
+    counts = [1] + n * [0]
+    for options in choices.values():
+        for k in range(n, 0, -1):
+            counts[k] += counts[k - 1] * len(options)
+    return counts[n]
+
+
+def _by_cost(choices: Choices, n: int, drops: int) -> Iterator[tuple[Weaker, ...]]:
+    """Exchanges of n joints that release so many equations, the most usual ones first."""
+    exchangeable = [joint for joint, options in choices.items() if options]
+    trials = [
+        picked
+        for joints in combinations(exchangeable, n)
+        for picked in product(*(choices[joint] for joint in joints))
+        if sum(weaker.drops for weaker in picked) == drops
+    ]
+    return iter(sorted(trials, key=lambda picked: sum(weaker.cost for weaker in picked)))
 
 
 def _used_coordinates(model: Model, joint: str) -> set[str]:
@@ -213,7 +389,7 @@ def _used_coordinates(model: Model, joint: str) -> set[str]:
     specs = (*model.drivers.values(), *model.forces.values(), *model.sensors.values())
     using = [spec for spec in specs if getattr(spec, "joint", None) == joint]
     used = {str(getattr(spec, "coordinate", "angle")) for spec in using}
-    coupled = [term for spec in model.couplers.values() for term in terms_of(spec)]
+    coupled = [term for spec in model.couplers.values() for term in spec.coordinates]
     return used | {coordinate for name, coordinate in coupled if name == joint}
 
 
@@ -234,14 +410,16 @@ def scene_exchanges(
     exchanges = []
     for weaker in cure:
         _, Ri, _, Rj = pose.markers_of(weaker.joint)
-        axes = (None if axis is None else _rounded(axis) for axis in turned_axes(weaker, Ri, Rj))
+        i, j = weaker.turns
+        first = _rounded(Ri @ _TURNS[i]) if i or j else None
+        second = _rounded(Rj @ _TURNS[j]) if i != j else None
         old = model.joints[plain_name(weaker.joint)].type
-        exchanges.append(Exchange(weaker.joint, old, weaker.type, *axes))
+        exchanges.append(Exchange(weaker.joint, old, weaker.type, first, second))
     return tuple(exchanges)
 
 
-def _rounded(axis: Array) -> tuple[float, ...]:
-    return tuple(round(float(c), 6) + 0.0 for c in axis)
+def _rounded(R: Array) -> tuple[float, ...]:
+    return tuple(round(float(c), 6) + 0.0 for c in R[:, 2])
 
 
 def undetermined_reactions(pose: ConstraintPose) -> tuple[Undetermined, ...]:

@@ -17,6 +17,10 @@ the change of the integrals with the deformation. All exact.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from flexmb.engine.algebra.blocks import add_body_block, add_column
 from flexmb.engine.algebra.vector import (
     add_part,
@@ -34,6 +38,7 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.bodies.rigid_body import (
+    Array,
     Bodies,
     frame_energy,
     prepare_rigid,
@@ -47,6 +52,9 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
 
 
 @unit
@@ -335,3 +343,23 @@ FLEXIBLE_BODIES = Kind(
     },
     stiff=True,
 )
+
+
+def modal_block(body: FlexBody) -> Array:
+    """The numbers of `tables.FLEX_LAYOUT` in one row."""
+    M = body.Mab
+    turned = np.concatenate([M[b, a] for a in range(3) for b in range(3)])
+    gyroscopic = np.concatenate([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
+    damping = np.zeros_like(body.K) if body.D is None else body.D
+    parts = (body.p, body.P, turned, gyroscopic, body.M_eta, body.K, damping)
+    return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
+
+
+def modal_reach(body: FlexBody) -> Array:
+    """Largest displacement anywhere on the body per unit of each modal coordinate (m,)."""
+    fields = [interface.Phi_t for interface in body.interfaces]
+    if body.surface is not None:
+        fields.extend(body.surface.modes)
+    if not fields:
+        return np.sqrt(np.diag(body.M_eta) / body.mass)
+    return np.linalg.norm(np.stack(fields), axis=1).max(axis=0)

@@ -17,7 +17,11 @@ Coordinates out of the plane stay as they are, and their residual is zero.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.engine.algebra.blocks import add_body_block, add_column, add_skew
 from flexmb.engine.algebra.rotation import rotation_matrix, transform
@@ -40,6 +44,9 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
 from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.model.bodies.body import RigidBodySpec
 
 
 class Bodies(NamedTuple):
@@ -286,3 +293,25 @@ PLANAR_BODIES = Kind(
         "energy": rigid_energies,
     },
 )
+
+Array = NDArray[np.float64]
+
+
+def mass_properties(specs: Sequence[RigidBodySpec]) -> tuple[Array, Array, Array]:
+    """Mass (n,), centre (n, 3) and inertia about it (n, 3, 3) of rigid bodies."""
+    of = [spec.mass_properties for spec in specs]
+    center = np.array([each.center for each in of]).reshape(-1, 3)
+    inertia = np.array([each.inertia for each in of]).reshape(-1, 3, 3)
+    return np.array([each.mass for each in of]), center, inertia
+
+
+def second_moments(specs: Sequence[RigidBodySpec]) -> tuple[Array, Array, Array]:
+    """Mass (n,), first (n, 3) and second moment ∫ρ s sᵀ (n, 3, 3) of rigid bodies about their
+    origins.
+
+    A mass distribution with inertia J about its centre has the second moment ½ tr(J) I − J.
+    """
+    mass, c, J = mass_properties(specs)
+    second = 0.5 * np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J
+    first = mass[:, None] * c
+    return mass, first, second + mass[:, None, None] * (c[:, :, None] * c[:, None, :])

@@ -1,27 +1,167 @@
-"""The order of the equations: blocks of the KKT matrix, and where every table stands in it."""
+"""The tables of a model, and the order of its equations: the blocks of the KKT matrix."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.gather import Gathered
-from flexmb.engine.compile.joints.groups import Groups, couples, follow_table
-from flexmb.engine.compile.lowering import Placement
-from flexmb.engine.compile.planar import planar_columns
+from flexmb.engine.bodies.flexible_body import modal_block
+from flexmb.engine.bodies.marker import MarkerTable
+from flexmb.engine.bodies.rigid_body import second_moments
+from flexmb.engine.compile.sensors import feedback, sensor
+from flexmb.engine.geometry import Geometry
+from flexmb.engine.joints.constraint_groups import (
+    Groups,
+    coupled_bodies,
+    follow_table,
+    groups_within_bodies,
+    joint_groups,
+    scalar_coordinates,
+)
+from flexmb.engine.joints.coordinate import coordinate_table
 from flexmb.engine.kinds import KINDS
+from flexmb.engine.lowering import Lowering, Placement
+from flexmb.engine.sensor_kinds import WRENCH
+from flexmb.engine.sensor_tables import Feedback, Sensors
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import GROUP, Kkt
+from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody import FlexBody
+from flexmb.model.bodies.body import BodySpec, RigidBodySpec
 from flexmb.model.model import Model
+from flexmb.model.plane import normal_in_body, plane_axes
+from flexmb.model.sensors.channels import resolved, states_of
 
-__all__ = ["Ordered", "put_in_order"]
+Table = NDArray[np.void]
 
 
 @dataclass(frozen=True)
-class Ordered:
+class SensorTables:
+    """Tables of sensors; channels and states by number; functions that act by what they read."""
+
+    sensors: Sensors
+    numbers: Mapping[str, int]
+    starts: tuple[feedback.Start, ...]
+    feedback: feedback.FeedbackTables | None
+
+
+@dataclass(frozen=True)
+class ModelTables:
+    """All tables of a model; places in the factor are still open.
+
+    The scalar coordinates of curve markers are the last ones, from number `before` on. `kinds` are
+    the tables of the kinds that the model holds, by name; `ground` (n, 3) are the points of the
+    ground that joints and forces hold on to.
+    """
+
+    bodies: Table
+    lowering: Lowering
+    before: int
+    coordinates: Table
+    kinds: dict[str, Any]
+    ground: NDArray[np.float64]
+    sensors: SensorTables
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.lowering.model
+
+    @property
+    def markers(self) -> MarkerTable:
+        """The markers."""
+        return self.lowering.markers
+
+    @property
+    def functions(self) -> Functions:
+        """The functions."""
+        return self.lowering.functions
+
+    @property
+    def groups(self) -> Groups:
+        """The groups of constraint rows."""
+        return self.lowering.groups
+
+    @property
+    def nq(self) -> int:
+        """Position coordinates of the bodies."""
+        return int((7 + self.bodies["m"]).sum())
+
+    @property
+    def nv(self) -> int:
+        """Velocity coordinates of the bodies."""
+        return int((6 + self.bodies["m"]).sum())
+
+
+def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTables:
+    """All tables of a model that holds together.
+
+    Raises
+    ------
+    SceneError
+        A joint or driver between two markers of one body, or what only the geometry tells.
+    """
+    functions = Functions(lambda expression: resolved(model, expression))
+    markers = MarkerTable(list(model.bodies), Pool())
+    bodies = body_table(model, flexbodies, markers.pool)
+    states = states_of(model)
+    scalars = scalar_coordinates(model, functions, states)
+    groups = joint_groups(model, flexbodies, markers, functions, scalars)
+    if names := groups_within_bodies(groups):
+        raise SceneError.from_problems(
+            [Problem(name.split(":")[0], "connects a body with itself") for name in names]
+        )
+    before = len(scalars)
+    scalars = scalars + groups.curve_points.scalars()
+    nq, nv = int((7 + bodies["m"]).sum()), int((6 + bodies["m"]).sum())
+    table = coordinate_table(scalars, nq, nv)
+    lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
+    kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
+    kinds = {name: tables for name, tables in kinds.items() if tables is not None}
+    ground = markers.on_ground()
+    ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
+    starts = tuple(feedback.starts(states, ivs, functions))
+    reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
+    sensors, numbers = sensor.sensor_tables(lowering, reading, ivs, (nq + before, nv + before))
+    acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
+    signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
+    if signals is not None:
+        _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
+    tables = SensorTables(sensors, numbers, starts, signals)
+    return ModelTables(bodies, lowering, before, table, kinds, ground, tables)
+
+
+def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> NDArray[np.void]:
+    """BODY rows in the order of the model; panels are filled in later."""
+    table = np.zeros(len(model.bodies), BODY)
+    flexible = {k: flexbodies[name] for k, name in enumerate(model.bodies) if name in flexbodies}
+    rigid = [k for k in range(len(table)) if k not in flexible]
+    specs = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
+    table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(specs)
+    for k, body in flexible.items():
+        row = table[k]
+        row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
+        row["flex"] = pool.add(modal_block(body))
+        row["damped"] = int(body.D is not None and np.any(body.D))
+    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
+        table[name] = np.cumsum(n) - n
+    return table
+
+
+def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:
+    """The axes of joints matter whose reactions act, in their axes, while the model moves."""
+    for channel in sensors.channels[acting.channels]:
+        if channel["what"] == WRENCH and channel["kind"] == joints:
+            for row in lowering.groups.in_group(int(channel["first"])):
+                lowering.markers.framed |= {row.I, row.J}
+
+
+@dataclass(frozen=True)
+class EquationOrder:
     """The factorisation, and the tables that only then are known."""
 
     kkt: Kkt
@@ -30,14 +170,31 @@ class Ordered:
     curve_markers: NDArray[np.void]
 
 
-def put_in_order(of: Gathered) -> Ordered:
+def order_equations(of: ModelTables) -> EquationOrder:
     """Order the equations; tells all tables where their blocks are."""
     symbolic = analyse(_blocks(of))
     groups, follows = _place_groups(of, symbolic), follow_table(of.groups)
     _place_coordinates(follows, groups, of.coordinates, symbolic)
     _place_kinds(of, symbolic)
-    curve_markers = of.groups.sliders.table(of.groups.groups, len(of.bodies), symbolic, of.before)
-    return Ordered(symbolic.kkt, groups, follows, curve_markers)
+    curve_markers = of.groups.curve_points.table(
+        of.groups.groups, len(of.bodies), symbolic, of.before
+    )
+    return EquationOrder(symbolic.kkt, groups, follows, curve_markers)
+
+
+def normal_axis(spec: BodySpec, plane: str) -> int:
+    """The axis of a body that points along the normal of the plane, or against it."""
+    return int(np.argmax(np.abs(normal_in_body(spec, plane))))
+
+
+def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
+    """Column of each velocity coordinate of a body with m modes, −1 out of the plane."""
+    first, second, _ = plane_axes(plane)
+    about = normal_axis(spec, plane)
+    columns = [-1] * 6
+    for k, coordinate in enumerate((first, second, 3 + about)):
+        columns[coordinate] = m + k
+    return [*columns, *range(m)]
 
 
 def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
@@ -49,7 +206,7 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     return [planar_columns(spec, plane, m) for spec, m in zip(specs, numbers, strict=True)]
 
 
-def _coupled_rows(of: Gathered) -> list[tuple[Any, str, int, int]]:
+def _coupled_rows(of: ModelTables) -> list[tuple[Any, str, int, int]]:
     """Every row of a kind that couples two bodies: the row, its field, the two markers."""
     return [
         (row, field, int(row[i]), int(row[j]))
@@ -61,9 +218,9 @@ def _coupled_rows(of: Gathered) -> list[tuple[Any, str, int, int]]:
     ]
 
 
-def _blocks(of: Gathered) -> Blocks:
+def _blocks(of: ModelTables) -> Blocks:
     groups, bodies, markers = of.groups, _columns(of.model, of.bodies), of.markers
-    pairs = couples(groups)
+    pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
     follows = [
         {c for row in groups.in_group(k) for c, _ in row.entry.follows}
@@ -71,28 +228,28 @@ def _blocks(of: Gathered) -> Blocks:
     ]
     for group, coordinate in of.lowering.reaction_loads:
         follows[group].add(coordinate)
-    sliders, first = groups.sliders, len(bodies) + of.before
-    pairs += sliders.couples(groups.groups, first)
-    pairs += [] if of.measured.feedback is None else of.measured.feedback.couples
+    curve_points, first = groups.curve_points, len(bodies) + of.before
+    pairs += curve_points.couples(groups.groups, first)
+    pairs += [] if of.sensors.feedback is None else of.sensors.feedback.couples
     return Blocks(
         columns=bodies + [[0]] * len(of.lowering.scalars),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
         couples=[(i, j) for i, j in pairs if i != j],
-        group_sliders=_group_sliders(groups, first),
+        group_sliders=_group_curve_points(groups, first),
     )
 
 
-def _group_sliders(groups: Groups, first: int) -> list[tuple[int, ...]]:
+def _group_curve_points(groups: Groups, first: int) -> list[tuple[int, ...]]:
     """Blocks of the curve markers of each group; `first` is that of the first of all."""
     blocks: list[tuple[int, ...]] = [()] * len(groups.groups)
-    for k, slider in enumerate(groups.sliders.found):
+    for k, slider in enumerate(groups.curve_points.points):
         blocks[slider.group] += (first + k,)
     return blocks
 
 
-def _place_groups(of: Gathered, symbolic: Symbolic) -> NDArray[np.void]:
+def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
     """GROUP rows; tells bodies where their blocks are."""
     groups = of.groups
     of.bodies["panel"] = symbolic.panel_of[: len(of.bodies)]
@@ -116,7 +273,7 @@ def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
         follow["link"] = symbolic.coordinate_links[pair]
 
 
-def _place_kinds(of: Gathered, symbolic: Symbolic) -> None:
+def _place_kinds(of: ModelTables, symbolic: Symbolic) -> None:
     """Tell all kinds where their blocks are."""
     placement = Placement(symbolic, of.markers, len(of.bodies))
     for row, field, i, j in _coupled_rows(of):
@@ -124,5 +281,5 @@ def _place_kinds(of: Gathered, symbolic: Symbolic) -> None:
     for kind in KINDS:
         if kind.place is not None and kind.name in of.kinds:
             kind.place(of.kinds[kind.name], placement)
-    if of.measured.feedback is not None:
-        of.measured.feedback.place(symbolic)
+    if of.sensors.feedback is not None:
+        of.sensors.feedback.place(symbolic)

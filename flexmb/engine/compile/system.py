@@ -1,44 +1,55 @@
-"""Compile a model: check it, gather its tables, put its equations in order, name the columns."""
+"""Compile a model: check it, build its tables, put its equations in order, name the columns."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile import bodies as body_tables
-from flexmb.engine.compile.core import core_tables
-from flexmb.engine.compile.gather import Gathered, gather
-from flexmb.engine.compile.joints.coordinates import unit_weight
-from flexmb.engine.compile.joints.curves import Contact
-from flexmb.engine.compile.joints.groups import row_table, row_weights
-from flexmb.engine.compile.lowering import Element
-from flexmb.engine.compile.ordering import Ordered, put_in_order
-from flexmb.engine.compile.planar import normal_axis
+from flexmb.engine.bodies.marker import Markers
+from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
+from flexmb.engine.compile.ordering import (
+    EquationOrder,
+    ModelTables,
+    build_tables,
+    normal_axis,
+    order_equations,
+)
 from flexmb.engine.compile.sensors import feedback
-from flexmb.engine.compile.sizes import body_weights, model_length
-from flexmb.engine.compile.time_events import time_event_table
 from flexmb.engine.functions import lower
-from flexmb.engine.kernels.functions.function import PIECEWISE
-from flexmb.engine.layout import ENERGIES, BodyColumns, Layout
-from flexmb.engine.tables import Parts, System
+from flexmb.engine.geometry import body_weights, initial_positions, model_length
+from flexmb.engine.joints.constraint import ConstraintRows, Joints
+from flexmb.engine.joints.constraint_groups import row_table, row_weights
+from flexmb.engine.joints.coordinate import Coordinates, unit_weight
+from flexmb.engine.joints.curve_marker import Contact, CurveMarkers
+from flexmb.engine.joints.point_joint import PointJoints
+from flexmb.engine.kernels.functions.function import PIECEWISE, FunctionTable
+from flexmb.engine.kernels.functions.time_function import TimeFunctions
+from flexmb.engine.kernels.sensors.row_measure import JointAngles
+from flexmb.engine.kernels.sensors.turning import TurningAngles
+from flexmb.engine.lowering import Element
+from flexmb.engine.row_kinds import POINT
+from flexmb.engine.sensor_kinds import JOINT_ANGLE, TURNING_CHANNEL
+from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.tables import ENERGIES, BodyColumns, Layout, Parts, System
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar_body import planar_body
 from flexmb.model import lookup
+from flexmb.model.functions.derivatives import derivative_jumps
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
-
-__all__ = ["Compiled", "compile_system", "fingerprint"]
+from flexmb.model.tasks.dynamics import DynamicsSpec
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A system ready to run: tables, names, placed pose, size of the model [m], reduced bodies.
+    """A system ready to run: tables, names, initial pose, size of the model [m], reduced bodies.
 
     `functions` are the functions of time as expressions, by the index that the tables use.
     `contacts` are the joints that can only push, cams with their followers.
@@ -46,7 +57,7 @@ class Compiled:
 
     system: System
     layout: Layout
-    placed: NDArray[np.float64]
+    initial_q: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
@@ -71,54 +82,54 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     SceneError
         Everything that does not fit together.
     """
-    known = _known_bodies(model, dict(flexbodies or {}))
-    model.validate(known)
+    bodies = _flexible_bodies(model, dict(flexbodies or {}))
+    model.validate(bodies)
     if not model.bodies:
         raise SceneError("the model has no bodies")
-    found = gather(model, known)
-    length = model_length(model, known, found.ground)
-    system = _system(found, put_in_order(found), length)
-    sliders = found.groups.sliders
-    begin = np.append(np.zeros(found.before), sliders.starts())
+    tables = build_tables(model, bodies)
+    length = model_length(model, bodies, tables.ground)
+    system = _system(tables, order_equations(tables), length)
+    curve_points = tables.groups.curve_points
+    places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
     return Compiled(
         system,
-        _layout(found, system),
-        np.append(body_tables.placed_positions(model, found.bodies), begin),
+        _layout(tables, system),
+        np.append(initial_positions(model, tables.bodies), places),
         length,
-        known,
-        functions=tuple(found.functions.programs),
-        contacts=tuple(sliders.contacts),
-        starts=found.measured.starts,
-        numbers=tuple(found.measured.numbers),
-        elements=found.lowering.elements,
+        bodies,
+        functions=tuple(tables.functions.programs),
+        contacts=tuple(curve_points.contacts),
+        starts=tables.sensors.starts,
+        numbers=tuple(tables.sensors.numbers),
+        elements=tables.lowering.elements,
     )
 
 
-def _known_bodies(model: Model, known: dict[str, FlexBody]) -> dict[str, FlexBody]:
-    """All flexible bodies that are known, in a plane those of their motions in it."""
+def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
+    """All flexible bodies there are; in a plane, those with their motions in it alone."""
     for name in model.bodies:
-        held = lookup.flexbody_of(model, name, known)
-        if held is not None:
-            known[name] = held
+        body = lookup.flexbody_of(model, name, bodies)
+        if body is not None:
+            bodies[name] = body
     if model.plane is None:
-        return known
+        return bodies
     return {
         name: planar_body(body, normal_in_body(model.bodies[name], model.plane))
-        for name, body in known.items()
+        for name, body in bodies.items()
     }
 
 
-def _system(of: Gathered, order: Ordered, length: float) -> System:
-    model, lowering, measured = of.model, of.lowering, of.measured
-    n_functions, signals = len(of.functions.programs), measured.feedback
+def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
+    model, lowering, sensors = of.model, of.lowering, of.sensors
+    n_functions, signals = len(of.functions.programs), sensors.feedback
     scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
     gravity = np.array(model.gravity or (0.0,) * 3)
     of.markers.frame_together([(row.I, row.J) for row in of.groups.rows])
     markers, pool = of.markers.table(), of.markers.pool.array()
     parts = Parts(of.bodies, pool, markers, gravity, of.coordinates, order.curve_markers)
     rows = row_table(of.groups, 6 + of.bodies["m"], n_functions)
-    functions = lower(of.functions.programs, measured.numbers)
-    core = core_tables(parts, rows, order.groups, functions, measured.sensors, _plane(model))
+    functions = lower(of.functions.programs, sensors.numbers)
+    core = core_tables(parts, rows, order.groups, functions, sensors.sensors, _plane(model))
     kinds = core | of.kinds
     if signals is not None:
         kinds["feedback"] = signals.feedback
@@ -128,16 +139,84 @@ def _system(of: Gathered, order: Ordered, length: float) -> System:
         follows=order.follows,
         groups=order.groups,
         kkt=order.kkt,
-        weights=np.append(body_weights(model, of.flexbodies, length), scalar_weights),
+        weights=np.append(body_weights(model, lowering.flexbodies, length), scalar_weights),
         row_weights=row_weights(of.groups, length),
         functions=functions,
         time_events=time_event_table(of.functions.programs, model.dynamics),
-        sensors=measured.sensors,
+        sensors=sensors.sensors,
         implicit_feedback=0 if signals is None else signals.feedback.implicit,
         history=lowering.history if lowering.history > 1 else 0,
         events=lowering.events,
         program_depth=lowering.program_depth,
         kinds=kinds,
+    )
+
+
+def core_tables(
+    parts: Parts,
+    rows: np.ndarray,
+    groups: np.ndarray,
+    functions: FunctionTable,
+    sensors: Sensors,
+    plane: tuple[np.ndarray, np.ndarray] | None = None,
+) -> dict[str, Any]:
+    """Tables by the name of their kind, of the kinds that the model holds.
+
+    `plane`: of a planar model the axes in it and its normal (3,), and of each body the axis along
+    the normal (bodies,).
+    """
+    rigid = parts.bodies["m"] == 0
+    modal = parts.markers["modes"] >= 0
+    point = parts.markers["point"] == 1
+    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
+    points = _joints_of_points(parts, rows, groups)
+    coincident = rows["kind"] == POINT
+    others = coincident & ~np.repeat(points, groups["n"])
+    channels = sensors.channels
+    angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
+    turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
+    tables = {
+        "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
+        "coordinates": (Coordinates(), len(parts.coordinates)),
+        "rigid_bodies": (Bodies(np.flatnonzero(rigid)), rigid.any() and plane is None),
+        "flexible_bodies": (Bodies(np.flatnonzero(~rigid)), not rigid.all()),
+        "point_markers": (Markers(np.flatnonzero(point)), point.any()),
+        "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
+        "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),
+        "curve_markers": (CurveMarkers(), len(parts.curve_markers)),
+        "joints": (Joints(np.flatnonzero(~points), driven), True),
+        "constraint_rows": (ConstraintRows(np.flatnonzero(~coincident)), not coincident.all()),
+        "point_joints": (
+            PointJoints(np.flatnonzero(coincident), np.flatnonzero(others), np.flatnonzero(points)),
+            coincident.any(),
+        ),
+        "joint_angles": (JointAngles(angles), len(angles)),
+        "turning_angles": (TurningAngles(turning), len(turning)),
+    }
+    if plane is not None:
+        about = plane[1][rigid]
+        tables["planar_bodies"] = PlanarBodies(np.flatnonzero(rigid), about, plane[0]), rigid.any()
+    return {name: table for name, (table, present) in tables.items() if present}
+
+
+def _joints_of_points(parts: Parts, rows: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """(groups,) whether all rows of a group hold points of which only the place matters."""
+    if not len(groups):
+        return np.zeros(0, bool)
+    point = parts.markers["point"] == 1
+    plain = (rows["kind"] == POINT) & point[rows["I"]] & point[rows["J"]]
+    return np.logical_and.reduceat(plain, groups["row"])
+
+
+def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> System:
+    """The same system with another table of markers and their pool."""
+    parts = system.parts._replace(markers=markers, pool=pool)
+    core = core_tables(parts, system.rows, system.groups, system.functions, system.sensors)
+    markers_of = ("point_markers", "rigid_markers", "flexible_markers")
+    words = (*markers_of, "joints", "constraint_rows", "point_joints")
+    kinds = {name: tables for name, tables in system.kinds.items() if name not in words}
+    return system._replace(
+        parts=parts, kinds=kinds | {name: core[name] for name in words if name in core}
     )
 
 
@@ -149,7 +228,7 @@ def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
     return np.array(plane_axes(model.plane), np.int64), np.array(about, np.int64)
 
 
-def _layout(of: Gathered, system: System) -> Layout:
+def _layout(of: ModelTables, system: System) -> Layout:
     columns = zip(of.model.bodies, of.bodies, strict=True)
     return Layout(
         bodies=tuple(
@@ -168,10 +247,35 @@ def _layout(of: Gathered, system: System) -> Layout:
     )
 
 
+# Round-off of the times at which functions are evaluated, relative.
+_TIME_ROUND_OFF = 4e-15
+
+# Jumps closer than this share of the run are one.
+_SAME_TIME = 1e-10
+
+
+def time_event_table(
+    programs: Sequence[Expression], spec: DynamicsSpec | None
+) -> NDArray[np.float64]:
+    """(n, 2) times [s] just before and just after every jump within the run.
+
+    Empty with fixed steps, which fall where they fall.
+    """
+    if spec is None or spec.step is not None:
+        return np.zeros((0, 2))
+    end = spec.duration
+    events: list[float] = []
+    for t in sorted({t for program in programs for t in derivative_jumps(program.ops, end)}):
+        if t - (events[-1] if events else 0.0) > _SAME_TIME * end and end - t > _SAME_TIME * end:
+            events.append(t)
+    times = np.array(events)
+    return np.column_stack([times * (1.0 - _TIME_ROUND_OFF), times * (1.0 + _TIME_ROUND_OFF)])
+
+
 def fingerprint(system: System) -> str:
     """Hash of all tables of a system that do not depend on how long it runs."""
     functions = system.functions
-    # Some piecewise polynomials are made over the length of the run; all are said by the scene.
+    # Some piecewise polynomials are made over the length of the run; all follow from the scene.
     places = np.where(functions.ops == PIECEWISE, 0.0, functions.args)
     lasting = system._replace(
         time_events=None,

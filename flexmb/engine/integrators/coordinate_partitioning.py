@@ -32,7 +32,7 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
+from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.kkt import least_pivot, put_metric
 from flexmb.engine.kernels.projection import NOTHING, accelerations
 from flexmb.engine.kernels.stages import (
@@ -46,7 +46,6 @@ from flexmb.engine.method import (
     NO_CONVERGENCE,
     NO_PARTITION,
     NOT_FINITE,
-    PARTITIONS,
     Method,
 )
 from flexmb.engine.records import Vector
@@ -91,7 +90,7 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
             return status
     if split.pivot[1] < _POOR * split.pivot[0]:
         split.age[0] = -1.0
-        st.count[PARTITIONS] += 1
+        st.count[0]["partitions"] += 1
     return end_step(run, tableau, h, status, False)
 
 

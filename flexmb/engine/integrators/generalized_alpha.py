@@ -32,21 +32,9 @@ from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
 from flexmb.engine.kernels.projection import VELOCITIES, accelerations
 from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
-    AGE,
-    CONTRACTION,
-    FACTOR_STEP,
-    FACTORISATIONS,
     FINE,
-    FIXED_PIVOTS,
-    JERK_ERROR,
-    LAST_STEP,
-    MOTION,
     NO_CONVERGENCE,
     NOT_FINITE,
-    RESIDUALS,
-    SINCE,
-    SPEED,
-    SYMMETRIC,
     Method,
 )
 from flexmb.engine.state import Run
@@ -144,48 +132,50 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     b = alpha.beta * h * h * (1.0 - alpha.alpha_f) / (1.0 - alpha.alpha_m)
     cv = alpha.gamma / (alpha.beta * h)
     sys, st, tr, settings = run.system, run.state, run.work.trial, run.settings
-    memory, count, factor = st.memory, st.count, run.work.factor
+    memory, count, factor = st.memory[0], st.count[0], run.work.factor
     _predict(alpha, st, tr, h)
-    if memory[FACTOR_STEP] != h and settings.stiff == 1:
-        memory[AGE] = -1.0  # without stiffness the matrix hardly knows the step
+    if memory["factor_step"] != h and settings.stiff == 1:
+        memory["factor_age"] = -1.0  # without stiffness the matrix hardly knows the step
     if settings.newton_tolerance > 0.0:
         # Newton decides the accelerations: what it leaves is compared with their share of motion.
         tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
     else:
         # A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
-        allowed = min(_SHARE * memory[MOTION], _SPEED_SHARE * h * memory[SPEED])
+        allowed = min(
+            _SHARE * memory["max_displacement"], _SPEED_SHARE * h * memory["max_velocity"]
+        )
         tolerance = settings.tolerance * allowed
     floor = last_places(run)
     enough = max(tolerance, floor)
-    if memory[CONTRACTION] > _RENEW_ABOVE and memory[AGE] > 0.0:
-        memory[AGE] = -1.0
+    if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
+        memory["factor_age"] = -1.0
     last = 0.0
     for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
-        count[RESIDUALS] += 1
+        count["residuals"] += 1
         status = residual(run, run.trial_point)
         if status != FINE:
             return status
-        if memory[AGE] < 0.0:
-            factor.symmetric[0] = int(memory[SYMMETRIC])
-            count[FIXED_PIVOTS] += factorise(run, run.trial_point, b * cv, b)
-            count[FACTORISATIONS] += 1
-            memory[AGE] = 0.0
-            memory[CONTRACTION] = 1.0
-            memory[FACTOR_STEP] = h
+        if memory["factor_age"] < 0.0:
+            factor.symmetric[0] = int(memory["symmetric"])
+            count["regularised_pivots"] += factorise(run, run.trial_point, b * cv, b)
+            count["factorisations"] += 1
+            memory["factor_age"] = 0.0
+            memory["contraction"] = 1.0
+            memory["factor_step"] = h
             last = 0.0  # a contraction is measured between corrections by one factor
         size, moved = _correct(run, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if noise:  # it measures nothing here
-            memory[CONTRACTION] = memory[CONTRACTION] if memory[CONTRACTION] < 1.0 else 0.0
+            memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
-            memory[CONTRACTION] = size / last
+            memory["contraction"] = size / last
             if size > enough and give_up(memory, size / last):
                 return NO_CONVERGENCE
         last = size
-        theta = min(memory[CONTRACTION], 0.99)
+        theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
         # below the last places of positions too.
         limit = enough if n > 0 or settings.step == 0.0 else tolerance
@@ -208,7 +198,7 @@ def _predict(alpha, st, tr, h):
     The algorithmic acceleration belongs to the time (α_m − α_f) h after the state's, so it moves
     with the step size.
     """
-    last = st.memory[LAST_STEP]
+    last = st.memory[0]["last_step"]
     ratio = h / last if last > 0.0 else 1.0
     alpha_m, alpha_f, beta, gamma = alpha.alpha_m, alpha.alpha_f, alpha.beta, alpha.gamma
     shift = (alpha_m - alpha_f) * (ratio - 1.0)
@@ -288,10 +278,10 @@ def _finish(weights, alpha, st, tr):
     contraction of an old factor is the last one measured plus the motion since.
     """
     _put_algorithmic(alpha, st, tr)
-    if st.memory[AGE] >= 0.0:  # else a renewal is due
-        st.memory[AGE] += 1.0
-    measured = st.memory[CONTRACTION] if st.memory[CONTRACTION] < 1.0 else 0.0
-    st.memory[CONTRACTION] = min(0.99, measured + weighted_size(tr.dq, weights))
+    if st.memory[0]["factor_age"] >= 0.0:  # else a renewal is due
+        st.memory[0]["factor_age"] += 1.0
+    measured = st.memory[0]["contraction"] if st.memory[0]["contraction"] < 1.0 else 0.0
+    st.memory[0]["contraction"] = min(0.99, measured + weighted_size(tr.dq, weights))
 
 
 @kernel
@@ -306,8 +296,8 @@ def _put_algorithmic(alpha, st, tr):
 def _project(run: Run, alpha: Alpha, b: float) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
     cp = b if run.settings.determined == 0 else 0.0
-    run.state.count[FACTORISATIONS] += 1
-    run.state.memory[AGE] = -1.0
+    run.state.count[0]["factorisations"] += 1
+    run.state.memory[0]["factor_age"] = -1.0
     status = accelerations(run, run.trial_point, cp, VELOCITIES)
     _put_algorithmic(alpha, run.state, run.work.trial)
     return status
@@ -334,7 +324,7 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
         sol[kkt.place[nv + i]] = 0.0
     solve(kkt, run.work.factor, sol)
     positions, velocities = 0.0, 0.0
-    same = h == st.memory[LAST_STEP] and st.memory[SINCE] >= 1.0
+    same = h == st.memory[0]["last_step"] and st.memory[0]["steps_at_this_size"] >= 1.0
     for i in range(nv):
         tr.jerk[i] = sol[kkt.place[i]]
         smooth = 0.5 * (tr.jerk[i] + st.jerk[i]) if same else tr.jerk[i]
@@ -346,10 +336,10 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
             velocities = s
     c = alpha.alpha_m - alpha.alpha_f
     tr.error[0] = abs(alpha.beta + 0.5 * c - 1.0 / 6.0) * h**3 * positions
-    if st.memory[SINCE] >= _SETTLED and h == st.memory[LAST_STEP]:
+    if st.memory[0]["steps_at_this_size"] >= _SETTLED and h == st.memory[0]["last_step"]:
         tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
     else:
-        tr.error[1] = st.memory[JERK_ERROR] * h**3
+        tr.error[1] = st.memory[0]["velocity_error"] * h**3
     return FINE
 
 

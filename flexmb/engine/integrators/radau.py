@@ -98,14 +98,11 @@ def radau_5() -> Method:
 @unit
 def step(run: Run, radau: Radau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`."""
-    memory, age = run.state.memory, run.work.collocation.age
+    memory, age = run.state.memory[0], run.work.collocation.age
     _predict(run, radau, h)
-    memory[method.AGE], age[0] = age[0], -1.0  # the factors outlast outputs
-    if (
-        abs(memory[method.FACTOR_STEP] - h) > _SAME_STEP * h
-        or memory[method.CONTRACTION] > _RENEW_ABOVE
-    ):
-        memory[method.AGE] = -1.0
+    memory["factor_age"], age[0] = age[0], -1.0  # the factors outlast outputs
+    if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
+        memory["factor_age"] = -1.0
     allowed, floor = _allowed(run, h), last_places(run)
     last = 0.0
     for n in range(run.settings.max_iterations):
@@ -114,7 +111,7 @@ def step(run: Run, radau: Radau, h: float) -> int:
             status = _evaluate_stage(run, radau, h, i)
             if status != method.FINE:
                 return status
-        if memory[method.AGE] < 0.0:  # at the stage in the middle, the last one evaluated
+        if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
             factorise_stages(run, radau, h)
             last = 0.0  # a contraction is measured between corrections by one factor
         size, moved = correct_stages(run, radau, h)
@@ -122,11 +119,11 @@ def step(run: Run, radau: Radau, h: float) -> int:
             return method.NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if last > 0.0 and not noise:
-            memory[method.CONTRACTION] = size / last
+            memory["contraction"] = size / last
             if size > allowed and give_up(memory, size / last):
                 return method.NO_CONVERGENCE
         last = size
-        theta = min(memory[method.CONTRACTION], 0.99)
+        theta = min(memory["contraction"], 0.99)
         # what an old factor leaves is a bias, below the last places of positions too
         settled = moved <= floor and (n > 0 or run.settings.step == 0.0)
         if noise or settled or theta / (1.0 - theta) * size <= allowed:
@@ -148,7 +145,7 @@ def _allowed(run, h):
 def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
-    known, before = span[1] > 0.0, st.memory[method.LAST_STEP]
+    known, before = span[1] > 0.0, st.memory[0]["last_step"]
     for i in range(STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if known else 0.0
         for j in range(STAGES):
@@ -215,7 +212,7 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     copy(col.a[i], tr.vd)
     copy(col.lam[i], tr.lam)
     tr.t[0] = st.t[0] + radau.c[i] * h
-    st.count[method.RESIDUALS] += 1
+    st.count[0]["residuals"] += 1
     status = residual(run, run.trial_point)
     copy(tr.res, col.res[i])
     copy(run.work.con.C, col.gap[i])
@@ -226,17 +223,15 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
 def _finish(run, radau, h):
     """The end of the step: its last stage, velocities on the constraints; returns the status."""
     st, tr, col, memory, last = (
-        run.state, run.work.trial, run.work.collocation, run.state.memory, STAGES - 1
+        run.state, run.work.trial, run.work.collocation, run.state.memory[0], STAGES - 1
     )  # fmt: skip
     if run.settings.step == 0.0:
         _estimate_error(run, radau, h)
-    if memory[method.AGE] >= 0.0:  # else a renewal is due
-        memory[method.AGE] += 1.0
-    measured = memory[method.CONTRACTION] if memory[method.CONTRACTION] < 1.0 else 0.0
+    if memory["factor_age"] >= 0.0:  # else a renewal is due
+        memory["factor_age"] += 1.0
+    measured = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
     # the matrix changes by about as much as the model moves relative to its size, or turns
-    memory[method.CONTRACTION] = min(
-        0.99, measured + weighted_size(col.u[last], run.system.weights)
-    )
+    memory["contraction"] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
     _put_rates(run, radau, h)  # with the last correction
     tr.t[0] = st.t[0] + h
     move(run.system.parts, st.q, col.u[last], tr.q)
@@ -244,8 +239,8 @@ def _finish(run, radau, h):
     copy(col.a[last], tr.vd)
     copy(col.lam[last], tr.lam)
     col.span[0], col.span[1] = st.t[0], h
-    col.age[0] = memory[method.AGE]
-    st.count[method.FACTORISATIONS] += 1
+    col.age[0] = memory["factor_age"]
+    st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
     status = accelerations(run, run.trial_point, cp, POSITIONS)
     copy(tr.vd, tr.aa)

@@ -19,13 +19,9 @@ from flexmb.engine.bodies.motion import motion_of_rate
 from flexmb.engine.jit import Unit, kernel
 from flexmb.engine.kernels.stages import constraint_stage, powers
 from flexmb.engine.method import (
-    FACTORISATIONS,
     FINE,
     NO_CONVERGENCE,
     NOT_FINITE,
-    RESIDUALS,
-    STIFF_RATE,
-    STIFF_STEPS,
     Method,
 )
 from flexmb.engine.records import Matrix, Vector
@@ -142,9 +138,9 @@ def begin_step(run):
 @kernel
 def put_slopes(run, s):
     """Accelerations and powers of the trial state as slopes of stage s."""
-    tr, count, nq = run.work.trial, run.state.count, run.state.q.shape[0]
-    count[RESIDUALS] += 1
-    count[FACTORISATIONS] += 1
+    tr, count, nq = run.work.trial, run.state.count[0], run.state.q.shape[0]
+    count["residuals"] += 1
+    count["factorisations"] += 1
     copy(tr.vd, tr.stages[s, nq:])
     if run.settings.works == 1:
         powers(run, run.trial_point)
@@ -211,10 +207,10 @@ def _watch_stability(run, tableau, h, of_parameters):
         if h * slow < _BY_POSITIONS * tableau.stable:
             return
     if not h * rate <= tableau.stable:  # what is not finite was not stable either
-        memory = run.state.memory
-        if memory[STIFF_RATE] == 0.0 and math.isfinite(rate):
-            memory[STIFF_RATE] = rate  # later ones are those of what has grown
-        memory[STIFF_STEPS] += 1.0
+        memory = run.state.memory[0]
+        if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
+            memory["fastest_rate"] = rate  # later ones are those of what has grown
+        memory["steps_at_stability_limit"] += 1.0
 
 
 @kernel

@@ -17,13 +17,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.kernels.stages import walk
 from flexmb.engine.method import (
-    AGE,
-    CONTRACTION,
-    FACTOR_STEP,
-    FACTORISATIONS,
     FINE,
-    FIXED_PIVOTS,
-    SYMMETRIC,
 )
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
@@ -52,10 +46,10 @@ class Radau(NamedTuple):
 def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
     fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
-    pair, memory = col.pair, run.state.memory
+    pair, memory = col.pair, run.state.memory[0]
     n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
     x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
-    fac.symmetric[0] = int(memory[SYMMETRIC])
+    fac.symmetric[0] = int(memory["symmetric"])
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
     put_matrix(run, at, 0.0, 0.0)
@@ -70,7 +64,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     keep_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
     _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[FIXED_PIVOTS] += ldl.factor(kkt, fac)
+    run.state.count[0]["regularised_pivots"] += ldl.factor(kkt, fac)
     real = col.real
     copy(fac.low, real.low)
     copy(fac.up, real.up)
@@ -78,8 +72,8 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     copy(fac.eps, real.eps)
     real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
     ldl.factor_complex(kkt, pair)
-    run.state.count[FACTORISATIONS] += 2
-    memory[AGE], memory[CONTRACTION], memory[FACTOR_STEP] = 0.0, 1.0, h
+    run.state.count[0]["factorisations"] += 2
+    memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
     return FINE
 
 

@@ -11,7 +11,7 @@ import math
 
 from flexmb.engine.algebra import ldl
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.constraint import constraint_jacobian, put_constraint_matrix
+from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.kernels.stages import add_couplings, add_matrix, velocity_stage
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector

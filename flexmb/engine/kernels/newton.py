@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from flexmb.engine.jit import kernel
-from flexmb.engine.method import AGE, SYMMETRIC
 
 __all__ = ["REFACTOR_ABOVE", "give_up"]
 
@@ -17,10 +16,10 @@ _GIVE_UP_ABOVE = 0.9
 @kernel
 def give_up(memory, contraction):
     """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
-    fresh = memory[AGE] == 0.0
-    if contraction > _UNSYMMETRIC_ABOVE and memory[SYMMETRIC] == 1.0 and fresh:
-        memory[SYMMETRIC] = 0.0
-        memory[AGE] = -1.0
+    fresh = memory["factor_age"] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory["symmetric"] == 1.0 and fresh:
+        memory["symmetric"] = 0.0
+        memory["factor_age"] = -1.0
     elif contraction > REFACTOR_ABOVE and not fresh:
-        memory[AGE] = -1.0
-    return contraction > _GIVE_UP_ABOVE and fresh and memory[AGE] == 0.0
+        memory["factor_age"] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory["factor_age"] == 0.0

@@ -16,7 +16,7 @@ from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.constraint import constraint_right_side
+from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.kernels.kkt import factorise, permute
 from flexmb.engine.kernels.stages import (
     bias_stage,

@@ -14,7 +14,7 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.scenes.scope import Scope
+from flexmb.model.references import Scope
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.reading import Spec
 
@@ -83,7 +83,7 @@ def _markers(
             for key in ("node", "interface"):
                 if getattr(marker, key) is not None:
                     yield Problem(f"{at}.{key}", "only a flexible body has one")
-        elif lookup.markers_known(scope.model, body, scope.flexbodies):
+        elif lookup.has_all_markers(scope.model, body, scope.flexbodies):
             yield from _carrier(scope, at, body, marker)
 
 

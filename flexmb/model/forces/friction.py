@@ -8,21 +8,23 @@ cheap, but creeps under any load. Sources: see :mod:`flexmb.engine.kernels.force
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.lookup import ModelData
+from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Quantity, Size, Text
-from flexmb.model.values.reading import Entry, Spec, fail
+from flexmb.model.values.reading import Entry, fail_if
 
-__all__ = ["BaseFriction", "Friction", "FrictionSpec", "JointFrictionSpec"]
-
+_JOINTS = ("revolute", "prismatic", "cylindrical")
 _Coefficient = Annotated[float, Quantity("", "not negative")]
 _Speed = Annotated[float, Quantity("m/s", "positive")]
 
 
-class BaseFriction(Spec):
+class BaseFriction(Component):
     """Friction by Coulomb and Stribeck.
 
     ``static`` and ``dynamic`` coefficients (equal by default), ``stribeck_speed`` v_s at which the
@@ -60,8 +62,7 @@ class BaseFriction(Spec):
             if self.stiffness is not None:
                 what = "smooth friction has no spring; leave it out"
                 problems.append(Problem("stiffness", what))
-        if problems:
-            raise fail(*problems)
+        fail_if(problems)
         return self
 
     @property
@@ -93,3 +94,32 @@ class JointFrictionSpec(BaseFriction):
     length: Size | None = None
     width: Size | None = None
     preload: Annotated[float, Quantity("N", "not negative")] = 0.0
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        joint = scope.model.joints.get(self.joint)
+        if joint is None or self.coordinate is not None:
+            problems = list(scope.coordinate(where, self.joint, self.coordinate or "angle"))
+            yield from problems
+            if joint is None or problems:
+                return
+        if joint.type not in _JOINTS:
+            what = f'there is no friction in {joint.type} joints such as "{self.joint}"'
+            yield Problem(f"{where}.joint", what, _JOINTS)
+            return
+        if self.coordinate is None and joint.type == "cylindrical":
+            what = "is missing: a cylindrical joint both turns and slides"
+            yield Problem(f"{where}.coordinate", what, ("angle", "stroke"))
+            return
+        turning = friction_coordinate(scope.model, self) == "angle"
+        if turning and self.radius is None:
+            yield Problem(f"{where}.radius", "is missing: friction acts on the surface of a pin")
+        if not turning and self.radius is not None:
+            yield Problem(f"{where}.radius", "friction along a stroke needs none; leave it out")
+        if self.width is not None and joint.type != "prismatic":
+            what = "only a prismatic joint carries a torque about its axis; leave it out"
+            yield Problem(f"{where}.width", what)
+
+
+def friction_coordinate(model: ModelData, spec: JointFrictionSpec) -> str:
+    """The coordinate that friction acts on: its own, or the only one of the joint."""
+    return spec.coordinate or str(model.joints[spec.joint].kind.coordinates[0])

@@ -8,18 +8,20 @@ stored energy.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import keeps_plane
+from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, Text
-from flexmb.model.values.reading import Spec, fail
-
-__all__ = ["AnyStop", "JointStopSpec", "RotationalStopSpec", "StopSpec", "TranslationalStopSpec"]
+from flexmb.model.values.reading import fail, fail_if
 
 
-class AnyStop(Spec):
+class AnyStop(Component):
     """What all stops have; ``lower`` and ``upper`` have the unit of their coordinate."""
 
     lower: float | None = None
@@ -33,7 +35,7 @@ class AnyStop(Spec):
     def _bounds(self) -> Self:
         problems = []
         if self.lower is None and self.upper is None:
-            problems.append(Problem("", "stops nothing: give lower, upper or both"))
+            problems.append(Problem("", 'needs "lower", "upper" or both'))
         elif self.lower is not None and self.upper is not None and self.lower >= self.upper:
             what = "must lie above lower: between them the stop is clear"
             problems.append(Problem("upper", what))
@@ -43,8 +45,7 @@ class AnyStop(Spec):
         if self.damping > 0.0 and self.depth is None:
             what = "is missing: the penetration at which the whole damping acts"
             problems.append(Problem("depth", what))
-        if problems:
-            raise fail(*problems)
+        fail_if(problems)
         return self
 
     @property
@@ -86,6 +87,17 @@ class StopSpec(AnyStop):
                     raise fail(Problem(word, what))
         return self
 
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from scope.pair(where, self.between, "a stop")
+        if self.axis is None:
+            yield from scope.line_problems(where, self.between, "distance")
+
+    def planar_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        if self.axis is not None and not keeps_plane(self.axis, plane):
+            yield Problem(f"{where}.axis", f"must lie in the plane {plane}")
+
 
 class JointStopSpec(AnyStop):
     """A stop on a coordinate of a joint."""
@@ -96,6 +108,9 @@ class JointStopSpec(AnyStop):
     def coordinate(self) -> str:
         """``"angle"``, ``"second_angle"`` or ``"stroke"``."""
         raise NotImplementedError
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from scope.coordinate(where, self.joint, self.coordinate)
 
 
 class RotationalStopSpec(JointStopSpec):

@@ -17,12 +17,9 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from flexmb.errors import SceneError
-from flexmb.model.functions import jets
+from flexmb.model.functions.derivatives import BINARY, UNARY, derivative_jumps, evaluate
 from flexmb.model.functions.expression import Ops, parse
-from flexmb.model.functions.kinks import kinks_of
 from flexmb.model.functions.piecewise import Piecewise, shifted
-
-__all__ = ["antiderivative"]
 
 _DEGREE = 12
 _TOLERANCE = 1e-13  # of the largest value over the run
@@ -84,7 +81,7 @@ def antiderivative(ops: Ops, order: int, end: float | None) -> Ops:
             what = "its antiderivative is made over the length of the run: give dynamics.duration"
             raise SceneError(what)
         found = _numerical(ops, order, end)
-    value, slope, _ = jets.evaluate(found, 0.0)
+    value, slope, _ = evaluate(found, 0.0)
     start = (value,) if order == 1 else (value, slope)
     return _sum(found, _program(tuple(-c for c in start)))
 
@@ -96,14 +93,14 @@ def _closed_form(ops: Ops, order: int) -> Ops | None:
             stack.append(_polynomial((argument,), order))
         elif op == "t":
             stack.append(_polynomial((0.0, 1.0), order))
-        elif op in jets.BINARY:
+        elif op in BINARY:
             right = stack.pop()
             stack.append(_binary(op, stack.pop(), right, order))
         elif op == "neg":
             stack.append(_scaled(stack.pop(), -1.0, order))
         elif op == "powc":
             stack.append(_power(stack.pop(), argument, order))
-        elif op in jets.UNARY:
+        elif op in UNARY:
             stack.append(_unary(op, argument, stack.pop().polynomial, order))
         else:
             stack.append(_Term(None, None))
@@ -205,13 +202,13 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
     """Piece by piece over [0, end]; beyond it there is no value."""
 
     def f(t: float) -> float:
-        value = jets.evaluate(ops, t)[0]
+        value = evaluate(ops, t)[0]
         if not math.isfinite(value):
             raise SceneError(f"the value is {value:g} at t = {t:.6g} s, not finite")
         return value
 
     size = max(abs(f(t)) for t in np.linspace(0.0, end, _SAMPLES))
-    corners = [0.0, *kinks_of(ops, end), end]
+    corners = [0.0, *derivative_jumps(ops, end), end]
     # The last interval comes first off the stack, so that they are done in order.
     todo = [(a, b) for a, b in zip(corners[:-1], corners[1:], strict=True)][::-1]
     knots, rows = [0.0], []

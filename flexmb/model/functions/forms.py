@@ -1,40 +1,37 @@
-"""Named forms of functions of time: a constant, a polynomial, a harmonic, a Fourier series.
+"""Named forms of functions of time: constant, polynomial, harmonic, Fourier, motion profiles.
 
 In: the numbers of a table such as ``{type = "harmonic", amplitude = 2, frequency = 50}``, in the
-scene's units. Out: operations over t in SI, the same that expressions lower to.
+scene's units. Out: operations over t in SI, the same that expressions lower to. Motion profiles
+lead from one value to another and stay there; their rises from 0 to 1 are those of
+:mod:`flexmb.model.functions.derivatives`, the trapezoidal profile is a piecewise polynomial. Source
+of the cam curves: Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), chapters 2 and 3.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, ValidationInfo
+import numpy as np
+from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.expression import Ops, parse
+from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.values.quantities import Angle, Measured, Quantity, plain, read_number
 from flexmb.model.values.reading import (
     Names,
     Reader,
     Spec,
     fail,
+    fail_if,
     given,
     names_of,
     slot_of,
     under,
     units_of,
 )
-
-__all__ = [
-    "Constant",
-    "Fourier",
-    "FunctionForm",
-    "Harmonic",
-    "Moment",
-    "Ordinate",
-    "Polynomial",
-]
 
 
 def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
@@ -45,16 +42,15 @@ def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
         raise fail(Problem("", f"a list is expected, given {given(value)}"))
     slot = slot_of(names) or ""
     powers = ("", "/s", *(f"/s^{k}" for k in range(2, len(value))))
-    found, problems = [], []
+    coefficients, problems = [], []
     for k, item in enumerate(value):
         unit = (slot or "1") + powers[k] if k else slot
         try:
-            found.append(read_number(item, names, unit) * units_of(names).scale(unit))
+            coefficients.append(read_number(item, names, unit) * units_of(names).scale(unit))
         except SceneError as error:
             problems += under(f"[{k}]", error.problems)
-    if problems:
-        raise fail(*problems)
-    return tuple(found)
+    fail_if(problems)
+    return tuple(coefficients)
 
 
 Ordinate = Annotated[float, Measured()]
@@ -139,3 +135,148 @@ class Fourier(FunctionForm):
         for term in terms:  # each by itself: a long sum would nest too deeply for a parser
             program = (*program, *parse(term, names).ops, *((("+", 0.0),) if program else ()))
         return program
+
+
+class Rise(FunctionForm):
+    """Base of the forms that rise from y0 at t0 to y1 at t1."""
+
+    t0: Moment = 0.0
+    y0: Ordinate = 0.0
+    t1: Moment
+    y1: Ordinate
+
+    @model_validator(mode="after")
+    def _in_order(self, info: ValidationInfo) -> Self:
+        _after("t1", self.t1, self.t0, names_of(info))
+        return self
+
+    def rise(self, function: str) -> Ops:
+        """The operations, by the name of the same function in expressions."""
+        names = {"t0": self.t0, "y0": self.y0, "t1": self.t1, "y1": self.y1}
+        return parse(f"{function}(t, t0, y0, t1, y1)", names).ops
+
+
+def _after(where: str, end: float, begin: float, names: Names) -> None:
+    if end <= begin:
+        units = units_of(names)
+        t0, t1 = units.say(begin, "s"), units.say(end, "s")
+        raise fail(Problem(where, f"must lie after t0 = {t0}, is {t1}"))
+
+
+class Step(Rise):
+    """y0 before t0, y1 after t1, between them a cubic with level ends"""
+
+    type: Literal["step"]
+
+    def ops(self) -> Ops:
+        return self.rise("step")
+
+
+class Step5(Rise):
+    """y0 + (y1 - y0) (10 s^3 - 15 s^4 + 6 s^5), s from 0 at t0 to 1 at t1: 3-4-5 polynomial"""
+
+    type: Literal["step5"]
+
+    def ops(self) -> Ops:
+        return self.rise("step5")
+
+
+class Havsin(Rise):
+    """y0 + (y1 - y0) (1 - cos(pi s))/2, s from 0 at t0 to 1 at t1: haversine"""
+
+    type: Literal["havsin"]
+
+    def ops(self) -> Ops:
+        return self.rise("havsin")
+
+
+class Cycloidal(Rise):
+    """y0 + (y1 - y0) (s - sin(2 pi s)/(2 pi)), s from 0 at t0 to 1 at t1"""
+
+    type: Literal["cycloidal"]
+
+    def ops(self) -> Ops:
+        return self.rise("cycloidal")
+
+
+class ModifiedSine(Rise):
+    """y0 + (y1 - y0) m(s), s from 0 at t0 to 1 at t1;
+
+    m'' = 4 pi^2/(4 + pi) times sin(4 pi s) in the first and last eighth, between them
+    cos(4 pi s/3 - pi/6)
+    """
+
+    type: Literal["modified-sine"]
+
+    def ops(self) -> Ops:
+        return self.rise("modsine")
+
+
+@dataclass(frozen=True)
+class _Rate(Quantity):
+    """Annotation of a float: the slot's unit over a power of time."""
+
+    power: int = 1
+
+    def unit_in(self, names: Names) -> str | None:
+        unit = (slot_of(names) or "1") + "/s"
+        return unit if self.power == 1 else f"{unit}^{self.power}"
+
+
+class Trapezoidal(FunctionForm):
+    """y0 before t0, then even acceleration, even speed, even braking to y1;
+
+    either within t1 - t0 (speeding up and braking take ramp each, a third by default), or in the
+    least time with that speed and acceleration at most
+    """
+
+    type: Literal["trapezoidal"]
+    t0: Moment = 0.0
+    y0: Ordinate = 0.0
+    y1: Ordinate
+    t1: Moment | None = None
+    ramp: Annotated[float, Quantity("s", "positive")] | None = None
+    speed: Annotated[float, _Rate("", "positive")] | None = None
+    acceleration: Annotated[float, _Rate("", "positive", power=2)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self, info: ValidationInfo) -> Self:
+        ways = ("t1", "ramp", "speed", "acceleration")
+        present = [name for name in ways if getattr(self, name) is not None]
+        if present not in (["t1"], ["t1", "ramp"], ["speed", "acceleration"]):
+            what = 'give "t1" (and perhaps "ramp"), or "speed" and "acceleration"'
+            raise fail(Problem("", f"{what}; given: {', '.join(present) or 'none of them'}"))
+        if self.t1 is not None:
+            _after("t1", self.t1, self.t0, names_of(info))
+            if self.ramp is not None and self.ramp > 0.5 * (self.t1 - self.t0):
+                half = units_of(names_of(info)).say(0.5 * (self.t1 - self.t0), "s")
+                raise fail(Problem("ramp", f"must not be longer than half the time, {half}"))
+        elif self.y1 == self.y0:
+            raise fail(Problem("y1", "must differ from y0: the profile has no length"))
+        return self
+
+    def times(self) -> tuple[float, float]:
+        """Durations of the acceleration (and the braking), and of the even speed [s]."""
+        if self.t1 is not None:
+            whole = self.t1 - self.t0
+            ramp = whole / 3.0 if self.ramp is None else self.ramp
+            return ramp, whole - 2.0 * ramp
+        assert self.speed is not None and self.acceleration is not None  # the other way
+        way = abs(self.y1 - self.y0)
+        if way * self.acceleration < self.speed**2:  # the speed is never reached
+            return float(np.sqrt(way / self.acceleration)), 0.0
+        ramp = self.speed / self.acceleration
+        return ramp, way / self.speed - ramp
+
+    def ops(self) -> Ops:
+        ramp, cruise = self.times()
+        speed = (self.y1 - self.y0) / (ramp + cruise)
+        rate = 0.5 * speed / ramp
+        first = self.y0 + 0.5 * speed * ramp
+        last = first + speed * cruise
+        pieces = [(ramp, [self.y0, 0.0, rate]), (cruise, [first, speed, 0.0])]
+        pieces.append((ramp, [last, speed, -rate]))
+        pieces = [piece for piece in pieces if piece[0] > 1e-12 * ramp]
+        knots = self.t0 + np.cumsum([0.0, *(width for width, _ in pieces)])
+        curve = Piecewise.between(knots, [row for _, row in pieces], "hold")
+        return (("t", 0.0), ("piecewise", curve))

@@ -1,38 +1,43 @@
 """Functions of time as data: a number, an expression in t, or a named form with its numbers.
 
 In: ``25.0``, ``"speed*t"`` or ``{type = "harmonic", amplitude = 2, frequency = 50}``, value and t
-in the scene's units. Out: a :class:`Function`, which keeps what was given and its
+in the scene's units. Out: a :class:`Function`, which stores what was written and its
 :class:`Expression` in SI; ``value(t)`` gives value, first and second derivative. Each
 form lowers to the same operations, so that one small kernel evaluates them all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import core_schema
 
-from flexmb.errors import SceneError
+from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.model.functions.derivatives import Jet, derivative_jumps
 from flexmb.model.functions.expression import Expression, Ops, parse
-from flexmb.model.functions.forms import Constant, Fourier, FunctionForm, Harmonic, Polynomial
-from flexmb.model.functions.jets import Jet
-from flexmb.model.functions.kinks import kinks_of
-from flexmb.model.functions.profiles import (
+from flexmb.model.functions.forms import (
+    Constant,
     Cycloidal,
+    Fourier,
+    FunctionForm,
+    Harmonic,
     Havsin,
     ModifiedSine,
+    Polynomial,
     Step,
     Step5,
     Trapezoidal,
 )
 from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
-from flexmb.model.values.quantities import plain, read_number
+from flexmb.model.values.quantities import expression_and_factor, plain, read_number
 from flexmb.model.values.reading import (
     Names,
+    Reader,
     Terms,
     fail,
     folder_of,
@@ -41,11 +46,7 @@ from flexmb.model.values.reading import (
     read_variant,
     units_of,
 )
-from flexmb.model.values.unit_texts import expression_and_factor
-from flexmb.units import UnitSystem
-
-__all__ = ["FUNCTION_FORMS", "Function", "FunctionForm", "FunctionOf", "read_function"]
-
+from flexmb.units import UnitSystem, parse_unit
 
 _FORMS: tuple[type[FunctionForm], ...] = (
     Constant, Polynomial, Harmonic, Fourier, Step, Step5, Havsin, Cycloidal, ModifiedSine,
@@ -59,9 +60,9 @@ FUNCTION_FORMS: dict[str, type[FunctionForm]] = {
 
 @dataclass(frozen=True)
 class Function:
-    """A function of time: what the user gave, in the scene's units, and its program in SI."""
+    """A function of time: what the user wrote, in the scene's units, and its program in SI."""
 
-    given: float | str | Mapping[str, Any]
+    source: float | str | Mapping[str, Any]
     expression: Expression
 
     @property
@@ -73,9 +74,20 @@ class Function:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
         return self.expression.value(t)
 
+    def problems(self, where: str, derivatives: int = 0) -> Iterator[Problem]:
+        """A value at the start of a run, and as many derivatives as are needed, must be finite."""
+        if self.expression.channels:
+            return  # their values come from the run
+        parts = ("value", "first derivative", "second derivative")
+        for part, value in zip(parts, self.value(0.0)[: derivatives + 1], strict=False):
+            if not math.isfinite(value):
+                text = self.expression.text
+                yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
+                return
+
     def kinks(self, end: float) -> tuple[float, ...]:
         """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
-        return kinks_of(self.expression.ops, end)
+        return derivative_jumps(self.expression.ops, end)
 
 
 @dataclass(frozen=True)
@@ -98,8 +110,46 @@ class FunctionOf:
             except SceneError as error:
                 raise fail(*error.problems) from None
 
-        written = core_schema.plain_serializer_function_ser_schema(lambda f: f.given)
+        written = core_schema.plain_serializer_function_ser_schema(lambda f: f.source)
         return core_schema.with_info_plain_validator_function(read, serialization=written)
+
+
+def per_second(unit: str) -> str:
+    """The unit of a rate of what is measured in `unit`."""
+    return f"{unit}/s" if unit else "1/s"
+
+
+@dataclass(frozen=True)
+class FunctionInDeclaredUnit(FunctionOf):
+    """Annotation of a :class:`Function` in the unit of its table's field ``unit``, which precedes.
+
+    Its numbers and expressions are in the scene's units of that quantity; ``rate``: that per time.
+    """
+
+    unit: str = ""
+    channels: bool = True
+    rate: bool = False
+
+    def unit_here(self, info: ValidationInfo) -> str:
+        unit = str(info.data.get("unit", ""))
+        return per_second(unit) if self.rate else unit
+
+
+def _read_unit(value: Any, info: ValidationInfo) -> str:
+    if not isinstance(value, str):
+        raise fail(Problem("", f'a unit such as "m" is expected, given {given(value)}'))
+    try:
+        unit = parse_unit(value)
+    except FlexmbError as error:
+        raise fail(*error.problems) from None
+    if unit.factor != 1.0:
+        what = f'names the quantity by its SI unit, given "{value}"; values are in the scene\'s'
+        raise fail(Problem("", what))
+    return value
+
+
+UnitName = Annotated[str, Reader(_read_unit)]
+"""The SI unit of a quantity, ``""`` for a plain number."""
 
 
 def read_function(

@@ -2,18 +2,22 @@
 
 In: knots and the coefficients of every piece. Out: a :class:`Piecewise`, which gives value, first
 and second derivative, its antiderivative, the knots where one of them jumps, and the numbers that
-the compiled kernel reads. Beyond the knots one polynomial each goes on, or everything repeats.
+the compiled kernel reads. Beyond the knots one polynomial each holds, or everything repeats.
+
+Curves through points are such polynomials: straight, cubic spline, Akima, monotone. SciPy finds
+their slopes, loaded when a scene first needs it: de Boor, A Practical Guide to Splines (2001),
+ch. IV, for the cubic spline; Akima, J. ACM 17 (1970) 589; Fritsch and Carlson, SIAM J. Numer. Anal.
+17 (1980) 238, with the means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-__all__ = ["Piecewise", "shifted"]
 
 Array = NDArray[np.float64]
 
@@ -44,15 +48,15 @@ class Piecewise:
 
     @classmethod
     def between(cls, knots: ArrayLike, coefficients: ArrayLike, beyond: str) -> Piecewise:
-        """From the n pieces between n + 1 knots; `beyond` says how they go on.
+        """From the n pieces between n + 1 knots; `beyond` says what holds outside.
 
         ``"hold"`` keeps the values at both ends, ``"extrapolate"`` the polynomials, ``"repeat"``
-        begins anew, ``"error"`` has no value there.
+        begins again, ``"error"`` has no value there.
         """
         x, c = np.asarray(knots, dtype=float), np.asarray(coefficients, dtype=float)
         before, after = c[0].copy(), shifted(c[-1], x[-1] - x[-2])
         if beyond == "error":
-            # Round-off of the time may lie past an end: the polynomials go on a little.
+            # Round-off of the time may lie past an end: the polynomials extend a little.
             slack = 1e-9 * (x[-1] - x[0])
             nothing = np.full_like(before, np.nan)
             rows = np.vstack([nothing, shifted(before, -slack), c, after, nothing])
@@ -112,9 +116,9 @@ class Piecewise:
 
     def jumps(self) -> Array:
         """The knots where the value, the first or the second derivative jumps."""
-        c, known = self.coefficients, min(3, self.coefficients.shape[1])
+        c, p = self.coefficients, min(3, self.coefficients.shape[1])
         right = np.zeros((len(self.knots), 3))
-        right[:, :known] = c[1:, :known] * _FACTORIALS[:known]
+        right[:, :p] = c[1:, :p] * _FACTORIALS[:p]
         u = np.append(0.0, np.diff(self.knots))[:, None]
         left = np.zeros((len(self.knots), 3))
         for coefficient in c[:-1].T[::-1]:  # Horner's scheme with derivatives
@@ -128,8 +132,8 @@ class Piecewise:
         for k in (1, 2):  # what a change over the whole length would be
             size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
         jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMP * size
-        found: Array = self.knots[jump.any(axis=1)]
-        return found
+        knots: Array = self.knots[jump.any(axis=1)]
+        return knots
 
 
 def shifted(coefficients: ArrayLike, u: float) -> Array:
@@ -139,3 +143,47 @@ def shifted(coefficients: ArrayLike, u: float) -> Array:
         for k in range(len(c) - 2, i - 1, -1):
             c[k] += u * c[k + 1]
     return c
+
+
+def linear_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
+    """Straight lines from point to point."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    pieces = np.column_stack([y[:-1], np.diff(y) / np.diff(x)])
+    return Piecewise.between(x, pieces, beyond)
+
+
+def cubic_spline(x: ArrayLike, y: ArrayLike, ends: str, beyond: str) -> Piecewise:
+    """Cubic spline; ``ends`` natural (no curvature), clamped (level), or periodic."""
+    from scipy.interpolate import CubicSpline
+
+    y = np.array(y, dtype=float)
+    if ends == "periodic":
+        y[-1] = y[0]  # to the last digit
+    return _piecewise(CubicSpline(x, y, bc_type=ends), beyond)
+
+
+def akima_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
+    """Akima's curve, which follows the points without overshooting next to a corner."""
+    from scipy.interpolate import Akima1DInterpolator
+
+    return _piecewise(Akima1DInterpolator(x, y), beyond)
+
+
+def monotone_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
+    """Cubics that rise and fall as the points do: no extreme between two of them."""
+    from scipy.interpolate import PchipInterpolator
+
+    return _piecewise(PchipInterpolator(x, y), beyond)
+
+
+def _piecewise(curve: Any, beyond: str) -> Piecewise:
+    """From SciPy's coefficients, highest power first."""
+    return Piecewise.between(curve.x, curve.c[::-1].T, beyond)
+
+
+def straight_beyond(curve: Piecewise) -> Piecewise:
+    """The same curve, continued straight with the slopes of its ends."""
+    x, c, rows = curve.knots, curve.coefficients, curve.coefficients.copy()
+    rows[0], rows[-1] = 0.0, 0.0
+    rows[0, :2], rows[-1, :2] = c[1, :2], shifted(c[-2], x[-1] - x[-2])[:2]
+    return Piecewise(x, rows)

@@ -12,10 +12,14 @@ import numpy as np
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.functions import splines
 from flexmb.model.functions.expression import Ops
 from flexmb.model.functions.forms import FunctionForm
-from flexmb.model.functions.piecewise import Piecewise
+from flexmb.model.functions.piecewise import (
+    Piecewise,
+    akima_curve,
+    cubic_spline,
+    linear_curve,
+)
 from flexmb.model.values.columns import Columns, read_columns
 from flexmb.model.values.quantities import Text, plain, read_number
 from flexmb.model.values.reading import (
@@ -29,8 +33,6 @@ from flexmb.model.values.reading import (
     under,
     units_of,
 )
-
-__all__ = ["AkimaSpline", "CubicSpline", "Table", "Tabulated"]
 
 Points = tuple[tuple[float, float], ...]
 
@@ -168,7 +170,7 @@ class CubicSpline(Tabulated):
         return self
 
     def curve(self, t: Any, y: Any) -> Piecewise:
-        return splines.cubic(t, y, self.ends, self.beyond)
+        return cubic_spline(t, y, self.ends, self.beyond)
 
 
 class AkimaSpline(Tabulated):
@@ -180,7 +182,7 @@ class AkimaSpline(Tabulated):
     type: Literal["akima"]
 
     def curve(self, t: Any, y: Any) -> Piecewise:
-        return splines.akima(t, y, self.beyond)
+        return akima_curve(t, y, self.beyond)
 
 
 class Table(Tabulated):
@@ -192,4 +194,4 @@ class Table(Tabulated):
     type: Literal["table"]
 
     def curve(self, t: Any, y: Any) -> Piecewise:
-        return splines.linear(t, y, self.beyond)
+        return linear_curve(t, y, self.beyond)

@@ -11,16 +11,22 @@ pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import ValidationInfo, model_validator
 
-from flexmb.errors import Problem, nearest
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.joints.curve import CurveShape, curve_shape
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane
+from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Length, Pair, Size, Text
-from flexmb.model.values.reading import Reader, Spec, fail, given
-
-__all__ = ["COORDINATES", "JOINT_TYPES", "JointSpec", "JointType"]
+from flexmb.model.values.reading import Reader, fail, fail_if, given
 
 COORDINATES = ("angle", "second_angle", "stroke")
 """Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
@@ -53,6 +59,9 @@ class JointType:
         return 6 - self.equations
 
 
+# In a plane: axes normal to it, axes within it.
+_ABOUT = ("revolute", "revolute-revolute")
+_ALONG = ("prismatic", "in-line", "in-plane", "prismatic-spherical")
 _BOTH = ("angle", "stroke")
 _TABLE = (
     ("fixed", 6, 3, (), 0, "holds both markers together, place and axes"),
@@ -103,13 +112,13 @@ def _type(value: Any, info: ValidationInfo) -> str:
     return value
 
 
-class JointSpec(Spec):
+class JointSpec(Component):
     """A joint between the markers ``between = [I, J]``; composite ones stand for a massless link.
 
     ``length`` of a distance joint; without it the distance is that of the placed pose. ``pitch`` of
     a screw, along its axis for one turn about it, negative for a left-handed thread. Joints on a
     ``curve``: it lies in the axes of marker I, ``second_curve`` in those of J; ``start`` (and
-    ``second_start``) tell where along it the joint begins, by default nearest in the placed pose;
+    ``second_start``) say where along it the joint starts, by default nearest in the placed pose;
     ``radius`` of a roller.
     """
 
@@ -140,19 +149,18 @@ class JointSpec(Spec):
             what = "only a distance joint has a length that can be given"
             problems.append(Problem("length", what))
         problems += self._thread() + self._curve_words()
-        if problems:
-            raise fail(*problems)
+        fail_if(problems)
         return self
 
     def _thread(self) -> list[Problem]:
         """What is wrong with the pitch."""
         if self.type != "screw":
-            told = "only a screw has a pitch; leave it out"
-            return [] if self.pitch is None else [Problem("pitch", told)]
+            what = "only a screw has a pitch; leave it out"
+            return [] if self.pitch is None else [Problem("pitch", what)]
         if self.pitch is None:
             return [Problem("pitch", "is missing: how far the screw moves in one turn")]
-        told = "is zero: a screw that turns and does not move is a revolute joint"
-        return [Problem("pitch", told)] if self.pitch == 0 else []
+        what = "is zero: a screw that turns and does not move is a revolute joint"
+        return [Problem("pitch", what)] if self.pitch == 0 else []
 
     def _curve_words(self) -> list[Problem]:
         """What joints on curves need, and others do not have."""
@@ -172,6 +180,78 @@ class JointSpec(Spec):
         ]
 
     @property
+    def kind(self) -> JointType:
+        """Its row of the joint table."""
+        return JOINT_TYPES[self.type]
+
+    @property
     def curves(self) -> tuple[str, ...]:
         """Names of the curves it slides along: that of I, then that of J."""
         return tuple(name for name in (self.curve, self.second_curve) if name is not None)
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from scope.pair(where, self.between, "a joint")
+        starts = (self.start, self.second_start)
+        words = ("curve", "second_curve"), ("start", "second_start")
+        for word, start_word, curve, start in zip(*words, self.curves, starts, strict=False):
+            yield from scope.unknown(f"{where}.{word}", "curve", curve, "curves")
+            shape = _shape(scope.model, curve)
+            if shape is None:
+                continue
+            if not shape.in_plane and self.type != "point-on-curve":
+                what = f'a {self.type} joint needs a plane curve; "{curve}" has three coordinates'
+                yield Problem(f"{where}.{word}", what, ("point-on-curve",))
+            if start is not None and not shape.closed and not 0.0 <= start <= shape.length:
+                length = scope.model.units.say(shape.length, "m")
+                what = f'lies beyond the curve "{curve}", which is {length} long'
+                yield Problem(f"{where}.{start_word}", what)
+
+    def planar_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        if self.kind.planar_equations is None:
+            names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations)
+            yield Problem(f"{where}.type", f"a {self.type} joint has no meaning in a plane", names)
+        elif self.kind.curves:
+            yield from self._planar_curve_problems(model, where, flexbodies, plane)
+        elif self.kind.has_axis:
+            try:
+                axis = axis_of_joint(model, where.partition(".")[2], flexbodies)
+            except FlexmbError:
+                return  # its markers are reported elsewhere
+            about, along = across(axis, plane), keeps_plane(axis, plane)
+            if self.type in _ABOUT and not about:
+                yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+            elif self.type in _ALONG and not along:
+                yield Problem(f"{where}.axis", f"must lie in the plane {plane}")
+            elif not (about or along):
+                yield Problem(f"{where}.axis", f"must lie in the plane {plane} or be normal to it")
+
+    def _planar_curve_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        """The curves and the flat."""
+        try:
+            markers = lookup.joint_frames(model, where.partition(".")[2], flexbodies)
+        except FlexmbError:
+            return  # its markers are reported elsewhere
+        normal = np.array(PLANES[plane])
+        axes = [lookup.global_axes(model, marker)[:, 2] for marker in markers]
+        for i, (z, curve) in enumerate(zip(axes, self.curves, strict=False)):
+            if np.linalg.norm(np.cross(z, normal)) > ALIGNED:
+                what = f"carries a curve in its plane x, y, which must lie in the plane {plane}"
+                yield Problem(f"{where}.between[{i}]", f"{what}: turn the marker, or take another")
+            shape = _shape(model, curve)
+            if shape is not None and not shape.in_plane:
+                what = f'the curve "{curve}" with three coordinates has no meaning in a plane'
+                yield Problem(f"{where}.{('curve', 'second_curve')[i]}", what)
+        if self.type == "cam-flat" and abs(axes[1] @ normal) > ALIGNED:
+            yield Problem(f"{where}.axis", f"across the flat, it must lie in the plane {plane}")
+
+
+def _shape(model: ModelData, curve: str) -> CurveShape | None:
+    """The shape of a curve, None for one that is wrong: reported elsewhere."""
+    try:
+        return curve_shape(model, curve) if curve in model.curves else None
+    except SceneError:
+        return None

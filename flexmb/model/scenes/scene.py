@@ -11,10 +11,8 @@ from typing import Any
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.model import Model, Source
-from flexmb.model.scenes.building import build
-from flexmb.model.tasks.overrides import override
-
-__all__ = ["load_scene", "raw_scene"]
+from flexmb.model.scenes.conversion import build
+from flexmb.model.tasks.study import override
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 

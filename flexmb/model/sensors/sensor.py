@@ -9,42 +9,24 @@ in what a sensor is measured.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ValidationInfo, model_validator
 
-from flexmb.errors import Problem
-from flexmb.model.functions.function import Function
+from flexmb.errors import Problem, nearest
+from flexmb.model.forces.contact import ContactSpec, PointsSide
+from flexmb.model.forces.load import LoadSpec
+from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, UnitName
+from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Text
-from flexmb.model.values.reading import Reader, Spec, fail, given
-from flexmb.model.values.told_units import ToldUnit, UnitName
-
-__all__ = [
-    "CHANNEL_UNITS",
-    "SENSOR_TYPES",
-    "TURNS",
-    "AngleSensorSpec",
-    "DistanceSensorSpec",
-    "EnergySensorSpec",
-    "ExpressionSensorSpec",
-    "JointSensorSpec",
-    "MarkerSensorSpec",
-    "OrientationSensorSpec",
-    "PlaceSensorSpec",
-    "ReactionSensorSpec",
-    "SensorSpec",
-    "StrokeSensorSpec",
-    "channel_unit",
-    "channels_of",
-    "unit_of",
-]
+from flexmb.model.values.reading import Reader, Spec, fail, given, only_one
 
 TURNS = ("alpha", "beta", "gamma")
 """Names of the three angles of an orientation."""
 
 
-class SensorSpec(Spec):
+class SensorSpec(Component):
     """Base of all sensors."""
 
     type: str
@@ -71,6 +53,12 @@ class MarkerSensorSpec(SensorSpec):
             what = "is an observer with axes of its own; leave relative_to and axes out"
             raise fail(Problem("seen_from", what))
         return self
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        if self.axes != "global":
+            yield from scope.marker(f"{where}.axes", self.axes)
+        if self.seen_from is not None:
+            yield from scope.marker(f"{where}.seen_from", self.seen_from)
 
 
 def _sequence(value: Any, info: ValidationInfo) -> str:
@@ -111,6 +99,10 @@ class JointSensorSpec(SensorSpec):
             raise fail(Problem("axis", "is the joint's own; leave it out"))
         return self
 
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        if self.joint is not None:
+            yield from scope.coordinate(where, self.joint, self.type)
+
 
 class AngleSensorSpec(JointSensorSpec):
     """Angle of a joint, or from marker I to J about ``axis`` (as for joints).
@@ -146,6 +138,19 @@ class PlaceSensorSpec(SensorSpec):
     on: Literal["I", "J"] = "I"
     derivative: Literal[0, 1] = 0
 
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from scope.unknown(f"{where}.joint", "joint", self.joint, "joints")
+        joint = scope.model.joints.get(self.joint)
+        if joint is None:
+            return
+        if not joint.curves:
+            names = tuple(name for name, other in scope.model.joints.items() if other.curves)
+            what = f'the {joint.type} joint "{self.joint}" is on no curve'
+            yield Problem(f"{where}.joint", what, names)
+        elif self.on == "J" and len(joint.curves) < 2:
+            what = f'the {joint.type} joint "{self.joint}" has a curve on I only'
+            yield Problem(f"{where}.on", what)
+
 
 class DistanceSensorSpec(SensorSpec):
     """Distance of two markers; with ``derivative`` its first or second rate."""
@@ -174,10 +179,36 @@ class ReactionSensorSpec(SensorSpec):
 
     @model_validator(mode="after")
     def _one_of_four(self) -> Self:
-        told = (self.joint, self.driver, self.force, self.coupler)
-        if len([name for name in told if name is not None]) != 1:
-            raise fail(Problem("", 'give exactly one of "joint", "driver", "force" and "coupler"'))
+        only_one(self, "joint", "driver", "force", "coupler")
         return self
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        if self.axes not in ("joint", "global"):
+            yield from scope.marker(f"{where}.axes", self.axes)
+        for noun in ("joint", "driver", "force"):
+            name = getattr(self, noun)
+            if name is not None:
+                yield from scope.unknown(f"{where}.{noun}", noun, name, f"{noun}s")
+        if self.coupler is not None:
+            yield from self._coupler_problems(scope, f"{where}.coupler", self.coupler)
+        force = scope.model.forces.get(self.force or "")
+        if isinstance(force, LoadSpec) and force.reaction is None and self.on == "I":
+            what = f'"{self.force}" acts on one marker: its reaction is on ground; leave it out'
+            yield Problem(f"{where}.on", what)
+        if isinstance(force, ContactSpec) and self.quantity == "moment":
+            side = force.shapes["IJ".index(self.on)]
+            if isinstance(side, PointsSide):
+                what = "points touch at many places: use the force, or the other side"
+                yield Problem(f"{where}.quantity", what)
+
+    def _coupler_problems(self, scope: Scope, where: str, reaction: str) -> Iterator[Problem]:
+        """What a coupler does to one of its joints must be a name of such a reaction."""
+        if reaction.split(".")[0] not in scope.broken.get("couplers", {}):
+            couplers = scope.model.couplers.items()
+            names = tuple(one for name, spec in couplers for one in spec.reaction_names(name))
+            if reaction not in names:
+                what = f'unknown coupler and joint "{reaction}"'
+                yield Problem(where, what, names, nearest(reaction, names))
 
 
 class EnergySensorSpec(SensorSpec):
@@ -194,13 +225,17 @@ class EnergySensorSpec(SensorSpec):
             raise fail(Problem("quantity", "is not that of one body", allowed))
         return self
 
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        if self.body is not None:
+            yield from scope.unknown(f"{where}.body", "body", self.body, "bodies")
+
 
 class ExpressionSensorSpec(SensorSpec):
     """A value computed of other channels, such as ``"hypot(tip.x, tip.y)"``, in ``unit``."""
 
     type: Literal["expression"]
     unit: UnitName = ""
-    value: Annotated[Function, ToldUnit()]
+    value: Annotated[Function, FunctionInDeclaredUnit()]
 
 
 SENSOR_TYPES: dict[str, type[Spec]] = {
@@ -248,14 +283,11 @@ def unit_of(table: Mapping[str, Any]) -> str | None:
         return "J"
     if kind == "reaction":
         return "N m" if table.get("quantity") == "moment" else "N"
-    known = CHANNEL_UNITS.get(kind.replace("_", " "))
-    return known if known is not None else _told(table)
-
-
-def _told(table: Mapping[str, Any]) -> str | None:
-    """Unit of what tells it itself, or would: an expression, a state, a controller."""
-    own = any(key in table for key in ("value", "rate", "input"))
-    return str(table.get("unit", "")) if own else None
+    unit = CHANNEL_UNITS.get(kind.replace("_", " "))
+    if unit is not None:
+        return unit
+    declares = any(key in table for key in ("value", "rate", "input"))
+    return str(table.get("unit", "")) if declares else None
 
 
 def channel_unit(tables: Mapping[str, Mapping[str, Any]], channel: str) -> str | None:

@@ -1,20 +1,62 @@
-"""How a scene is run in time: span, step, outputs, method and its numbers."""
+"""How a scene is run in time: span, step, outputs, method and its numbers.
+
+What a method does stands in the files of `flexmb.engine.integrators`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.tasks.methods import METHODS, OPTIONS, MethodName
 from flexmb.model.values.quantities import Integer, Quantity, Time, plain, read_number
-from flexmb.model.values.reading import Reader, Spec, fail, names_of, under, units_of
+from flexmb.model.values.reading import Reader, Spec, fail, fail_if, names_of, under, units_of
 
-__all__ = [
-    "ACCURACY", "INSTEAD", "MOST_OUTPUTS", "ROUND_OFF", "DynamicsSpec", "drop_idle_options",
-]  # fmt: skip
+METHODS: dict[str, str] = {
+    "auto": "explicit-rk, or radau for flexible bodies and where stiffness limits its steps; "
+    "generalized-alpha for fixed steps",
+    "generalized-alpha": "implicit, second order, numerical damping by spectral_radius: "
+    "the choice for flexible bodies and stiff springs",
+    "explicit-rk": "Dormand-Prince 8(5,3) or 5(4), by order, with projection onto the joints: for "
+    "what is not stiff",
+    "radau": "Radau IIA, implicit, fifth order, damps stiff modes: for stiff parts",
+    "hht": "Hilber-Hughes-Taylor, generalized-alpha with the damping of alpha: as other programs "
+    "know it",
+    "newmark": "Newmark's method with its beta and gamma: for teaching; of first order unless "
+    "gamma is 1/2",
+    "trapezoidal": "trapezoidal rule, Newmark's method with 1/4 and 1/2: second order without "
+    "numerical damping",
+    "baumgarte": "explicit, augmented equations with Baumgarte's stabilization in place of "
+    "projection: for teaching; joints drift, and the summary says how far",
+    "coordinate-partitioning": "explicit, integrates independent coordinates and solves the "
+    "joints for the dependent ones: for teaching",
+}
+"""What each integrator is good for."""
+
+_EXPLICIT = ("explicit-rk", "baumgarte", "coordinate-partitioning")
+_IMPLICIT = ("generalized-alpha", "hht", "newmark", "trapezoidal", "radau")
+
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "order": _EXPLICIT,
+    "spectral_radius": ("generalized-alpha",),
+    "newton_tolerance": _IMPLICIT,
+    "alpha": ("hht",),
+    "beta": ("newmark",),
+    "gamma": ("newmark",),
+    "baumgarte_alpha": ("baumgarte",),
+    "baumgarte_beta": ("baumgarte",),
+}
+"""Fields of `[dynamics]` that only some methods have: which."""
+
+
+if TYPE_CHECKING:
+    MethodName = str
+else:
+    MethodName = Literal[*METHODS]
+    """Words of `dynamics.method`."""
+
 
 INSTEAD = {"accuracy": "step", "step": "accuracy"}
 """The choice that another one replaces where both are given, one after the other."""
@@ -28,7 +70,7 @@ ROUND_OFF = 1e-12
 _AUTO_BY_STEP = "generalized-alpha"
 """What `method = "auto"` is with fixed steps."""
 
-_SAME = 1e-12  # share of the run by which times that are the same may differ
+_SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
 
 
 def _idle_options(table: Mapping[str, Any]) -> Iterator[str]:
@@ -57,19 +99,6 @@ def drop_idle_options(table: dict[str, Any], changes: Collection[str]) -> None:
         for option in [*_idle_options(table)]:
             if option not in changes:
                 del table[option]
-
-
-def _between(least: float, most: float) -> Reader:
-    """Reads a number between two others."""
-
-    def read(value: Any, info: ValidationInfo) -> float:
-        number = Quantity().read(value, info)
-        if not least <= number <= most:
-            what = f"must lie between {least:.4g} and {most:.4g}, is {number:g}"
-            raise fail(Problem("", what))
-        return number
-
-    return Reader(read)
 
 
 def _tolerance(value: Any, info: ValidationInfo) -> float:
@@ -119,12 +148,11 @@ def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
             before, now = (units.say(times[j], "s") for j in (i - 1, i))
             what = f"times must increase: {now} does not lie after {before}"
             problems.append(Problem(f"[{i}]", what))
-    if problems:
-        raise fail(*problems[:_MOST_PROBLEMS])
+    fail_if(problems[:_MAX_PROBLEMS])
     return tuple(times)
 
 
-_MOST_PROBLEMS = 5  # of one list that are told
+_MAX_PROBLEMS = 5  # of one list that are reported
 
 
 def _write_outputs(value: int | tuple[float, ...], info: SerializationInfo) -> Any:
@@ -163,10 +191,10 @@ class DynamicsSpec(Spec):
     outputs: Annotated[int | tuple[float, ...], Reader(_outputs, _write_outputs)] = 200
     method: MethodName = "auto"
     order: Literal[5, 8] | None = None
-    spectral_radius: Annotated[float, _between(0.0, 1.0)] | None = None
-    alpha: Annotated[float, _between(-1.0 / 3.0, 0.0)] | None = None
-    beta: Annotated[float, _between(0.25, 1.0)] | None = None
-    gamma: Annotated[float, _between(0.5, 1.0)] | None = None
+    spectral_radius: Annotated[float, Quantity(limits=(0.0, 1.0))] | None = None
+    alpha: Annotated[float, Quantity(limits=(-1.0 / 3.0, 0.0))] | None = None
+    beta: Annotated[float, Quantity(limits=(0.25, 1.0))] | None = None
+    gamma: Annotated[float, Quantity(limits=(0.5, 1.0))] | None = None
     baumgarte_alpha: _Rate | None = None
     baumgarte_beta: _Rate | None = None
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
@@ -186,8 +214,7 @@ class DynamicsSpec(Spec):
     def _options_act(self) -> Self:
         table = {name: getattr(self, name) for name in ("method", "step", "verify", *OPTIONS)}
         problems = [Problem(option, self._idle(option)) for option in _idle_options(table)]
-        if problems:
-            raise fail(*problems)
+        fail_if(problems)
         return self
 
     def _idle(self, option: str) -> str:
@@ -224,7 +251,7 @@ class DynamicsSpec(Spec):
             end = units.say(self.duration, "s")
             for i in (0, len(self.outputs) - 1):
                 time = self.outputs[i]
-                if not -_SAME * self.duration <= time <= self.duration * (1.0 + _SAME):
+                if not -_SAME_TIME * self.duration <= time <= self.duration * (1.0 + _SAME_TIME):
                     what = (
                         f"{units.say(time, 's')} lies outside the run, which goes from 0 to {end}"
                     )

@@ -1,33 +1,274 @@
-"""What a study of accuracy against cost varies, and by what it judges."""
+"""Values of a scene that are changed from outside: by overrides, and by studies of many values.
+
+A name is a parameter, a field of ``[dynamics]``, or the path of a value: ``speed=2*pi*10``,
+``dynamics.step=1e-5``. Texts are read as TOML values where they are ones, else stay texts
+(expressions, names). Values of a study are lists, or ranges: ``1e-2..1e-8`` by factors of ten,
+``1e-3..1e-5:5`` five values at equal ratios, rounded to three digits where they are far apart;
+between whole numbers the values are whole.
+"""
 
 from __future__ import annotations
 
+import copy
+import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 from pydantic import SerializationInfo, ValidationInfo
 
-from flexmb.errors import Problem, SceneError
-from flexmb.model.tasks.sweep import sweep_values
-from flexmb.model.values.quantities import Integer, Quantity, Text
-from flexmb.model.values.reading import Reader, Spec, fail, given, under
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.tasks.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
+from flexmb.model.values.quantities import Integer, Quantity, Text, plain
+from flexmb.model.values.reading import Reader, Spec, fail, fail_if, given, under
 
-__all__ = ["StudySpec"]
+_MAKEABLE = (
+    "assembly",
+    "dynamics",
+    "kinematics",
+    "results",
+    "view",
+)  # tables whose fields all have defaults or will be missed
+
+
+def override(
+    scene: Mapping[str, Any], changes: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[Problem]]:
+    """The changed scene (a copy), and the problems of the changes."""
+    changed: dict[str, Any] = copy.deepcopy(dict(scene))
+    problems: list[Problem] = []
+    for name, text in changes.items():
+        problem = _set(changed, str(name).strip(), _value(text))
+        if problem is not None:
+            problems.append(problem)
+    if isinstance(changed.get("dynamics"), dict):
+        names = {str(name).strip().removeprefix("dynamics.") for name in changes}
+        drop_idle_options(changed["dynamics"], names)
+    return changed, problems
+
+
+def _value(text: Any) -> Any:
+    if not isinstance(text, str):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text.strip()
+
+
+def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
+    where = f"override {name}"
+    if isinstance(value, Mapping):
+        return Problem(where, f"a single value is expected, given {given(value)}")
+    parts = name.split(".")
+    if len(parts) == 1:
+        parameters = scene.get("parameters", {})
+        if not isinstance(parameters, Mapping):
+            parameters = {}
+        top = tuple(key for key in ("title", "gravity") if key in scene)
+        if name in parameters:
+            parameters[name] = value
+        elif name in ("title", "gravity"):
+            scene[name] = value
+        else:
+            names = tuple(dict.fromkeys((*parameters, *top)))
+            return Problem(where, f'unknown parameter "{name}"', names, nearest(name, names))
+        return None
+    table: Any = scene
+    for depth, part in enumerate(parts[:-1]):
+        if depth == 0 and part in _MAKEABLE:
+            table.setdefault(part, {})
+        if not isinstance(table, dict) or not isinstance(table.get(part), dict):
+            return _no_table(where, parts[: depth + 1], table)
+        table = table[part]
+    return _put(where, table, parts, value)
+
+
+def _no_table(where: str, path: list[str], table: Any) -> Problem:
+    names = tuple(key for key, value in table.items() if isinstance(value, dict))
+    what = f'the scene has no table "{".".join(path)}"'
+    return Problem(where, what, names, nearest(path[-1], names))
+
+
+def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Problem | None:
+    key = parts[-1]
+    if isinstance(table.get(key), dict) and key not in ("orientation", "material", "shape"):
+        names = tuple(f"{'.'.join(parts)}.{name}" for name in table[key])
+        return Problem(where, "is a table; name a value in it", names)
+    if parts[0] == "parameters" and key not in table:
+        return Problem(where, f'unknown parameter "{key}"', tuple(table), nearest(key, table))
+    table[key] = value
+    if parts[0] == "dynamics" and key in INSTEAD:  # the new one replaces the scene's other choice
+        table.pop(INSTEAD[key], None)
+    return None
+
+
+_SECTIONS = (
+    "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
+    "controllers", "assembly", "dynamics",
+)  # fmt: skip
+_TOP = ("gravity",)
+
+
+def resolve_knob(scene: Mapping[str, Any], name: str) -> tuple[str, Problem | None]:
+    """The full name of a knob, and the problem if the scene has none of that name.
+
+    A last part that the scene does not write down is left to whoever reads the changed scene: a
+    field may have a default.
+    """
+    if name in _table(scene, "parameters") or name in _TOP:
+        return name, None
+    if name in DynamicsSpec.model_fields:
+        return f"dynamics.{name}", None
+    *path, last = name.split(".")
+    table: Any = scene
+    for part in path:
+        table = table.get(part) if isinstance(table, Mapping) else None
+    there = name.startswith("dynamics.") or isinstance(table, Mapping)
+    if path and path[0] in _SECTIONS and there:
+        inside = table.get(last) if isinstance(table, Mapping) else None
+        if not isinstance(inside, Mapping):
+            return name, _unknown_parameter(path, last, table)
+        names = tuple(f"{name}.{key}" for key in inside)
+        return name, Problem("", "is a table; name a value in it", names)
+    names = tuple(knob_names(scene))
+    return name, Problem("", f'the scene has no knob "{name}"', names, nearest(name, names))
+
+
+def _unknown_parameter(path: list[str], last: str, table: Mapping[str, Any]) -> Problem | None:
+    if path != ["parameters"] or last in table:
+        return None
+    return Problem("", f'unknown parameter "{last}"', tuple(table), nearest(last, table))
+
+
+def knob_names(scene: Mapping[str, Any]) -> Iterator[str]:
+    """Short names, then the paths of all values that the scene writes down."""
+    yield from _table(scene, "parameters")
+    yield from DynamicsSpec.model_fields
+    yield from _TOP
+    for section in _SECTIONS[1:]:
+        yield from _leaves(section, _table(scene, section))
+
+
+def _table(scene: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    table = scene.get(key, {})
+    return table if isinstance(table, Mapping) else {}
+
+
+def _leaves(path: str, value: Any) -> Iterator[str]:
+    if not isinstance(value, Mapping):
+        yield path
+        return
+    for key, inside in value.items():
+        yield from _leaves(f"{path}.{key}", inside)
+
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_RANGE = re.compile(rf"\s*(?P<a>{_NUMBER})\s*\.\.\s*(?P<b>{_NUMBER})\s*(?::(?P<n>.*))?\Z")
+_HALF_RANGE = re.compile(rf"\s*(?:{_NUMBER}\s*\.\.|\.\.\s*{_NUMBER}\s*(?::|\Z))")
+_COARSE = 0.1  # relative distance of neighbours from which three digits are enough
+_MAX_VALUES = 1000  # values of one knob; more is a slip of the keyboard
+
+
+def sweep_values(source: Any) -> tuple[Any, ...]:
+    """The values of a knob.
+
+    Parameters
+    ----------
+    source : str, number, or sequence of them
+        Texts are split at commas outside of brackets; each piece is a range, a TOML value or, as
+        in a scene, an expression or a name.
+
+    Raises
+    ------
+    SceneError
+        No values, an empty piece, or a range that cannot be.
+    """
+    pieces = _split(source) if isinstance(source, str) else plain(source)
+    if not isinstance(pieces, list):
+        pieces = [pieces]
+    values: list[Any] = []
+    for piece in pieces:
+        for value in _expanded(piece):
+            if value not in values:
+                values.append(value)
+    if not values:
+        raise _bad("no values are given")
+    if len(values) > _MAX_VALUES:
+        raise _bad(f"{len(values)} values are given; a study takes up to {_MAX_VALUES}")
+    return tuple(values)
+
+
+def _bad(what: str) -> SceneError:
+    return SceneError.from_problems([Problem("", what)])
+
+
+def _split(text: str) -> list[str]:
+    pieces, depth = [""], 0
+    for letter in text:
+        depth += (letter in "([{") - (letter in ")]}")
+        if letter == "," and depth == 0:
+            pieces.append("")
+        else:
+            pieces[-1] += letter
+    if not text.strip():
+        return []
+    return pieces
+
+
+def _expanded(piece: Any) -> Iterator[Any]:
+    if not isinstance(piece, str):
+        yield piece
+        return
+    if not piece.strip():
+        raise _bad("a value between the commas is empty")
+    match = _RANGE.match(piece)
+    if match is None:
+        if _HALF_RANGE.match(piece):
+            raise _bad(f'the range "{piece.strip()}" must have two numbers: 1e-2..1e-6')
+        yield _value(piece.strip())
+        return
+    a, b = match["a"], match["b"]
+    if float(a) <= 0 or float(b) <= 0:
+        raise _bad(f'the range "{piece.strip()}" must have two positive ends')
+    values = _decades(float(a), float(b)) if match["n"] is None else _spaced(piece, match)
+    whole = a.isdigit() and b.isdigit()
+    yield from (round(value) if whole else value for value in values)
+
+
+def _decades(a: float, b: float) -> Iterator[float]:
+    factor = 10.0 if b > a else 0.1
+    low, high = min(a, b) * (1 - 1e-9), max(a, b) * (1 + 1e-9)
+    k = 0
+    while low <= a * factor**k <= high:
+        yield float(f"{a * factor**k:.12g}")  # 0.001, not 0.0010000000000000002
+        k += 1
+
+
+def _spaced(piece: str, match: re.Match[str]) -> Iterator[float]:
+    count = match["n"].strip()
+    if not count.isdigit() or not 2 <= int(count) <= _MAX_VALUES:
+        what = f'the range "{piece.strip()}" needs after ":" a number of values'
+        raise _bad(f"{what} from 2 to {_MAX_VALUES}")
+    a, b, n = float(match["a"]), float(match["b"]), int(count)
+    ratio = (b / a) ** (1 / (n - 1))
+    digits = 3 if abs(ratio - 1.0) > _COARSE else 12
+    inner = (a * ratio**i for i in range(1, n - 1))
+    yield from (a, *(float(f"{value:.{digits}g}") for value in inner), b)
 
 
 def _vary(value: Any, info: ValidationInfo) -> dict[str, tuple[Any, ...]]:
     if not isinstance(value, Mapping):
         raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {given(value)}"))
-    found: dict[str, tuple[Any, ...]] = {}
+    knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
     for knob, values in _flat("", value):
         try:
-            found[knob] = sweep_values(values)
+            knobs[knob] = sweep_values(values)
         except SceneError as error:
             problems += under(knob, error.problems)
-    if problems:
-        raise fail(*problems)
-    return found
+    fail_if(problems)
+    return knobs
 
 
 def _flat(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -46,7 +287,7 @@ def _as_lists(
     return {knob: list(values) for knob, values in value.items()}
 
 
-def _share(value: Any, info: ValidationInfo) -> float:
+def _target(value: Any, info: ValidationInfo) -> float:
     number = Quantity("", "positive").read(value, info)
     if number >= 1:
         raise fail(Problem("", f"is an error over the peak-to-peak, below 1; is {number:g}"))
@@ -65,5 +306,5 @@ class StudySpec(Spec):
 
     vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, _as_lists)]
     repeats: Annotated[int, Integer(1)] = 3
-    target: Annotated[float, Reader(_share)] = 0.01
+    target: Annotated[float, Reader(_target)] = 0.01
     sensors: tuple[Text, ...] = ()

@@ -16,8 +16,6 @@ from typing import NamedTuple
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.units import UnitSystem, parse_unit
 
-__all__ = ["Columns", "read_columns"]
-
 Cells = tuple[int, list[str]]
 
 

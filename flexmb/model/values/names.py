@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import Any
 
-__all__ = ["GROUND", "bad_name", "split_reference"]
-
 GROUND = "ground"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 

@@ -23,18 +23,6 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.values.quantities import read_axis, read_number, unit_vector
 from flexmb.model.values.reading import Names, Reader, fail, given, names_of, under, unknown_key
 
-__all__ = [
-    "EULER_SEQUENCES",
-    "Orientation",
-    "quaternion_from_axis",
-    "quaternion_from_euler",
-    "quaternion_from_matrix",
-    "read_orientation",
-    "rotation_matrices",
-    "rotation_matrix",
-    "triad",
-]
-
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 _ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not

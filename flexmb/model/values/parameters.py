@@ -13,12 +13,9 @@ from typing import Any
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
-from flexmb.model.values.quantities import read_number
+from flexmb.model.values.quantities import expression_and_factor, read_number
 from flexmb.model.values.reading import Terms, given
-from flexmb.model.values.unit_texts import expression_and_factor
 from flexmb.units import SI, UnitSystem
-
-__all__ = ["resolve"]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
 _RESERVED = {"t": "the time", **dict.fromkeys(CONSTANTS, "a constant")}

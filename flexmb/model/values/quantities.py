@@ -3,11 +3,16 @@
 In: a number or an expression over the parameters, in the scene's unit system, perhaps with a unit
 of its own: ``"30 deg"``. Out: floats in SI (rad for angles), finite and of the asked sign. Each
 type is a pydantic annotation that names its SI unit, from which the scene's own follows.
+
+A text may end in a unit, such as ``"30 mm"``, ``"360*t deg"`` or ``"1500 rpm"``. An expression
+never has two values side by side, so whether a text has a unit is never in doubt, but for a
+parameter that has the name of one: that is refused.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Real
@@ -17,35 +22,104 @@ import numpy as np
 from pydantic import BeforeValidator, GetCoreSchemaHandler, SerializationInfo, ValidationInfo
 from pydantic_core import core_schema
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.functions.expression import parse
 from flexmb.model.values.reading import Names, Reader, fail, given, names_of, slot_of, units_of
-from flexmb.model.values.unit_texts import expression_and_factor
+from flexmb.units import UNITS, parse_unit
 
-__all__ = [
-    "Acceleration",
-    "Angle",
-    "AngularVelocity",
-    "Axis",
-    "Integer",
-    "Length",
-    "Measured",
-    "Number",
-    "Pair",
-    "Position",
-    "Quantity",
-    "Size",
-    "Sizes",
-    "Text",
-    "Time",
-    "Velocity",
-    "plain",
-    "read_axis",
-    "read_number",
-    "unit_vector",
-]
+_ENDS_A_VALUE = re.compile(r"[\w.)]$")
+_NUMBER_AND_WORD = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s+(?P<unit>[A-Za-zµ].*)$")
+_SYMBOLS = re.compile(r"[A-Za-zµ]+")
+_NOUNS = {
+    "": "a plain number",
+    "m": "a length",
+    "kg": "a mass",
+    "s": "a time",
+    "rad": "an angle",
+    "Hz": "a frequency",
+    "m/s": "a velocity",
+    "rad/s": "an angular velocity",
+    "m/s^2": "an acceleration",
+    "N": "a force",
+    "N m": "a torque",
+    "kg m^2": "a moment of inertia",
+    "kg/m^3": "a density",
+    "Pa": "a pressure or modulus",
+    "N/m": "a stiffness",
+    "N s/m": "a damping coefficient",
+}
+
+
+def expression_and_factor(
+    text: str, names: Names, unit: str | None, time: bool = False
+) -> tuple[str, float]:
+    """The expression of a text, and the factor from its unit to the scene's own.
+
+    Parameters
+    ----------
+    text : str
+        An expression, perhaps followed by a unit.
+    names : mapping
+        Values of the parameters.
+    unit : str or None
+        SI unit of the quantity that is asked for, ``""`` for a plain number; None takes any.
+    time : bool
+        Whether ``t`` is the time, and not the tonne.
+
+    Raises
+    ------
+    SceneError
+        A unit of something else, a symbol that is a parameter too, or an unknown unit.
+    """
+    front, unit_text = _split(text, time)
+    if not unit_text:
+        _refuse_unknown(text, names, time)
+        return text, 1.0
+    for symbol in _SYMBOLS.findall(unit_text):
+        if symbol in names:
+            what = f'"{symbol}" in {given(text)} is a unit and a parameter: rename the parameter, '
+            raise SceneError(what + f'or write "*{symbol}" if it was meant')
+    own, units = parse_unit(unit_text), units_of(names)
+    if unit is not None and own.dimension != parse_unit(unit).dimension:
+        label = f" [{units.label(unit)}]" if unit else ""
+        noun = _NOUNS.get(unit, "another quantity")
+        raise SceneError(f"{noun}{label} is expected, given {given(text)}")
+    return front, float(f"{own.factor / units.factor(*own.dimension[:3]):.15g}")
+
+
+def _split(text: str, time: bool) -> tuple[str, str]:
+    """Expression and unit; the unit is empty where the text has none."""
+    for gap in re.finditer(r"(?<=\S)\s+(?=\S)", text):
+        front, rest = text[: gap.start()], text[gap.end() :].strip()
+        if not _ENDS_A_VALUE.search(front) or (time and "t" in _SYMBOLS.findall(rest)):
+            continue
+        try:
+            parse_unit(rest)
+        except FlexmbError:
+            continue
+        return front, rest
+    return text, ""
+
+
+def _refuse_unknown(text: str, names: Names, time: bool) -> None:
+    """Say so where a number is followed by a word that is no unit."""
+    match = _NUMBER_AND_WORD.match(text)
+    symbols = _SYMBOLS.findall(match["unit"]) if match else []
+    if match is None or any(s in names for s in symbols) or (time and "t" in symbols):
+        return
+    try:
+        parse_unit(match["unit"])
+    except FlexmbError as error:
+        problem = error.problems[0]
+        if problem.allowed:
+            raise SceneError.from_problems(
+                [Problem("", problem.what, tuple(UNITS), problem.nearest)]
+            ) from None
+
 
 _LAST_DIGITS = 4e-16  # what scaling to unit length leaves
+NUMBER: dict[str, Any] = {"type": ["number", "string"]}
+"""JSON schema of a number; a string is an expression."""
 Sign = Literal["any", "positive", "not negative"]
 
 
@@ -89,10 +163,11 @@ def _finite(number: float, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a float: its SI unit and the sign it must have."""
+    """Annotation of a float: its SI unit, the sign it must have, and the limits of a number."""
 
     unit: str = ""
     sign: Sign = "any"
+    limits: tuple[float, float] | None = None
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -115,6 +190,10 @@ class Quantity:
         units = units_of(names)
         if self._wrong_sign(number):
             raise fail(self._sign_problem(number, value, units.label(unit or "")))
+        if self.limits is not None and not self.limits[0] <= number <= self.limits[1]:
+            low, high = self.limits
+            what = f"must lie between {low:.4g} and {high:.4g}, is {number:g}"
+            raise fail(Problem("", what))
         scaled = number * units.scale(unit or "")
         if not math.isfinite(scaled):
             raise fail(Problem("", f"a finite number is expected, given {given(value)}"))
@@ -135,6 +214,34 @@ class Quantity:
         wanted = "positive" if self.sign == "positive" else "zero or positive"
         origin = f" (given {given(value)})" if isinstance(value, str) else ""
         return Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin)
+
+
+@dataclass(frozen=True)
+class WordOr:
+    """Annotation of a float or a word that stands for one; ``noun`` is what a number is."""
+
+    word: str
+    noun: str
+    unit: str = ""
+    sign: Sign = "any"
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        quantity = Quantity(self.unit, self.sign)
+
+        def read(value: Any, info: ValidationInfo) -> float | str:
+            names = names_of(info)
+            if value == self.word:
+                return self.word
+            if isinstance(value, str) and value.isalpha() and value not in names:
+                label = f" [{units_of(names).label(self.unit)}]" if self.unit else ""
+                what = f"{self.noun}{label} is expected, given {given(value)}"
+                raise fail(Problem("", what, (self.word, "a number or an expression")))
+            return quantity.read(value, info)
+
+        written = core_schema.plain_serializer_function_ser_schema(quantity.write, info_arg=True)
+        return core_schema.with_info_plain_validator_function(read, serialization=written)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,22 +25,6 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.units import SI, UnitSystem
-
-__all__ = [
-    "Entry",
-    "Reader",
-    "Spec",
-    "Terms",
-    "Variant",
-    "fail",
-    "folder_of",
-    "given",
-    "names_of",
-    "read_entry",
-    "slot_of",
-    "under",
-    "units_of",
-]
 
 S = TypeVar("S", bound="Spec")
 Names = Mapping[str, float]
@@ -99,6 +83,23 @@ def folder_of(names: Names) -> Path:
 def fail(*problems: Problem) -> PydanticCustomError:
     """The exception a validator raises to report problems; their ``where`` is relative."""
     return PydanticCustomError("flexmb", "see problems", {"problems": problems})
+
+
+def fail_if(problems: Iterable[Problem]) -> None:
+    """Raise what a validator raises, if there are any problems."""
+    problems = tuple(problems)
+    if problems:
+        raise fail(*problems)
+
+
+def only_one(spec: Spec, *words: str) -> str:
+    """The one of several fields that is given; not exactly one is a mistake."""
+    present = [word for word in words if getattr(spec, word) is not None]
+    if len(present) != 1:
+        *first, last = (f'"{word}"' for word in words)
+        what = f"give exactly one of {', '.join(first)} and {last}"
+        raise fail(Problem("", f"{what}, given {' and '.join(present) or 'none'}"))
+    return present[0]
 
 
 def names_of(info: ValidationInfo | SerializationInfo) -> Names:
@@ -199,6 +200,7 @@ class Reader:
 
     read: Callable[[Any, ValidationInfo], Any]
     write: Callable[[Any, SerializationInfo], Any] | None = None
+    form: dict[str, Any] | None = field(default=None, hash=False, compare=False)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler

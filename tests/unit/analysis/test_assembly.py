@@ -71,7 +71,7 @@ def test_an_arm_begins_with_its_elbow_as_guessed(guess, sign):
 def gaps_as_placed(compiled):
     """The gaps of a linkage before it is assembled."""
     state, work = new_state(compiled.system), new_work(compiled.system)
-    state.q[:] = compiled.placed
+    state.q[:] = compiled.initial_q
     solve_level(compiled.system, state, work, RESIDUAL)
     return joint_gaps(compiled, work)
 
@@ -82,7 +82,7 @@ def weighed(**weights):
     made.set_assembly(weights=weights)
     compiled = compile_system(made)
     state = assemble(compiled, made).state
-    moved = moved_bodies(compiled, compiled.placed, state.q)
+    moved = moved_bodies(compiled, compiled.initial_q, state.q)
     turned = {body.name: body.angle for body in moved}
     return [turned.get(name, 0.0) for name in made.bodies], gaps_as_placed(compiled)[0]
 
@@ -99,7 +99,7 @@ def test_heavier_bodies_move_less_and_fixed_ones_not_at_all():
 def report(made):
     """What the report of an assembly says."""
     compiled = compile_system(made)
-    moved = moved_bodies(compiled, compiled.placed, assemble(compiled, made).state.q)
+    moved = moved_bodies(compiled, compiled.initial_q, assemble(compiled, made).state.q)
     return assembly_notes(gaps_as_placed(compiled), moved, made.units)
 
 

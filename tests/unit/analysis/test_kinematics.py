@@ -7,12 +7,12 @@ import pytest
 from enginekit import executed
 from linkages import four_bar_angles
 
-from flexmb.analysis.kinematics import kinematics
+from flexmb.analysis import kinematics
 
 CODE = """
 import numpy as np
-from flexmb.analysis.kinematics import kinematics as module
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics, run_kinematics
+from flexmb.analysis import kinematics as module
+from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import Interface
@@ -148,7 +148,7 @@ def switched(block):
 
 def placed_other(t):
     crank = 0.6 + 2 * np.pi * t
-    return compile_system(four_bar(BARS, (crank, *four_bar_angles(BARS, crank, -1)))).placed
+    return compile_system(four_bar(BARS, (crank, *four_bar_angles(BARS, crank, -1)))).initial_q
 
 sink.append = switched
 outcome = run_kinematics(ready, sink)

@@ -9,7 +9,7 @@ from mechanisms import crank_slider, four_bar, quick_return
 import flexmb
 from flexmb.analysis import procedure
 from flexmb.analysis.dynamics.analysis import prepare
-from flexmb.analysis.kinematics.kinematics import prepare_kinematics
+from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import UNITS
 from flexmb.errors import AssemblyError

@@ -14,7 +14,7 @@ from flexmb.engine.functions import lower, stack_for
 from flexmb.engine.kernels.forces import characteristic, relative_motion
 from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.units import call
-from flexmb.model.forces.laws import LawOf
+from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse
 
 LAST_DIGITS = 1e-13
@@ -53,7 +53,7 @@ def found():
 
 def read(points, name, places):
     """(places, 3) force, slope and energy of a tabulated law."""
-    made = LawOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
+    made = CharacteristicOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
     table = lower([made.expression, made.stored])
     stack = stack_for(table)
     rows = []

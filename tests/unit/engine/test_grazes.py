@@ -8,7 +8,7 @@ from truthkit import Memory
 
 from flexmb.analysis.dynamics.analysis import dynamics, prepare
 from flexmb.engine.compile import compile_system
-from flexmb.engine.method import EVENTS, FINE
+from flexmb.engine.method import FINE
 from flexmb.model import Model
 
 METHODS = ("explicit-rk", "radau", "generalized-alpha")
@@ -55,7 +55,7 @@ def test_both_bounds_are_watched(bound):
     model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=20, verify=False)
     run = prepare(compile_system(model), model).run
     assert run.march(10**6) == FINE
-    assert run.state.count[EVENTS] == 2
+    assert run.state.count[0]["events"] == 2
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -40,7 +40,7 @@ def found():
         found[f"power {topology}"] = bench.state.power.copy()
 
         # assembly: from the placed pose, bodies pushed a little
-        bench.q[:] = bench.compiled.placed
+        bench.q[:] = bench.compiled.initial_q
         bench.state.t[0] = 0.0
         rng = np.random.default_rng(33)
         bench.q[:] = bench.moved(bench.q, 0.03 * rng.standard_normal(bench.layout.nv))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.lib.recfunctions import structured_to_unstructured
 
 from flexmb.analysis.dynamics.analysis import prepare
 from flexmb.analysis.dynamics.run import Run
@@ -75,7 +76,9 @@ def saw():
 
 
 def flat(state):
-    return np.concatenate([part.ravel() for part in state])
+    """All numbers of a state (n,); records in their order of fields."""
+    parts = [structured_to_unstructured(part) if part.dtype.names else part for part in state]
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def pulse_answer(t):

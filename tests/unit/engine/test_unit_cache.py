@@ -99,7 +99,7 @@ def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
     folder = unit_cache.cache_folders()[0]
     (folder / name).write_bytes(whole)
     unit_cache._shared_folders.cache_clear()
-    monkeypatch.setattr(unit_cache, "writable", lambda path: False)  # tests may run as root
+    monkeypatch.setattr(unit_cache, "is_writable", lambda path: False)  # tests may run as root
     with pytest.warns(FlexmbWarning, match="read-only or full"):
         folders = unit_cache.cache_folders()
     assert folders[1] == folder != folders[0]

@@ -10,7 +10,7 @@ from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
 FORCES_OF_TIME = {"forces.load", "functions.time_function"}
-SLIDER_CRANK = {"functions.time_function", "joints.axis_rows", "joints.dots", "sensors.channel",
+SLIDER_CRANK = {"functions.time_function", "joints.axis_rows", "joints.row", "sensors.channel",
                 "sensors.motion", "sensors.row_measure"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
@@ -22,11 +22,11 @@ OWN = {
     "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
     "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
                 "forces.damping_tangent"},
-    "revolute joint": {"joints.axis_rows", "joints.dots"},
+    "revolute joint": {"joints.axis_rows", "joints.row"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
-                       "joints.dots"},
+                       "joints.row"},
     "line row": {"joints.line_rows"},
-    "cam": {"joints.coordinate", "joints.curve_marker", "joints.curve_marker_tangent"},
+    "cam": {"joints.coordinate", "joints.curve_marker"},
     "expression": FORCES_OF_TIME | {"forces.unit_force", "sensors.channel", "sensors.feedback",
                                     "sensors.feedback_tangent", "sensors.motion"},
     "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
@@ -86,6 +86,6 @@ def test_no_other_kind_is_compiled(kind, called):
     assert len(plain) < 100
     assert modules - {module(name) for name in plain} == OWN[kind] - units_alone
     # the chain has rows of coincidence only
-    shared = {"bodies.marker", "bodies.wrench", "joints.constraint", "joints.point_rows"}
+    shared = {"bodies.marker", "bodies.wrench", "joints.constraint", "joints.point_joint"}
     assert modules - OWN[kind] <= shared
     assert compiled == calls

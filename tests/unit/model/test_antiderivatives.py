@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from flexmb.errors import SceneError
-from flexmb.model.functions import jets
 from flexmb.model.functions.antiderivatives import antiderivative
+from flexmb.model.functions.derivatives import evaluate
 from flexmb.model.functions.function import read_function
 
 END = 4.0
@@ -49,9 +49,9 @@ def test_it_is_what_quadrature_finds(given, order):
     function = read_function(given)
     found = antiderivative(function.expression.ops, order, END)
     jump = 2e-9 * END if given == PIECEWISE[-1] else 0.0  # whose places are known to 1e-9
-    assert jets.evaluate(found, 0.0)[:order] == pytest.approx((0.0,) * order, abs=1e-15)
+    assert evaluate(found, 0.0)[:order] == pytest.approx((0.0,) * order, abs=1e-15)
     for t in TIMES:
-        jet, wanted = jets.evaluate(found, t), function.value(t)
+        jet, wanted = evaluate(found, t), function.value(t)
         assert jet[0] == pytest.approx(by_quadrature(function, order, t), abs=1e-12 + jump)
         assert jet[order] == pytest.approx(wanted[0], abs=1e-12)
         if order == 1:
@@ -75,7 +75,7 @@ def test_thousands_of_turns_keep_their_digits():
     rate = read_function({"type": "table", "points": [*points[:3], [1.0, 3]], "beyond": "repeat"})
     found = antiderivative(rate.expression.ops, 1, None)
     mean = np.trapezoid([p[1] for p in points], [p[0] for p in points])
-    assert jets.evaluate(found, 10_000.0)[0] == pytest.approx(10_000.0 * mean, rel=1e-13)
+    assert evaluate(found, 10_000.0)[0] == pytest.approx(10_000.0 * mean, rel=1e-13)
 
 
 def test_a_value_that_is_missing_is_told():

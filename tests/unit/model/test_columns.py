@@ -35,8 +35,8 @@ def read(tmp_path, text, system="SI", **fields):
 def test_columns_are_read(tmp_path, text, fields):
     function = read(tmp_path, text, "mm-t-s", **fields)
     assert function.value(1.5)[0] == pytest.approx(0.02)
-    assert function.given["points"] == [[0, 0], [1, 10], [2, 30]]  # and no file is needed any more
-    assert "file" not in function.given and "columns" not in function.given
+    assert function.source["points"] == [[0, 0], [1, 10], [2, 30]]  # and no file is needed any more
+    assert "file" not in function.source and "columns" not in function.source
 
 
 @pytest.mark.parametrize(

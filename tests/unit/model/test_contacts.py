@@ -7,7 +7,7 @@ import pytest
 
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
-from flexmb.model.forces.contacts import damping_factor
+from flexmb.model.forces.contact import damping_factor
 
 
 def scene(units="SI"):

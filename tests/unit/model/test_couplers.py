@@ -9,7 +9,11 @@ from gearkit import planetary, wheels
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.counts import count
-from flexmb.model.joints.gearing import equation
+
+
+def equation(model, name):
+    """The equation of a coupler."""
+    return model.couplers[name].equation(model, {})
 
 
 def ratio(model, **fields):
@@ -143,7 +147,7 @@ MISTAKES = [
     ),
     (
         "g", "gear", {"joints": ["pin_a", "pin_b"], "ratio": 2, "internal": True},
-        "couplers.g.internal: has no say beside a ratio",
+        "couplers.g.internal: is ignored when 'ratio' is given",
     ),
     (
         "g", "gear", {"joints": ["pin_a", "pin_a"], "ratio": 2},

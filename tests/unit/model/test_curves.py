@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import ellipe
 
-from flexmb.engine.compile.joints.curve_pieces import pieces_of
-from flexmb.engine.compile.joints.curves import lay
+from flexmb.engine.joints.curve import pieces_of, place_curve
 from flexmb.errors import FlexmbWarning
 from flexmb.model import Model, lookup
-from flexmb.model.joints.curve_shape import curve_shape
+from flexmb.model.joints.curve import curve_shape
 
 
 def shape(units="SI", **fields):
@@ -91,7 +90,7 @@ def test_a_corner_is_told():
     model = Model("corner")
     model.add_curve("roof", x="t", y="abs(t - 0.123)", range=[-1, 1])
     with pytest.warns(FlexmbWarning, match=r"curves.roof is followed within .* corner"):
-        lay(model, "roof", lookup.placed(model, "ground.origin"))
+        place_curve(model, "roof", lookup.place_marker(model, "ground.origin"))
 
 
 @pytest.mark.parametrize(

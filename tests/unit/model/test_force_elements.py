@@ -12,8 +12,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.engine.kernels.forces.six_component_force import STIFFNESS
 from flexmb.engine.kinds import KINDS
 from flexmb.model import Model, load_scene
-from flexmb.model.forces.force import FORCE_TYPES
-from flexmb.model.scenes.schema import scene_schema
+from flexmb.model.scenes.description import scene_schema
+from flexmb.model.scenes.sections import FORCE_TYPES
 
 FORCES = """
 [forces.bush]
@@ -236,11 +236,11 @@ def test_in_a_plane_stops_and_axes_lie_in_it():
     made.add_force("f", "force", at="a", value=[0, 1, 0], axes="a.tilted")
     told = [str(problem) for problem in made.problems()]
     assert told[0].startswith("forces.s.axis: must lie in the plane xy")
-    assert told[1].startswith("forces.f.value[1]: leads out of the plane xy")
+    assert told[1].startswith("forces.f.value[1]: has a component normal to the plane xy")
 
 
 def test_every_type_is_listed():
-    from flexmb.workflow.catalog import listing
+    from flexmb.workflow import listing
 
     told = " ".join(about for about, _ in listing("forces").tables)
     assert all(name in told for name in FORCE_TYPES)

@@ -64,7 +64,7 @@ def test_a_constant_knows_that_it_is_one():
 
 def test_what_was_given_is_kept():
     table = {"type": "step", "t1": "2*a", "y1": 5}
-    assert read_function(table, {"a": 1.0}).given == table
+    assert read_function(table, {"a": 1.0}).source == table
 
 
 def test_all_mistakes_of_a_form_at_once():

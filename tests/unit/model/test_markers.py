@@ -10,7 +10,7 @@ import pytest
 from flexmb.errors import FlexmbWarning, SceneError
 from flexmb.flexbody import FlexBody, Interface, NodeModes, rigid_body
 from flexmb.model import Model
-from flexmb.model.lookup import frames, placed, pose
+from flexmb.model.lookup import frames, place_marker, pose
 from flexmb.model.values.orientation import rotation_matrix
 
 
@@ -56,16 +56,16 @@ def test_automatic_markers(model):
 
 
 def test_a_node_or_an_interface_carries_a_flexible_marker(model, beam):
-    middle = placed(model, "beam.middle")
+    middle = place_marker(model, "beam.middle")
     np.testing.assert_array_equal(middle.rho, [0.5, 0, 0])
     np.testing.assert_array_equal(middle.Phi_t, beam.nodes.Phi_t[1])
-    near = placed(model, "beam.near")
+    near = place_marker(model, "beam.near")
     np.testing.assert_allclose(near.rho, [0.5, 0, 0])
     np.testing.assert_allclose(near.arm, [0.1, 0.1, 0])
-    eye = placed(model, "beam.eye")
+    eye = place_marker(model, "beam.eye")
     np.testing.assert_allclose(eye.arm, [0, 0, 0.2])
     np.testing.assert_array_equal(eye.Phi_r, beam.interfaces[1].Phi_r)
-    assert placed(model, "beam.origin").Phi_t is None
+    assert place_marker(model, "beam.origin").Phi_t is None
 
 
 def test_a_body_without_modes_carries_markers_anywhere(model):
@@ -73,10 +73,10 @@ def test_a_body_without_modes_carries_markers_anywhere(model):
     model.add_marker("block.corner", position=[1, 2, 3])
     model.add_joint("weld", "fixed", between=["crank.tip", "block.corner"])
     model.validate()
-    corner = placed(model, "block.corner")
+    corner = place_marker(model, "block.corner")
     np.testing.assert_array_equal(corner.position, [1, 2, 3])
     assert corner.Phi_t is None
-    np.testing.assert_allclose(placed(model, "block.center").position, [0.1, 0, 0])
+    np.testing.assert_allclose(place_marker(model, "block.center").position, [0.1, 0, 0])
     model.add_marker("block.pin", node=3)
     with pytest.raises(SceneError, match="bodies.block.markers.pin: .*holds no nodes"):
         model.validate()

@@ -11,9 +11,8 @@ import pytest
 from goodscene import GOOD
 
 from flexmb.model.joints.joint import JOINT_TYPES
-from flexmb.model.scenes.building import TOP_KEYS
-from flexmb.model.scenes.forms import fields_of, words
-from flexmb.model.scenes.schema import scene_schema
+from flexmb.model.scenes.conversion import TOP_KEYS
+from flexmb.model.scenes.description import fields_of, scene_schema, words
 from flexmb.model.values.reading import Spec
 
 SCHEMA = scene_schema()

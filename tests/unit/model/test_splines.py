@@ -8,7 +8,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from flexmb.errors import SceneError
 from flexmb.model.functions.function import read_function
-from flexmb.model.functions.splines import akima, cubic, linear
+from flexmb.model.functions.piecewise import akima_curve, cubic_spline, linear_curve
 
 RNG = np.random.default_rng(4)
 X = np.cumsum(RNG.uniform(0.2, 1.5, 12))
@@ -25,15 +25,15 @@ def values(curve, at):
 @pytest.mark.parametrize(
     ("curve", "wanted"),
     [
-        (cubic(X, Y, "natural", "extrapolate"), CubicSpline(X, Y, bc_type="natural")),
-        (cubic(X, Y, "clamped", "extrapolate"), CubicSpline(X, Y, bc_type="clamped")),
-        (cubic(X, CLOSED, "periodic", "repeat"), CubicSpline(X, CLOSED, bc_type="periodic")),
-        (cubic(X[:3], CLOSED[[0, 1, 0]], "periodic", "repeat"),
+        (cubic_spline(X, Y, "natural", "extrapolate"), CubicSpline(X, Y, bc_type="natural")),
+        (cubic_spline(X, Y, "clamped", "extrapolate"), CubicSpline(X, Y, bc_type="clamped")),
+        (cubic_spline(X, CLOSED, "periodic", "repeat"), CubicSpline(X, CLOSED, bc_type="periodic")),
+        (cubic_spline(X[:3], CLOSED[[0, 1, 0]], "periodic", "repeat"),
          CubicSpline(X[:3], CLOSED[[0, 1, 0]], bc_type="periodic")),
-        (cubic(X[:2], Y[:2], "natural", "extrapolate"), CubicSpline(X[:2], Y[:2])),
-        (akima(X, Y, "hold"), Akima1DInterpolator(X, Y)),
-        (akima(X, np.round(Y), "hold"), Akima1DInterpolator(X, np.round(Y))),
-        (akima(X, 3 * X - 1, "hold"), Akima1DInterpolator(X, 3 * X - 1)),
+        (cubic_spline(X[:2], Y[:2], "natural", "extrapolate"), CubicSpline(X[:2], Y[:2])),
+        (akima_curve(X, Y, "hold"), Akima1DInterpolator(X, Y)),
+        (akima_curve(X, np.round(Y), "hold"), Akima1DInterpolator(X, np.round(Y))),
+        (akima_curve(X, 3 * X - 1, "hold"), Akima1DInterpolator(X, 3 * X - 1)),
     ],
     ids=["natural", "clamped", "periodic", "periodic, 3", "2 points", "akima", "akima, equal",
          "akima, line"],
@@ -46,7 +46,7 @@ def test_curves_are_those_of_scipy(curve, wanted):
 
 
 def test_tables_are_straight_lines():
-    found = values(linear(X, Y, "hold"), INSIDE)
+    found = values(linear_curve(X, Y, "hold"), INSIDE)
     np.testing.assert_allclose(found[:, 0], np.interp(INSIDE, X, Y), atol=1e-14)
     piece = np.searchsorted(X, INSIDE, side="right") - 1
     np.testing.assert_allclose(found[:, 1], (np.diff(Y) / np.diff(X))[piece], atol=1e-13)
@@ -57,20 +57,20 @@ OUTSIDE = np.array([X[0] - 7.3, X[0] - 0.01, X[-1], X[-1] + 0.01, X[-1] + 9.1])
 
 
 def test_beyond_the_ends_values_are_held():
-    found = values(cubic(X, Y, "natural", "hold"), OUTSIDE)
+    found = values(cubic_spline(X, Y, "natural", "hold"), OUTSIDE)
     np.testing.assert_allclose(found[:, 0], [Y[0], Y[0], Y[-1], Y[-1], Y[-1]], atol=1e-12)
     assert not found[:, 1:].any()
 
 
 def test_beyond_the_ends_polynomials_go_on():
-    found = values(cubic(X, Y, "clamped", "extrapolate"), OUTSIDE)
+    found = values(cubic_spline(X, Y, "clamped", "extrapolate"), OUTSIDE)
     wanted = CubicSpline(X, Y, bc_type="clamped")
     for order in range(3):
         values_there = wanted(OUTSIDE, nu=order)
         np.testing.assert_allclose(found[:, order], values_there, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("make", [linear, akima])
+@pytest.mark.parametrize("make", [linear_curve, akima_curve])
 def test_beyond_the_ends_all_repeats(make):
     once, again = make(X, Y, "extrapolate"), make(X, Y, "repeat")
     period = X[-1] - X[0]
@@ -81,15 +81,17 @@ def test_beyond_the_ends_all_repeats(make):
 
 
 def test_beyond_the_ends_there_is_an_error_but_for_round_off():
-    curve = akima(X, Y, "error")
+    curve = akima_curve(X, Y, "error")
     for x in (X[0] - 1e-3, X[-1] + 1e-3):
         assert np.isnan(curve.jet(x)).all()
     for x in (X[0] * (1 - 1e-15), X[0], X[-1], X[-1] * (1 + 1e-15)):
-        np.testing.assert_allclose(curve.jet(x), akima(X, Y, "extrapolate").jet(x), atol=1e-12)
+        np.testing.assert_allclose(
+            curve.jet(x), akima_curve(X, Y, "extrapolate").jet(x), atol=1e-12
+        )
 
 
 def test_evaluation_changes_nothing():
-    curve = cubic(X, Y, "natural", "repeat")
+    curve = cubic_spline(X, Y, "natural", "repeat")
     data = curve.data.copy()
     first = values(curve, INSIDE)
     values(curve, INSIDE[::-1] + 100.0)

@@ -12,7 +12,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
-from flexmb.model.scenes.head import gravity_in_words
+from flexmb.model.scenes.conversion import gravity_in_words
 from flexmb.model.values.reading import Terms
 from flexmb.units import SI, UNIT_SYSTEMS, unit_system
 

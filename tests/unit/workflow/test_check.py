@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import flexmb
+from flexmb.folders import output_folder
 from flexmb.model import load_scene
 from flexmb.workflow import flexible_bodies
-from flexmb.workflow.place import output_folder
 
 PORTAL = """
 [bodies.beam]
@@ -62,4 +62,4 @@ def test_what_only_rigid_bodies_could_not_do_is_a_note(
     scene.write_text(PORTAL.replace("[2, 0, 0]", "[2.001, 0, 0]"))
     report = flexmb.check_scene(scene)
     assert report.mobility is None
-    assert any("if the flexible bodies do not give way: joints." in note for note in report.notes)
+    assert any("if the flexible bodies are rigid: joints." in note for note in report.notes)

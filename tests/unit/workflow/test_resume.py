@@ -6,6 +6,7 @@ import gc
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import h5py
@@ -28,7 +29,7 @@ from flexmb.flexbody import load, save
 from flexmb.model import Model
 from flexmb.results import Result, ResultWriter
 from flexmb.results.reader import TemporaryFolder
-from flexmb.workflow.origin import origin_text
+from flexmb.workflow.resume import provenance_text
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
@@ -153,9 +154,8 @@ def test_other_compiled_code_is_said(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped(scene, tmp_path / "out", chunk=1)
-    from flexmb.workflow import origin
-
-    monkeypatch.setattr(origin, "made_by", lambda: {"flexmb": "0", "engine": "another"})
+    resume_module = sys.modules["flexmb.workflow.resume"]
+    monkeypatch.setattr(resume_module, "code_version", lambda: {"flexmb": "0", "engine": "another"})
     with pytest.warns(flexmb.FlexmbWarning, match="the rest may differ in the last bits"):
         assert flexmb.resume(tmp_path / "out").status == "finished"
 
@@ -169,7 +169,7 @@ def test_a_changed_or_missing_flexible_body_is_named(tmp_path: Path) -> None:
     with ResultWriter(
         path, result.layout, 3, scene=model.to_scene_dict(),
         flexbodies={"rod": "rod.flexbody.h5"},
-        texts={"origin": origin_text(model, tmp_path, {"rod": body})},
+        texts={"origin": provenance_text(model, tmp_path, {"rod": body})},
     ) as out:  # fmt: skip
         out.save_state({"v": np.zeros(3)})
     softer = load(tmp_path / "rod.flexbody.h5")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.compile.lowering import Action, Element, Lowering
 from flexmb.engine.kernels.forces.action_reaction_load import (
     ACTION_REACTION_LOAD,
     ACTION_REACTION_LOADS,
     ActionReactionLoads,
 )
-from flexmb.model.forces.force import LoadSpec
+from flexmb.engine.lowering import Action, Element, Lowering
+from flexmb.model.forces.load import LoadSpec
 
 __all__ = ["lower_action_reaction_loads"]
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from flexmb.engine.compile.forces.friction import friction_parameters
 from flexmb.engine.compile.forces.hertz import hertz_stiffness, plane_modulus
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.kernels.forces.contact_force import (
     BALL,
     BORE,
@@ -19,16 +18,17 @@ from flexmb.engine.kernels.forces.contact_force import (
     PLANE,
     Contacts,
 )
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
-from flexmb.model.forces.contact_checks import nodes_of
-from flexmb.model.forces.contacts import (
+from flexmb.model.forces.contact import (
     ContactSpec,
     CylinderSide,
     PlaneSide,
     PointsSide,
     SphereSide,
     damping_factor,
+    nodes_of,
 )
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND, split_reference
@@ -92,7 +92,7 @@ def _round_side(lowering: Lowering, reference: str, side: Any) -> Iterator[Place
     """Markers of the side I: the centre of a sphere, or all points."""
     model, flexbodies = lowering.model, lowering.flexbodies
     if isinstance(side, SphereSide):
-        yield lookup.placed(model, reference, flexbodies)
+        yield lookup.place_marker(model, reference, flexbodies)
         return
     assert isinstance(side, PointsSide)  # the other kind that may stand there
     body = split_reference(reference)[0]

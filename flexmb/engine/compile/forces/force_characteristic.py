@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile.forces.spring_damper import line_ends
-from flexmb.engine.compile.lowering import Action, Element, Lowering
 from flexmb.engine.functions import lower
 from flexmb.engine.kernels.forces.characteristic import (
     COMPONENT_OF,
@@ -21,8 +20,9 @@ from flexmb.engine.kernels.forces.force_characteristic import (
     FORCE_CHARACTERISTICS,
     ForceCharacteristics,
 )
+from flexmb.engine.lowering import Action, Element, Lowering
 from flexmb.model import lookup
-from flexmb.model.forces.force import JointSpringSpec, SpringDamperSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.forces.stops import AnyStop, JointStopSpec, StopSpec
 from flexmb.model.functions.expression import Expression
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from flexmb.engine.compile.forces.friction import friction_parameters
-from flexmb.engine.compile.lowering import Lowering, Placement
 from flexmb.engine.kernels.forces.joint_friction import JOINT_FRICTION, JointFrictions
-from flexmb.model.forces.contact_checks import friction_coordinate
-from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.engine.lowering import Lowering, Placement
+from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
 
 __all__ = ["lower_joint_frictions", "place_joint_frictions"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.compile.lowering import Action, Element, Lowering
 from flexmb.engine.kernels.forces.load import LOAD, LOADS, Loads
-from flexmb.model.forces.force import LoadSpec
+from flexmb.engine.lowering import Action, Element, Lowering
+from flexmb.model.forces.load import LoadSpec
 
 __all__ = ["lower_loads"]
 

@@ -10,16 +10,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.compile.lowering import Element, Lowering
-from flexmb.engine.compile.pool import Pool
 from flexmb.engine.kernels.forces.six_component_force import (
     SIX_COMPONENT_FORCE,
     SIX_COMPONENT_FORCES,
     SixComponentForces,
 )
+from flexmb.engine.lowering import Element, Lowering
+from flexmb.engine.tables import Pool
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import PlacedMarker
-from flexmb.model.forces.elements import BeamForceSpec, BushingSpec
+from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.model import Model
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix, triad
@@ -52,7 +52,7 @@ def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
 def _bushing_numbers(lowering: Lowering, spec: BushingSpec) -> Numbers:
     """Markers, pool row and whether there is damping, of a bushing."""
     model, flexbodies = lowering.model, lowering.flexbodies
-    I, J = (lookup.placed(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
+    I, J = (lookup.place_marker(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
     free = np.zeros(3)
     if spec.free == "placed":
         R = _axes(model, I)
@@ -67,7 +67,7 @@ def _bushing_numbers(lowering: Lowering, spec: BushingSpec) -> Numbers:
 def _beam_numbers(lowering: Lowering, spec: BeamForceSpec) -> Numbers:
     """Markers with their axes along the section's, pool row and whether there is damping."""
     model, flexbodies = lowering.model, lowering.flexbodies
-    I, J = (lookup.placed(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
+    I, J = (lookup.place_marker(model, reference, flexbodies) for reference in spec.between)  # noqa: E741
     line = lookup.global_position(model, J) - lookup.global_position(model, I)
     distance = float(np.linalg.norm(line))
     x = line / distance

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.kernels.forces.spring_damper import SPRING, SPRINGS, Springs
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.model import lookup
-from flexmb.model.forces.force import SpringDamperSpec
+from flexmb.model.forces.spring_damper import SpringDamperSpec
 
 __all__ = ["line_ends", "lower_springs"]
 
@@ -26,7 +26,7 @@ def lower_springs(lowering: Lowering) -> Springs | None:
 def line_ends(lowering: Lowering, spec: SpringDamperSpec) -> tuple[int, int, float]:
     """Markers and free length [m] of a spring-damper along a line."""
     model, flexbodies = lowering.model, lowering.flexbodies
-    ends = [lookup.placed(model, reference, flexbodies) for reference in spec.between]
+    ends = [lookup.place_marker(model, reference, flexbodies) for reference in spec.between]
     length = spec.free_length
     if length == "placed":
         I, J = (lookup.global_position(model, marker) for marker in ends)  # noqa: E741

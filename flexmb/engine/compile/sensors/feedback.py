@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile.lowering import Lowering
-from flexmb.engine.compile.markers import Markers
-from flexmb.engine.compile.pool import Functions
+from flexmb.engine.bodies.marker import MarkerTable
+from flexmb.engine.lowering import Lowering
 from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
 from flexmb.engine.sensor_tables import (
     FEEDBACK_TANGENT,
@@ -25,7 +24,8 @@ from flexmb.engine.sensor_tables import (
     Sensors,
 )
 from flexmb.engine.symbolic import Symbolic
-from flexmb.model.sensors.signals import State
+from flexmb.engine.tables import Functions
+from flexmb.model.sensors.control import State
 
 __all__ = ["FeedbackTables", "Start", "feedback_tables", "starts"]
 
@@ -139,7 +139,7 @@ def _effects(
             yield _Effect(int(scalar["fun"]), -1, -1, 0, 0, int(scalar["iv"]), block)
 
 
-def _sources(sensors: Sensors, number: int, scalars, markers: Markers, n_bodies: int):
+def _sources(sensors: Sensors, number: int, scalars, markers: MarkerTable, n_bodies: int):
     """(term, side, state, block) of everything that a channel depends on."""
     channel = sensors.channels[number]
     reads = CHANNEL_KINDS[channel["what"]].reads

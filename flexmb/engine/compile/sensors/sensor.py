@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.compile.joints.joint_rows import SECOND_TURN, driver_row
-from flexmb.engine.compile.lowering import Element, Lowering
 from flexmb.engine.functions import lower
+from flexmb.engine.joints.joint import SECOND_TURN, driver_row
+from flexmb.engine.lowering import Element, Lowering
 from flexmb.engine.row_kinds import DISTANCE, DOT2, ROW_KINDS
 from flexmb.engine.sensor_kinds import (
     ACCELERATION,
@@ -38,7 +38,7 @@ from flexmb.engine.sensor_tables import CHANNEL, TERM, Sensors
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
-from flexmb.model.sensors import signals
+from flexmb.model.sensors.channels import channel_program
 from flexmb.model.sensors.sensor import (
     DistanceSensorSpec,
     EnergySensorSpec,
@@ -132,7 +132,7 @@ class Channels:
         elif isinstance(spec, ReactionSensorSpec):
             self._reaction(spec)
         elif isinstance(spec, PlaceSensorSpec):
-            k = self.lowering.groups.sliders.number(spec.joint, spec.on)
+            k = self.lowering.groups.curve_points.number(spec.joint, spec.on)
             self.add((PLACE, PLACE_RATE)[spec.derivative], self.places[spec.derivative] + k)
         elif isinstance(spec, EnergySensorSpec):
             number, body = _ENERGIES.index(spec.quantity), spec.body
@@ -141,7 +141,7 @@ class Channels:
             else:
                 self.add(BODY_ENERGY, number, self.lowering.markers.numbers[body])
         else:
-            self.add_program(signals.channel_program(self.model, name))
+            self.add_program(channel_program(self.model, name))
 
     def _motion(self, spec: MarkerSensorSpec) -> None:
         j, motion = self.marker(spec.of), _MOTIONS[spec.type]
@@ -231,7 +231,7 @@ def sensor_tables(
         if name in states:
             made.add(STATE, states[name])
         else:
-            made.add_program(signals.channel_program(model, name))
+            made.add_program(channel_program(model, name))
     names = list(model.channels())
     hidden = [name for name in states if name not in names]
     for name in hidden:

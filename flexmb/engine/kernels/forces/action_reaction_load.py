@@ -19,8 +19,8 @@ from flexmb.engine.bodies.wrench import (
     put_product_block,
 )
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.row import separation
 from flexmb.engine.kernels.forces.unit_force import pull_back
-from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import array_of

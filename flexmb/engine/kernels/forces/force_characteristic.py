@@ -16,6 +16,13 @@ from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.point_joint import (
+    distance_gradient,
+    distance_tangent,
+    dot2_gradient,
+    dot2_tangent,
+)
+from flexmb.engine.joints.row import rate, separation
 from flexmb.engine.kernels.forces.characteristic import (
     COORDINATE_OF,
     DISTANCE_OF,
@@ -27,14 +34,6 @@ from flexmb.engine.kernels.forces.characteristic import (
 from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.kernels.forces.unit_force import pull_back
 from flexmb.engine.kernels.functions.function import FunctionTable
-from flexmb.engine.kernels.joints.dots import separation
-from flexmb.engine.kernels.joints.point_rows import (
-    distance_gradient,
-    distance_tangent,
-    dot2_gradient,
-    dot2_tangent,
-)
-from flexmb.engine.kernels.joints.row import rate
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Integers, Vector, array_of

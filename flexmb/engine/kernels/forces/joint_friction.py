@@ -18,9 +18,9 @@ import numpy as np
 
 from flexmb.engine.algebra.rotation import transform_back
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import put_group_wrench
+from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
-from flexmb.engine.kernels.joints.reaction import put_group_wrench
-from flexmb.engine.kernels.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector, array_of

@@ -32,8 +32,8 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import dot_columns, separation
-from flexmb.engine.kernels.joints.point_rows import dot2_gradient, dot2_tangent
+from flexmb.engine.joints.point_joint import dot2_gradient, dot2_tangent
+from flexmb.engine.joints.row import dot_columns, separation
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run

@@ -10,8 +10,8 @@ import numpy as np
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.row import separation
 from flexmb.engine.kernels.forces.damping_tangent import add_rate_arms
-from flexmb.engine.kernels.joints.dots import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import array_of

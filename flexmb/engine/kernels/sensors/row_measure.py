@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.row import (
+from flexmb.engine.joints.row import (
     add_row_tangent,
     put_row_gradient,
     rate,

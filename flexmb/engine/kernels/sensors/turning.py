@@ -17,8 +17,7 @@ from typing import NamedTuple
 from flexmb.engine.algebra.rotation import cross
 from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.joints.dots import dot_columns, put_pair
-from flexmb.engine.kernels.joints.row import wrapped
+from flexmb.engine.joints.row import dot_columns, put_pair, wrapped
 from flexmb.engine.kind import ChannelKind, Kind, Measure
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers

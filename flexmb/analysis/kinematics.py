@@ -1,0 +1,266 @@
+"""Kinematic analysis: the motion that joints and drivers fix, at every output time.
+
+Nothing is integrated, so nothing drifts and every point is exact to round-off; reactions and
+driving forces follow from the equations of motion (inverse dynamics). Flexible bodies keep their
+undeformed shape. A motion that is not fixed, or no longer, is refused in one sentence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
+from flexmb.analysis.assembly.rank import MAX_COORDINATES
+from flexmb.analysis.dynamics.analysis import Outcome, Sink
+from flexmb.analysis.dynamics.run import Clock
+from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.monitors import (
+    ContactLossMonitor,
+    SingularOrientationMonitor,
+    algebraic_loop_notes,
+)
+from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
+from flexmb.analysis.singular_poses import (
+    KinematicPose,
+    call_kinematics,
+    failure_sentence,
+    free_motion_sentence,
+    singular_pose_notes,
+)
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import CORRECT, EVALUATE, POINTS, analyse_kinematics, kinematics_units
+from flexmb.engine.kinematics_point import KinematicsSettings
+from flexmb.engine.state import State
+from flexmb.engine.work import new_path, new_run, new_state, new_work
+from flexmb.errors import AssemblyError, Problem, SceneError
+from flexmb.model.model import Model
+from flexmb.progress import Progress, silent
+from flexmb.results import NOT_UNIQUE
+
+# Points of a chunk times velocity coordinates: a tenth of a second or two.
+_CHUNK_WORK = 200_000
+_CLOSED = 1e-14  # weighted gap of round-off, of a model near the origin
+
+
+@dataclass(frozen=True)
+class PreparedKinematics:
+    """A kinematic analysis that is ready to run."""
+
+    pose: KinematicPose
+    settings: KinematicsSettings
+    timer: Clock
+    notes: tuple[str, ...]
+    not_unique: tuple[str, ...]  # joints and drivers whose reactions are not unique
+
+    @property
+    def points(self) -> int:
+        """Number of output points."""
+        return self.settings.outputs + 1
+
+
+def prepare_kinematics(
+    compiled: Compiled, model: Model, *, progress: Progress = silent
+) -> PreparedKinematics:
+    """Load the compiled units, close the first pose and make sure that the motion is fixed.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model; `model.kinematics` must be there.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
+
+    Raises
+    ------
+    SceneError
+        The model says nothing about kinematics.
+    AssemblyError
+        Positions that cannot be closed, motions that no driver fixes, or drivers that contradict
+        each other or the joints.
+    """
+    spec = model.kinematics
+    if spec is None:
+        raise SceneError("the scene has no [kinematics]: give its duration")
+    _refuse_states(model)
+
+    def first_state() -> tuple[KinematicPose, int, tuple[str, ...], list[str]]:
+        pose = _first_pose(compiled, model)
+        return pose, *_check_motion(pose)
+
+    units = kinematics_units(compiled.system)
+    first, timer = assemble_first_state(compiled, units, first_state, progress)
+    pose, redundant, not_unique, notes = first
+    settings = KinematicsSettings(
+        start=0.0,
+        interval=spec.duration / spec.outputs,
+        outputs=spec.outputs,
+        gap=_CLOSED * max(1.0, float(np.abs(pose.state.q).max()) / compiled.length),
+        redundant=redundant,
+    )
+    return PreparedKinematics(
+        pose, settings, timer, (*notes, *algebraic_loop_notes(model)), not_unique
+    )
+
+
+def run_kinematics(
+    prepared: PreparedKinematics, sink: Sink, *, progress: Progress = silent
+) -> Outcome:
+    """Compute all output times of a prepared analysis.
+
+    Parameters
+    ----------
+    prepared : PreparedKinematics
+        From `prepare_kinematics`; used once.
+    sink : Sink
+        Takes the output rows.
+    progress : Progress
+        Receives the phase `kinematics`.
+    """
+    run = _Run(prepared, sink)
+    ending = run_chunks(run, progress)
+    prepared.timer.lap("kinematics")
+    notes = (
+        *prepared.notes,
+        *singular_pose_notes(prepared.pose),
+        *run.contact_loss.notes(),
+        *run.orientations.notes(),
+    )
+    statistics = run.statistics() | prepared.timer.seconds
+    if prepared.not_unique:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
+    return Outcome(ending.status, ending.message, statistics, notes)
+
+
+def kinematics(
+    compiled: Compiled, model: Model, sink: Sink, *, progress: Progress = silent
+) -> Outcome:
+    """Prepare and run; see :func:`prepare_kinematics` and :func:`run_kinematics`."""
+    prepared = prepare_kinematics(compiled, model, progress=progress)
+    return run_kinematics(prepared, sink, progress=progress)
+
+
+def _refuse_states(model: Model) -> None:
+    """States follow from what was before, and a kinematic analysis has no before."""
+    what = (
+        "is integrated, which a kinematic analysis does not do; leave it out, or run the scene "
+        "with [dynamics]"
+    )
+    names = [f"states.{name}" for name in model.states]
+    names += [f"controllers.{name}" for name in model.controllers]
+    if names:
+        raise SceneError.from_problems([Problem(name, what) for name in names])
+
+
+def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
+    """The first positions, closed with least change in lengths and angles times body weights."""
+    weights, channels = assembly_weights(model), len(compiled.layout.channels)
+    state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
+    state.q[:] = compiled.initial_q
+
+    def make(of: Compiled, at: State) -> Corrector:
+        system = of.system
+        path = new_path(system)
+        scratch = work if at is state else new_work(system, len(at.angles))
+        for body, weight in zip(system.parts.bodies, weights, strict=True):
+            path.metric[body["iv"] : body["iv"] + 6 + body["m"]] *= weight
+        return Corrector(
+            scratch,
+            lambda: call_kinematics(system, at, scratch, path, CORRECT),
+            lambda: call_kinematics(system, at, scratch, path, EVALUATE),
+        )
+
+    try:
+        close_positions(compiled, model, state, make)
+    except AssemblyError as error:
+        reasons = driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(reasons) from None
+    return KinematicPose(compiled, model, state, work, new_path(compiled.system))
+
+
+def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]:
+    """Number of redundant rows, elements whose reactions are not unique, and notes.
+
+    Raises
+    ------
+    AssemblyError
+        Motions that no driver fixes, or drivers that contradict each other or the joints.
+    """
+    compiled, state, nc = pose.compiled, pose.state, pose.compiled.layout.nc
+    flexible = [body.name for body in compiled.layout.bodies if body.m > 0]
+    notes = [f"kinematics keeps flexible bodies undeformed: {', '.join(flexible)}"]
+    notes = notes if flexible else []
+    state.angles[:] = np.nan  # the first ones are those nearest to zero
+    call_kinematics(compiled.system, state, pose.work, pose.path, EVALUATE)
+    if compiled.layout.nv > MAX_COORDINATES:
+        return nc, (), notes
+    jacobian = pose.jacobian()
+    if jacobian.decomposition.rank < jacobian.A.shape[1]:
+        raise AssemblyError(free_motion_sentence(pose))
+    count = nc - jacobian.decomposition.rank
+    if not count:
+        return 0, (), notes
+    not_unique, more = redundant_reactions(compiled, pose.model, state.q)
+    if not not_unique:  # rows of which deformation would decide
+        more.append(redundancy_note(count, nc))
+    return count, not_unique, [*notes, *more]
+
+
+class _Run:
+    """A kinematic analysis under way."""
+
+    phase = "kinematics"
+
+    def __init__(self, prepared: PreparedKinematics, sink: Sink) -> None:
+        pose = prepared.pose
+        self._prepared, self._sink, self._state = prepared, sink, pose.state
+        n = min(prepared.points, max(1, _CHUNK_WORK // pose.compiled.layout.nv))
+        self._rows = ChunkRows(pose.compiled, n)
+        self._run = new_run(pose.compiled.system, pose.state, pose.work, output=self._rows.output)
+        self.contact_loss = ContactLossMonitor(pose.compiled)
+        self.orientations = SingularOrientationMonitor(pose.compiled.layout, pose.model)
+
+    @property
+    def time(self) -> float:
+        return float(self._state.t[0])
+
+    @property
+    def share_done(self) -> float:
+        return float(self._state.count[0]["outputs"] / self._prepared.points)
+
+    def next_chunk(self) -> Ending | None:
+        prepared, n = self._prepared, len(self._rows.output.t)
+        self._rows.clear()
+        path, settings = prepared.pose.path, prepared.settings
+        status = analyse_kinematics(self._run, path, settings, POINTS, n)
+        self.store_unread()
+        if status == method.FINE:
+            return None
+        return Ending("failed", failure_sentence(int(status), prepared.pose, settings))
+
+    def store_unread(self) -> None:
+        if self._rows.unread:
+            rows = self._rows.read()
+            self.contact_loss.add(rows)
+            self.orientations.add(rows)
+            self._sink.append(rows)
+
+    def statistics(self) -> dict[str, float | int | str]:
+        """Numbers of the summary."""
+        count, path = self._state.count[0], self._prepared.pose.path.count[0]
+        return {
+            "points": int(count["outputs"]),
+            "increments": int(count["steps"]),
+            "halved_increments": int(count["failed"]),
+            "newton_iterations": int(path["iterations"]),
+            "factorisations": int(path["factorisations"]),
+            "singular_poses_passed": int(path["singular_poses"]),
+            "largest_position_drift": float(self._rows.largest_drift[0]),
+            "largest_velocity_drift": float(self._rows.largest_drift[1]),
+            "energy_balance_error": self._rows.balance.relative,
+        }

@@ -1,1 +1,0 @@
-"""Motion that drivers fix."""

@@ -1,0 +1,270 @@
+"""What the rows of a run tell the user: lost contact, singular orientations, unbounded growth.
+
+A monitor takes the rows in order. A motion counts as growing without bound if it is larger than
+anything in the scene explains, and has become so by the same large factor again and again: no power
+of time does that (a fall, a rocket, a rotor that spins up), no planned motion that ends, and no
+pendulum that leaves its upper rest, which stops growing at the energy it has.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import Layout
+from flexmb.model.model import Model
+from flexmb.model.sensors.channels import feedback_functions, resolved
+from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
+from flexmb.results import OutputBlock
+
+Array = NDArray[np.float64]
+
+_TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
+_NEAR_SINGULAR = 1.0  # degrees
+_MAX_SAMPLES = 256
+# The second half of the run so far is looked at in so many parts. In each of them the largest value
+# grows by this factor at least: powers of time up to the eighth do not.
+_PARTS, _FACTOR = 4, 3.0
+# Bounds beyond which nothing in a scene explains a value: translations over the size of the model,
+# deformations over it, states over their scale, turns of a body within one part, rad.
+_MAX_TRANSLATION, _MAX_DEFORMATION, _MAX_STATE, _MAX_TURN = 100.0, 1.0, 1e6, 1e3
+_TENFOLD = math.log(10.0)
+
+
+class ContactLossMonitor:
+    """When each joint that can only push first pulls."""
+
+    def __init__(self, compiled: Compiled) -> None:
+        self._contacts = compiled.contacts
+        self._largest = np.zeros(len(self._contacts))
+        self._first: dict[str, float] = {}
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        for k, contact in enumerate(self._contacts if len(rows.t) else ()):
+            push = contact.compressed * rows.lam[:, contact.row]
+            self._largest[k] = max(self._largest[k], float(np.abs(push).max()))
+            pulls = push < -_TENSION * self._largest[k]
+            if contact.joint not in self._first and pulls.any():
+                self._first[contact.joint] = float(rows.t[np.argmax(pulls)])
+
+    def notes(self) -> list[str]:
+        """A sentence for each."""
+        return [
+            f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s: there "
+            "contact is kept by force; use an impact force in its place, or a stronger spring"
+            for joint, time in self._first.items()
+        ]
+
+
+class SingularOrientationMonitor:
+    """How close orientation sensors come to where alpha and gamma are about one axis."""
+
+    def __init__(self, layout: Layout, model: Model) -> None:
+        self._nearest: dict[str, tuple[float, float]] = {}
+        column = {channel: k for k, channel in enumerate(layout.channels)}
+        self._columns = {
+            name: (column[f"{name}.beta"], spec.sequence)
+            for name, spec in model.sensors.items()
+            if isinstance(spec, OrientationSensorSpec)
+        }
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        for name, (column, sequence) in self._columns.items():
+            beta = rows.sensors[:, column]
+            if not len(beta):
+                continue
+            size = np.sin(beta) if sequence[0] == sequence[2] else np.cos(beta)
+            off = np.degrees(np.arcsin(np.abs(size)))
+            k = int(np.argmin(off))
+            nearest = float(off[k]), float(rows.t[k])
+            self._nearest[name] = min(nearest, self._nearest.get(name, (np.inf, 0.0)))
+
+    def notes(self) -> list[str]:
+        """A note for every sensor that came within a degree."""
+        return [
+            f"sensors.{name}: at t = {time:.6g} s within {off:.2g} deg of the singular pose of "
+            f'"{self._columns[name][1]}", where alpha and gamma turn about one axis and only their '
+            "sum or difference is known; another sequence has its singular pose elsewhere"
+            for name, (off, time) in self._nearest.items()
+            if off < _NEAR_SINGULAR
+        ]
+
+
+class SampledHistory:
+    """Values at every row of a run, then at every second, ...: evenly spaced, 256 at most.
+
+    Attributes
+    ----------
+    count : (3,) int
+        Rows so far, samples, and rows for each sample.
+    table : (256, 1 + n) float
+        Times and values of the samples, NaN behind them.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.count = np.array([0, 0, 1])
+        self.table = np.full((_MAX_SAMPLES, 1 + n), np.nan)
+
+    def add(self, t: Array, values: Array) -> None:
+        """Take values (k, n) of the next rows at the times t (k,)."""
+        count, row = self.count, int(-self.count[0] % self.count[2])
+        while row < len(t):
+            if count[1] == _MAX_SAMPLES:
+                self.table[: _MAX_SAMPLES // 2] = self.table[::2].copy()
+                self.table[_MAX_SAMPLES // 2 :] = np.nan
+                count[1], count[2] = _MAX_SAMPLES // 2, 2 * count[2]
+            self.table[count[1], 0], self.table[count[1], 1:] = t[row], values[row]
+            count[1] += 1
+            row += int(count[2] - (count[0] + row) % count[2])
+        count[0] += len(t)
+
+    @property
+    def samples(self) -> Array:
+        """The samples so far, (samples, 1 + n)."""
+        return self.table[: self.count[1]]
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """What may grow: columns of a table, their weights, and the bound."""
+
+    name: str
+    table: str
+    columns: slice
+    weights: Array
+    bound: float
+    from_start: bool = False  # whether it is the distance from the first value
+    is_rate: bool = False  # whether the bound is one of value times the length of a part
+
+
+class GrowthMonitor:
+    """What grows exponentially beyond all bounds, such as with an unstable controller.
+
+    Attributes
+    ----------
+    sentence : str
+        Names what grows, with its rate; empty if nothing does.
+    ends_run : bool
+        Whether a run has to end then: forces follow measured quantities.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model) -> None:
+        self.ends_run = any(where.startswith("forces.") for where, _ in feedback_functions(model))
+        self.sentence = ""
+        self._units = model.units
+        self._quantities = _quantities(compiled)
+        self._first: list[Array] = []
+        self._largest = np.zeros(len(self._quantities))
+        self._history = SampledHistory(len(self._quantities))
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        if not len(rows.t) or self.sentence:
+            return
+        largest = np.vstack([self._largest, self._sizes(rows)])
+        largest = np.maximum.accumulate(largest, axis=0)[1:]
+        self._history.add(rows.t, largest)
+        self._largest = largest[-1]
+        self._check()
+
+    def _sizes(self, rows: OutputBlock) -> Array:
+        """(k, quantities) values over what they count for."""
+        parts = [getattr(rows, q.table)[:, q.columns] for q in self._quantities]
+        if not self._first:
+            self._first = [
+                part[0] * q.from_start for part, q in zip(parts, self._quantities, strict=True)
+            ]
+        sizes = [
+            (np.abs(part - first) * q.weights).max(axis=1, initial=0.0)
+            for part, first, q in zip(parts, self._first, self._quantities, strict=True)
+        ]
+        return np.stack(sizes, axis=1) if sizes else np.zeros((len(rows.t), 0))
+
+    def _check(self) -> None:
+        """Compare the largest values at the ends of the parts."""
+        samples = self._history.samples
+        samples = samples[np.isfinite(samples).all(axis=1)]
+        if not len(samples):
+            return
+        begin, now = samples[0, 0], samples[-1, 0]
+        part = (now - begin) / (2 * _PARTS)
+        at = np.searchsorted(samples[:, 0], now - part * np.arange(_PARTS, -1, -1))
+        at = np.minimum(at, len(samples) - 1)
+        if len(np.unique(at)) <= _PARTS:
+            return
+        values = samples[at, 1:]
+        grows = (values[1:] >= _FACTOR * values[:-1]).all(axis=0) & (values[0] > 0.0)
+        for k in np.flatnonzero(grows):
+            q = self._quantities[k]
+            if values[-1, k] * (part if q.is_rate else 1.0) > q.bound:
+                span = float(samples[at[-1], 0] - samples[at[0], 0])
+                rate = float(np.log(values[-1, k] / values[0, k])) / span
+                self.sentence = self._growth(q.name, float(now), rate)
+                return
+
+    def _growth(self, name: str, t: float, rate: float) -> str:
+        at, tenfold = self._units.say(t, "s", 4), self._units.say(_TENFOLD / rate, "s", 3)
+        return (
+            f"{name} grows without bound at t = {at}, by a factor of ten every {tenfold}: the "
+            "motion is unstable; check the signs and gains of what follows a measured quantity, "
+            "and of stiffness and damping"
+        )
+
+
+def _quantities(compiled: Compiled) -> list[_Quantity]:
+    """Translations, turning and deformation of all bodies, and states."""
+    layout, weights, quantities = compiled.layout, compiled.system.weights, list[_Quantity]()
+    for body in layout.bodies:
+        iq, iv, m, name = body.iq, body.iv, body.m, f"bodies.{body.name}"
+        place, spin, shape = slice(iq, iq + 3), slice(iv + 3, iv + 6), slice(iq + 7, iq + 7 + m)
+        w, turning = weights[iv : iv + 6 + m], f"the angular velocity of {name}"
+        quantities += [
+            _Quantity(name, "q", place, w[:3], _MAX_TRANSLATION, from_start=True),
+            _Quantity(turning, "v", spin, np.ones(3), _MAX_TURN, is_rate=True),
+        ]
+        if m:
+            deformation = f"the deformation of {name}"
+            quantities.append(_Quantity(deformation, "q", shape, w[6:], _MAX_DEFORMATION))
+    first = layout.nv - len(layout.coordinates)
+    for k, name in enumerate(layout.coordinates):
+        if name.startswith("states."):
+            column = slice(first + k, first + k + 1)
+            quantities.append(_Quantity(name, "v", column, weights[column], _MAX_STATE))
+    return quantities
+
+
+def algebraic_loop_notes(model: Model) -> list[str]:
+    """A note for every force that depends on accelerations or reactions, which depend on it."""
+    notes = []
+    for where, function in feedback_functions(model):
+        if not where.startswith("forces."):
+            continue
+        channels = resolved(model, function.expression).channels
+        loops = [
+            channel
+            for channel in channels
+            if _depends_on_forces(
+                model.sensors.get(channel) or model.sensors.get(channel.rpartition(".")[0])
+            )
+        ]
+        if loops:
+            notes.append(
+                f"{where} depends on {', '.join(loops)}, which depends on forces at the same "
+                "moment: an algebraic loop, solved by iteration"
+            )
+    return notes
+
+
+def _depends_on_forces(spec: SensorSpec | None) -> bool:
+    """Whether a sensor measures accelerations or reactions."""
+    return spec is not None and (
+        "acceleration" in spec.type
+        or isinstance(spec, ReactionSensorSpec)
+        or getattr(spec, "derivative", 0) == 2
+    )

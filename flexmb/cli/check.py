@@ -1,0 +1,145 @@
+"""``flexmb check``: counts of a scene, its mobility, redundant equations, tables; known answers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import typer
+
+from flexmb.cli import screen
+from flexmb.cli.app import Overrides, Scene, command, parse_pairs
+
+_DERIVED = ("count", "delta", "delta_without_drivers", "redundant", "singular")
+
+
+@command()
+def check(
+    scene: Scene,
+    overrides: Overrides = None,
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="Show the tables that define the model."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the report as JSON.")] = False,
+) -> None:
+    """Validate a scene, count what is in it and what can move, without running it.
+
+    Reports all mistakes at once: where, what was given, what is allowed, and the nearest name. Of a
+    valid scene it shows coordinates, constraint equations, their rank and the degrees of freedom;
+    which joints share redundant equations and the exchange of joints that removes them; which
+    reactions are then not unique; and the motions that are left free.
+
+    Example: flexmb check cases/slider_crank/scene.toml --tables
+    """
+    from flexmb import workflow
+
+    report = workflow.check_scene(scene, parse_pairs(overrides, "--set"), tables=tables)
+    if as_json:
+        screen.line(_report_json(report))
+    else:
+        show_check(report)
+
+
+def show_check(report: Any) -> None:
+    """Show the counts of a scene, its mobility, tables and notes."""
+    screen.heading(report.title)
+    screen.table(("", ""), [(name, str(n)) for name, n in report.counts.items()], right=(1,))
+    for body, rows in report.bodies.items():
+        screen.line(f"flexible body {body}")
+        screen.table(("", ""), list(rows.items()))
+    if report.mobility is not None:
+        _show_mobility(report.mobility)
+    for title, table in report.definition:
+        screen.heading(title)
+        screen.table(table.columns, table.rows, whole=True)
+    for note in report.notes:
+        screen.line(f"note: {note}")
+    screen.line("the scene is valid")
+
+
+def _show_mobility(mobility: Any) -> None:
+    screen.heading("mobility, in the assembled pose")
+    modes = f", {mobility.modes} of them modes" if mobility.modes else ""
+    drivers = f"{mobility.drivers} of them drivers'" if mobility.drivers else "no drivers"
+    freedom = f"kinematics needs {_count(mobility.delta, 'driver')}" if mobility.delta > 0 else ""
+    if mobility.drivers:
+        freedom = f"{mobility.delta_without_drivers} without drivers"
+    rows = [
+        ("coordinates", str(mobility.coordinates), f"of {_count(mobility.bodies, 'body')}{modes}"),
+        ("constraint equations", str(mobility.count), drivers),
+        ("their rank", str(mobility.rank), f"{mobility.redundant} redundant"),
+        ("degrees of freedom", str(mobility.delta), freedom),
+    ]
+    screen.table(("", "", ""), rows, right=(1,))
+    for group in mobility.redundancies:
+        joints = ", ".join(_joint_names(group.joints))
+        screen.line(f"{_count(group.count, 'redundant equation')} among {joints}")
+        for word, cure in zip(("cured by", "      or"), group.cures, strict=False):
+            screen.line(f"  {word}  {'; '.join(str(exchange) for exchange in cure)}")
+        if not group.cures:
+            screen.line("  no exchange of these joints for weaker ones was found that cures it")
+    shared: dict[str, list[str]] = {}  # joints by components
+    for reaction in mobility.undetermined:
+        shared.setdefault(", ".join(reaction.components), []).append(reaction.path)
+    reactions = [(", ".join(_joint_names(paths)), text) for text, paths in shared.items()]
+    screen.table(("reactions not unique at", "components, in the axes of marker J"), reactions)
+    motions = [("idle" if m.idle else "free", m.sentence) for m in mobility.motions]
+    screen.table(("motion", "what moves"), motions)
+
+
+def _joint_names(paths: Iterable[str]) -> list[str]:
+    return [path.removeprefix("joints.") for path in paths]
+
+
+def _count(n: int, thing: str) -> str:
+    plural = "bodies" if thing == "body" else f"{thing}s"
+    return f"{n} {thing if n == 1 else plural}"
+
+
+def _report_json(report: Any) -> str:
+    """The report as JSON; the mobility with the counts that follow from it, cures as sentences."""
+    mobility = None
+    if report.mobility is not None:
+        mobility = asdict(report.mobility)
+        mobility |= {name: getattr(report.mobility, name) for name in _DERIVED}
+        groups = zip(mobility["redundancies"], report.mobility.redundancies, strict=True)
+        for data, group in groups:
+            data["cured_by"] = ["; ".join(str(item) for item in cure) for cure in group.cures]
+    data = {
+        "title": report.title,
+        "counts": report.counts,
+        "notes": list(report.notes),
+        "bodies": report.bodies,
+        "mobility": mobility,
+        "definition": {
+            title: [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+            for title, table in report.definition
+        },
+    }
+    return json.dumps(data, indent=1)
+
+
+def show_outcomes(outcomes: Sequence[Any], unit: str) -> None:
+    """Show known answers of a scene with the computed values; times if any has one."""
+    timed = any(o.time is not None for o in outcomes)
+    rows = [
+        (
+            "ok" if o.passed else "FAILED",
+            o.sensor,
+            *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
+            f"{o.value:.12g}",
+            f"{o.expected:.12g}",
+            f"{abs(o.value - o.expected):.2g}",
+            f"{o.tolerance:.2g}",
+        )
+        for o in outcomes
+    ]
+    when = (f"t [{unit}]",) if timed else ()
+    columns = ("check", "of", *when, "value", "expected", "off by", "allowed")
+    screen.table(columns, rows, right=range(2, len(columns)), whole=True)
+    for o in outcomes:
+        if not o.passed:
+            screen.line(f"failed: {o.place(unit)}; the expected value is from: {o.source}")

@@ -1,0 +1,241 @@
+"""``flexmb reduce``: flexible bodies of a mesh file or of a scene, and what they hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flexmb.cli import screen
+from flexmb.cli.app import (
+    FAILED_CHECK,
+    Overrides,
+    command,
+    parse_pairs,
+    parse_table,
+    refuse_options,
+)
+from flexmb.cli.check import show_outcomes
+from flexmb.units import UnitSystem, unit_system
+
+
+@command()
+def reduce(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MESH_OR_SCENE",
+            help="Mesh file (Gmsh and others), or a scene (.toml) with flexible bodies.",
+            show_default=False,
+        ),
+    ],
+    material: Annotated[
+        str | None,
+        typer.Option(
+            help="Name such as steel, or a table in SI: '{E = 70e9, nu = 0.33, density = 2700}'.",
+            show_default=False,
+        ),
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Unit system of the mesh: SI, mm-t-s, ...; SI by default.")
+    ] = None,
+    interface: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=GROUP",
+            help="A mesh group where joints and loads attach, under the name of its marker; "
+            "may be repeated. Without any, the modes of the free body are taken.",
+        ),
+    ] = None,
+    modes: Annotated[
+        int | None, typer.Option(help="Number of fixed-interface modes; 20 by default.")
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(help="Damping ratio of every mode; none by default.")
+    ] = None,
+    section: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GROUP=TABLE",
+            help="Section of the beams or shells of a mesh group (or all), with the words of a "
+            "scene; may be repeated.",
+        ),
+    ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
+            "for planar scenes.",
+        ),
+    ] = None,
+    stress: Annotated[
+        str | None,
+        typer.Option(help="Where the file keeps stress: surface (by default), all nodes, or none."),
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option(help="Only this flexible body of the scene.", show_default=False)
+    ] = None,
+    overrides: Overrides = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Reduce a scene's meshes again, even if nothing changed."),
+    ] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Compare with the full model, and say how good it is.")
+    ] = False,
+    up_to: Annotated[
+        float | None,
+        typer.Option(
+            "--up-to", metavar="HZ", help="Compare frequencies up to this one.", show_default=False
+        ),
+    ] = None,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="Draw the first six modes into the same folder.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="File to write, <mesh>.flexbody.h5 here by default; of a scene the folder, "
+            "out/<scene> by default.",
+        ),
+    ] = None,
+) -> None:
+    """Reduce a mesh, or the flexible bodies of a scene (Craig-Bampton modes).
+
+    Prints mass, centre, inertia and a table of all modes: kept, or why dropped. A scene's known
+    frequencies are checked. With --report the reduced body is compared with the full model.
+
+    Example: flexmb reduce meshes/connecting_rod.msh --units mm-t-s --material steel
+    --interface big_end=bore_big --interface small_end=bore_small --pictures
+    """
+    from flexmb import workflow
+
+    options: dict[str, Any] = {
+        "units": units,
+        "modes": modes,
+        "damping": damping,
+        "plane": plane,
+        "stress": stress,
+    }
+    of_mesh = {"material": material, "interface": interface, "section": section, **options}
+    quality: dict[str, Any] = {"report": report or up_to is not None, "up_to": up_to}
+    notes, checks = [], []
+    if source.suffix == ".toml":
+        refuse_options(of_mesh, "belongs to a mesh file; a scene says it itself, or by --set")
+        with screen.Bars() as progress:
+            scene = workflow.reduce_scene(
+                source,
+                overrides=parse_pairs(overrides, "--set"),
+                progress=progress,
+                body=body,
+                fresh=fresh,
+                output=output,
+                **quality,
+            )
+        bodies, notes, checks = scene.bodies, scene.notes, scene.checks
+    else:
+        of_scene = {"body": body, "set": overrides, "fresh": fresh}
+        refuse_options(of_scene, "belongs to a scene (.toml)")
+        if material is None:
+            raise typer.BadParameter("is needed with a mesh file", param_hint="--material")
+        sections = parse_pairs(section, "--section").items()
+        with screen.Bars() as progress:
+            reduced = workflow.reduce_mesh(
+                source,
+                material=parse_table(material, "--material"),
+                interfaces=parse_pairs(interface, "--interface"),
+                sections={group: parse_table(text, "--section") for group, text in sections},
+                output=output,
+                progress=progress,
+                **quality,
+                **{name: value for name, value in options.items() if value is not None},
+            )
+        bodies = (reduced,)
+    _show_bodies(bodies, notes, checks, pictures)
+    if any(not outcome.passed for outcome in checks):
+        raise typer.Exit(FAILED_CHECK)
+
+
+def _show_bodies(bodies: Any, notes: list[str], checks: Any, pictures: bool) -> None:
+    for reduced in bodies:
+        show_body(reduced.body)
+        if reduced.report is not None:
+            _show_quality(reduced.report)
+        screen.line(f"written: {reduced.path}")
+    for note in notes:
+        screen.line(f"note: {note}")
+    if checks:
+        show_outcomes(checks, "s")
+    for reduced in bodies if pictures else ():
+        from flexmb.view import render_modes
+
+        screen.line(f"written: {render_modes(reduced.path, output=modes_picture(reduced.path))}")
+
+
+def modes_picture(body: Path) -> Path:
+    """The picture of the modes of a body, in the folder of its file."""
+    stem = body.name.removesuffix(".h5").removesuffix(".flexbody")
+    return body.with_name(f"{stem}.modes.png")
+
+
+def show_body(body: Any) -> None:
+    """Show mass, centre, inertia, interfaces and modes of a flexible body, in the mesh's units."""
+    from flexmb.flexbody import MODE_COLUMNS, mode_table
+
+    screen.heading(f"flexible body {body.name}")
+    J = body.inertia_about_center
+    units = unit_system(body.provenance.get("units", "SI"))
+    rows = [
+        ("mass", units.say(body.mass, "kg")),
+        ("centre of mass", _vector_text(body.center, "m", units)),
+        ("inertia about it xx, yy, zz", _vector_text(J.diagonal(), "kg m^2", units)),
+        ("inertia about it xy, xz, yz", _vector_text(J[[0, 0, 1], [1, 2, 2]], "kg m^2", units)),
+        ("modal coordinates", str(body.m)),
+        ("damping", "none" if not body.D.any() else "modal"),
+    ]
+    rows += [
+        (f"interface {i.name}", f"at {_vector_text(i.position, 'm', units)}")
+        for i in body.interfaces
+    ]
+    rows += [("stress", _stress_text(body))]
+    if body.section_forces is not None:
+        rows += [("section forces", f"of {len(body.section_forces.elements)} beam elements")]
+    rows += [
+        (
+            f"load {load.name}",
+            f"{_vector_text(load.force, 'N', units)}, work on the modes in the file",
+        )
+        for load in body.loads
+    ]
+    screen.table(("", ""), rows)
+    if body.modes:
+        screen.table(MODE_COLUMNS, mode_table(body), right=(0, 2))
+
+
+def _show_quality(report: Any) -> None:
+    from flexmb.fe.reduction.quality_report import report_tables
+
+    for part in report_tables(report):
+        screen.heading(part.title)
+        screen.table(part.columns, part.rows, right=range(1, len(part.columns)), whole=True)
+        if part.note:
+            screen.line(part.note)
+
+
+def _stress_text(body: Any) -> str:
+    if body.stress is None:
+        return "none"
+    nodes = len(set(body.stress.ids.tolist()))
+    inside = "" if body.nodes is None else f" of {len(body.nodes.ids)}"
+    return f"at {nodes}{inside} nodes, in the layers {', '.join(body.stress.layers)}"
+
+
+def _vector_text(values: Any, unit: str, units: UnitSystem) -> str:
+    """Components of an SI vector; those that are round-off or below 1e-15 are shown as 0."""
+    noise = max(1e-12 * max(abs(float(v)) for v in values), 1e-15)
+    clean = (float(v) if abs(v) > noise else 0.0 for v in values)
+    text = ", ".join(f"{units.outward(v, unit):.6g}" for v in clean)
+    return f"({text}) {units.label(unit, raised=True)}"

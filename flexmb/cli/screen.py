@@ -1,0 +1,119 @@
+"""The screen: progress bars on the error stream, lines and tables on the standard output."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from types import TracebackType
+from typing import Literal, Self
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+_WIDTH = 100  # columns where the output is a file or a pipe
+_MAX_NAME = 24  # letters of names in the first column that are not folded
+_UNLIMITED = 10_000  # columns that no table fills
+_LONG_PHASE = 1.0  # seconds from which a phase is worth a line
+
+
+def line(text: str) -> None:
+    """One line, never wrapped or coloured: paths can be copied."""
+    console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def heading(text: str) -> None:
+    """The title of what follows."""
+    console().print(text, style="bold", markup=False, highlight=False, soft_wrap=True)
+
+
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right: Sequence[int] = (),
+    *,
+    whole: bool = False,
+) -> None:
+    """A table; the columns numbered in `right` are set flush right.
+
+    A `whole` one is as wide as it needs to be where the output is a file or a pipe.
+    """
+    named = any(columns)
+    shown = Table(
+        box=SIMPLE_HEAD if named else None,
+        show_header=named,
+        pad_edge=False,
+        header_style="bold",
+    )
+    rows = list(rows)
+    short = max((len(row[0]) for row in rows), default=0) <= _MAX_NAME
+    for i, name in enumerate(columns):
+        justify: Literal["left", "right"] = "right" if i in right else "left"
+        shown.add_column(escape(name), justify=justify, overflow="fold", no_wrap=i == 0 and short)
+    for row in rows:
+        shown.add_row(*(escape(cell) for cell in row))
+    screen = console()
+    if whole and not screen.is_terminal:
+        screen.width = max(screen.width, Console(width=_UNLIMITED).measure(shown).maximum)
+    if shown.row_count:
+        screen.print(shown)
+
+
+def console() -> Console:
+    """The standard output, of a fixed width where it is a file or a pipe."""
+    screen = Console()
+    return screen if screen.is_terminal else Console(width=_WIDTH)
+
+
+class Bars:
+    """A progress callback for a ``with`` statement: a bar for every phase while it is under way.
+
+    Where the error stream is a file or a pipe, one line for each phase that took longer than a
+    second.
+    """
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=28),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[detail]}"),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._tasks: dict[str, TaskID] = {}
+        self._started: dict[str, float] = {}
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+    def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
+        """Show the fraction of a phase that is done; a phase that begins again gets a new bar."""
+        if phase not in self._tasks:
+            self._tasks[phase] = self._bars.add_task(phase, total=1.0, detail=detail)
+            self._started[phase] = time.perf_counter()
+        self._bars.update(self._tasks[phase], completed=fraction, detail=detail)
+        if fraction >= 1.0:
+            self._finish(phase)
+
+    def _finish(self, phase: str) -> None:
+        self._bars.update(self._tasks.pop(phase), visible=False)
+        seconds = time.perf_counter() - self._started.pop(phase)
+        if not self._console.is_terminal and seconds >= _LONG_PHASE:
+            sys.stderr.write(f"{phase}: {seconds:.1f} s\n")
+            sys.stderr.flush()

@@ -1,1 +1,0 @@
-"""Rows and coordinates of joints, drivers, couplers and curves."""

@@ -1,0 +1,112 @@
+"""The model in its initial pose: its markers and their frames, its size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.bodies.flexible_body import modal_reach
+from flexmb.engine.bodies.rigid_body import mass_properties
+from flexmb.flexbody import FlexBody
+from flexmb.model import lookup
+from flexmb.model.bodies.body import RigidBodySpec
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.model import Model
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
+
+Array = NDArray[np.float64]
+
+Ends = tuple[PlacedMarker, PlacedMarker]
+"""Markers I and J."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Markers of a model in its initial pose, by scene path; positions and axes are global."""
+
+    model: Model
+    flexbodies: Mapping[str, FlexBody]
+
+    def marker(self, reference: str) -> PlacedMarker:
+        """The marker of a scene path."""
+        return lookup.place_marker(self.model, reference, self.flexbodies)
+
+    def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
+        """Two markers with z along an axis."""
+        return lookup.frames(self.model, ends, axis, self.flexbodies)
+
+    def joint_frames(self, joint: str) -> Ends:
+        """The triads of a joint."""
+        return lookup.joint_frames(self.model, joint, self.flexbodies)
+
+    def position(self, marker: PlacedMarker) -> Array:
+        """Position (3,) of a marker [m]."""
+        return lookup.global_position(self.model, marker)
+
+    def axes(self, marker: PlacedMarker) -> Array:
+        """Axes (3, 3) of a marker."""
+        return marker_frame(self.model, marker)[1]
+
+
+def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
+    """Global position (3,) and axes (3, 3) of a marker in the initial pose."""
+    A = np.eye(3)
+    if marker.body != GROUND:
+        A = rotation_matrix(model.bodies[marker.body].orientation)
+    return lookup.global_position(model, marker), A @ marker.R
+
+
+def model_length(
+    model: Model, flexbodies: Mapping[str, FlexBody], ground: NDArray[np.float64]
+) -> float:
+    """Size of the model [m]: spread of all markers and flexible bodies in the initial pose.
+
+    Of the ground only the points (n, 3) that hold something count, so that the size does not depend
+    on where the model stands.
+    """
+    points = np.concatenate([_points(model, flexbodies), ground])
+    spread = float(np.linalg.norm(np.ptp(points, axis=0)))
+    rigid = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
+    mass, _, inertia = mass_properties(rigid)
+    gyration = np.sqrt(np.trace(inertia, axis1=1, axis2=2) / mass)
+    reach = [body.characteristic_length for body in flexbodies.values()]
+    return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
+
+
+def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
+    """Global positions (n, 3) of all markers of bodies in the initial pose."""
+    points, counts = [], []
+    for body in model.bodies:
+        places = lookup.places(model, body, flexbodies)
+        points += places
+        counts.append(len(places))
+    r, A = lookup.poses(model)
+    r, A = (np.repeat(part[:-1], counts, axis=0) for part in (r, A))
+    return r + (A @ np.array(points)[:, :, None])[:, :, 0]
+
+
+def body_weights(
+    model: Model, flexbodies: Mapping[str, FlexBody], length: float
+) -> NDArray[np.float64]:
+    """Size of one unit of every velocity coordinate: metres over the model size, radians, modal
+    coordinates by the largest displacement their mode makes, over the model size."""
+    rigid = np.append(np.full(3, 1.0 / length), np.ones(3))
+    parts = []
+    for name in model.bodies:
+        parts.append(rigid)
+        if name in flexbodies:
+            parts.append(modal_reach(flexbodies[name]) / length)
+    return np.concatenate(parts)
+
+
+def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
+    """q of the initial, undeformed pose."""
+    q = np.zeros(int((7 + bodies["m"]).sum()))
+    pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
+    q[bodies["iq"][:, None] + np.arange(7)] = pose
+    return q

@@ -1,0 +1,1 @@
+"""Constraint rows, joints, drivers, couplers, curves and scalar coordinates."""

@@ -1,0 +1,274 @@
+"""Constraint rows of the whole system: all that is evaluated of them, group by group.
+
+A group is the rows of one joint or driver, between two markers. Units give values, rates, right
+sides, Jacobian rows, wrenches on the markers and their tangents, and the reactions of joints.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from flexmb.engine.algebra.blocks import clear, put_jacobian_row, row_compliance
+from flexmb.engine.algebra.rotation import transform_back
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
+from flexmb.engine.jit import call_stage, kernel, unit
+from flexmb.engine.joints.row import (
+    add_row_tangent,
+    put_row_gradient,
+    rate,
+    row_curvature,
+    row_value,
+    wrapped,
+)
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers, Vector
+from flexmb.engine.state import Point, Run
+
+_REGULARISATION = 1e-9
+
+
+class Joints(NamedTuple):
+    """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`)."""
+
+    groups: Integers  # all but joints of points (`point_joint`)
+    driven: Integers  # rows with a function of time
+
+
+class ConstraintRows(NamedTuple):
+    """Rows of all kinds but coincidence, which stands apart (`point_joint`)."""
+
+    rows: Integers
+
+
+@unit
+def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
+    """C of all rows but those of coincidence."""
+    rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, of.rows
+    C, fun = con.C, con.fun
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        f = row["offset"]
+        if row["fun"] >= 0:
+            f += fun[row["fun"], 0]
+        value = row_value(run, row) - f
+        C[listed[n]] = value if period[row["kind"]] == 0.0 else wrapped(value)
+    return FINE
+
+
+@unit
+def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
+    """Wrenches of the markers −= λ g of all rows but those of coincidence."""
+    rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.row.g, at.lam
+    listed = of.rows
+    for n in range(listed.shape[0]):
+        k = listed[n]
+        row = rows[k]
+        mi, mj = markers[row["I"]]["W"], markers[row["J"]]["W"]
+        put_row_gradient(run, row)
+        for c in range(6):
+            mi[c] -= lam[k] * g[c]
+            mj[c] -= lam[k] * g[6 + c]
+    return FINE
+
+
+@unit
+def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
+    """Cq v + C_t of all rows but those of coincidence."""
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
+    out, fun, listed = con.rate, con.fun, of.rows
+    for n in range(listed.shape[0]):
+        k = listed[n]
+        row = rows[k]
+        put_row_gradient(run, row)
+        out[k] = rate(g, markers[row["I"]], markers[row["J"]])
+        if row["fun"] >= 0:
+            out[k] -= fun[row["fun"], 1]
+    return FINE
+
+
+@unit
+def constraint_right_side(run: Run) -> int:
+    """γ of Cq v̇ = γ, after a bias stage."""
+    rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        mi, mj = markers[row["I"]], markers[row["J"]]
+        put_row_gradient(run, row)
+        s = row_curvature(run, row)
+        for c in range(3):
+            s += g[c] * mi["bx"][c] + g[3 + c] * mi["bom"][c]
+            s += g[6 + c] * mj["bx"][c] + g[9 + c] * mj["bom"][c]
+        if row["fun"] >= 0:
+            s -= con.fun[row["fun"], 2]
+        con.gamma[k] = -s
+    return FINE
+
+
+@unit
+def constraint_jacobian(run: Run) -> int:
+    """Rows of Cq on the bodies of their two markers, into dense.jac; after a position stage."""
+    parts, now, rows, dense = run.system.parts, run.work.now, run.system.rows, run.work.dense
+    bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, run.work.row.g
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        i, j = row["I"], row["J"]
+        put_row_gradient(run, row)
+        for side in range(2):
+            at = row["jac_I"] if side == 0 else row["jac_J"]
+            if at >= 0:
+                marker = i if side == 0 else j
+                for c in range(6 + bodies[table[marker]["body"]]["m"]):
+                    jac[at + c] = 0.0
+                add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
+    return FINE
+
+
+@unit
+def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
+    """Rows of Cq from dense.jac, and their regularisation, into the iteration matrix."""
+    sys, jac, factor = run.system, run.work.dense.jac, run.work.factor
+    bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
+    low, up, eps, rows, column = factor.low, factor.up, factor.eps, sys.rows, kkt.column
+    symmetric = factor.symmetric[0] == 1
+    for k in range(groups.shape[0]):
+        group = groups[k]
+        panel = kkt.panels[group["panel"]]
+        for r in range(group["n"]):
+            row = rows[group["row"] + r]
+            s = 0.0
+            for side in range(2):
+                b = group["body_I"] if side == 0 else group["body_J"]
+                if b < 0:
+                    continue
+                link = links[group["link_I"] if side == 0 else group["link_J"]]
+                start = row["jac_I"] if side == 0 else row["jac_J"]
+                put_jacobian_row(link, r, bodies[b], column, jac, start, low)
+                if not symmetric:
+                    put_jacobian_row(link, r, bodies[b], column, jac, start, up)
+                s += row_compliance(bodies[b], kkt.panels, column, jac, start, low)
+            eps[panel["col"] + r] = _REGULARISATION * s
+            diagonal = panel["at"] + r * panel["nc"] + r
+            low[diagonal] = -_REGULARISATION * s
+            if not symmetric:
+                up[diagonal] = -_REGULARISATION * s
+    return FINE
+
+
+@kernel
+def put_constraint_matrix(run, at):
+    """Constraint rows of all kinds, into the iteration matrix; after `constraint_jacobian`."""
+    units, tables = run.stages.jacobian.units, run.stages.jacobian.tables
+    for k in range(len(units)):
+        call_stage(units[k], run, tables[k], at)
+
+
+@kernel
+def group_tangents(run, listed, lam, cp):
+    """cp ∂(Cqᵀ λ)/∂q of some constraint groups."""
+    groups, rows = run.system.groups, run.system.rows
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        i, j = rows[group["row"]]["I"], rows[group["row"]]["J"]
+        curved = put_group_tangent(run, lam, listed[n])
+        add_moment_arms(run, i, j, cp)
+        if curved == 1:
+            add_pair(run, i, j, group["couple"], cp)
+
+
+@unit
+def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
+    """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
+    rows, group, work = run.system.rows, run.system.groups[k], run.work
+    g, w, H = work.row.g, work.dense.g[1], work.row.H
+    curved = 0
+    clear(H, H.shape[0], H.shape[1])
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        put_row_gradient(run, rows[r])
+        for c in range(12):
+            w[c] += lam[r] * g[c]
+        curved = max(curved, add_row_tangent(run, rows[r], lam[r]))
+    return curved
+
+
+@unit
+def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> int:
+    """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
+    if cv != 0.0 or cp != 0.0:
+        group_tangents(run, joints.groups, at.lam, cp)
+    return FINE
+
+
+@unit
+def driver_power(run: Run, joints: Joints, at: Point) -> int:
+    """Σ −λ ḟ over the rows with a function of time."""
+    rows, fun, driven = run.system.rows, run.work.con.fun, joints.driven
+    for n in range(driven.shape[0]):
+        k = driven[n]
+        run.work.powers[0] -= at.lam[k] * fun[rows[k]["fun"], 1]
+    return FINE
+
+
+@unit
+def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
+    """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
+    sys, d = run.system, run.work.dense
+    group, g, w = sys.groups[k], run.work.row.g, d.g[1]
+    d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
+    for c in range(12):
+        w[c] = 0.0
+    for r in range(group["row"], group["row"] + group["n"]):
+        put_row_gradient(run, sys.rows[r])
+        for c in range(12):
+            w[c] -= lam[r] * g[c]
+    return FINE
+
+
+@unit
+def read_reactions(run: Run, at: Point, out: Vector) -> int:
+    """out (12 groups): force and moment on marker J of the joint in its axes, then on marker I."""
+    groups, markers, d = run.system.groups, run.work.now.marker, run.work.dense
+    w, stage = d.g[1], run.stages.axes
+    for k in range(len(stage.units)):
+        call_stage(stage.units[k], run, stage.tables[k], at)
+    for k in range(groups.shape[0]):
+        put_group_wrench(run, k, at.lam)
+        i, j = d.pair[0], d.pair[1]
+        for part in range(4):
+            of_J = (part < 2) != (groups[k]["reversed"] == 1)
+            R = markers[j]["R"] if of_J else markers[i]["R"]
+            o = 3 * (part % 2) + (6 if of_J else 0)
+            x, y, z = transform_back(R, w[o], w[o + 1], w[o + 2])
+            put(out, 12 * k + 3 * part, x, y, z)
+    return FINE
+
+
+@unit
+def joint_wrench(run: Run, joints: Joints, at: Point, c: int) -> float:
+    """Reaction of the joint or driver that channel c reads, as a wrench pair."""
+    put_group_wrench(run, run.system.sensors.channels[c]["first"], at.lam)
+    return 0.0
+
+
+CONSTRAINT_ROWS = Kind(
+    "constraint_rows",
+    ConstraintRows,
+    {
+        "constraint": put_values,
+        "rate": put_rates,
+        "wrench": subtract_reactions,
+    },
+)
+JOINTS = Kind(
+    "joints",
+    Joints,
+    {
+        "matrix": joint_matrix,
+        "jacobian": put_jacobian,
+        "power": driver_power,
+        "wrenches": joint_wrench,
+    },
+)

@@ -1,0 +1,362 @@
+"""The groups of constraint rows of a model: joints, drivers, couplers, forces on joints.
+
+Each joint type is a list of primitives between its two triads (`joints.joint`); a driver is more
+rows, on the same triads or on markers of its own; what follows a joint coordinate measures it.
+A joint spring has a scalar coordinate, without mass, that follows the angle or stroke of its joint:
+so its angle counts turns, and its damper and spring are linear in it. A force along a line has one
+that follows the distance. Couplers have those by which their joints move together. Each state has
+one with mass one, whose velocity is the state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.bodies.marker import MarkerTable
+from flexmb.engine.joints.coordinate import Scalar
+from flexmb.engine.joints.coupler import CoupledRow, coupled_rows, coupled_scalars, screw_rows
+from flexmb.engine.joints.curve import JointContext, curve_joint
+from flexmb.engine.joints.curve_marker import CurvePoints
+from flexmb.engine.joints.driver import Ends, driver_functions, marker_rows
+from flexmb.engine.joints.joint import (
+    JOINT_ROWS,
+    SECOND_TURN,
+    STROKE,
+    Row,
+    composite_rows,
+    driver_row,
+    planar_joint,
+    row_constant,
+)
+from flexmb.engine.row_kinds import DISTANCE, POINT, ROW_KINDS
+from flexmb.engine.tables import FOLLOW, ROW, Functions
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody import FlexBody
+from flexmb.model import lookup
+from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
+from flexmb.model.forces.load import LineForceSpec
+from flexmb.model.forces.spring_damper import JointSpringSpec
+from flexmb.model.forces.stops import JointStopSpec
+from flexmb.model.model import Model
+from flexmb.model.sensors.control import State
+
+
+class Entry(NamedTuple):
+    """One row on two markers, as `tables.ROW` says."""
+
+    kind: int
+    a: int
+    b: int
+    offset: float = 0.0
+    fun: int = -1
+    follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
+
+
+def _row_word(row: Entry) -> str:
+    """What a row is."""
+    if row.fun >= 0:
+        return "driven"
+    if row.follows:
+        return "coordinate"
+    return ROW_KINDS[row.kind].word.format(a="xyz"[row.a], b="xyz"[row.b])
+
+
+class MarkedEntry(NamedTuple):
+    """A row with its markers."""
+
+    entry: Entry
+    I: int  # noqa: E741
+    J: int
+
+
+@dataclass
+class Groups:
+    """Constraint rows, group by group."""
+
+    rows: list[MarkedEntry] = field(default_factory=list)
+    groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
+    names: list[str] = field(default_factory=list)  # of the rows
+    owners: list[str] = field(default_factory=list)  # scene path of each group
+    numbers: dict[str, int] = field(default_factory=dict)  # first group of a scene path
+    reversed: set[int] = field(default_factory=set)  # groups whose I is the joint's J
+    curve_points: CurvePoints = field(default_factory=CurvePoints)
+
+    def add(
+        self,
+        name: str,
+        markers: MarkerTable,
+        I: int,  # noqa: E741
+        J: int,
+        rows: list[Entry],
+        words: Sequence[str] = (),
+    ) -> None:
+        """Append a group of rows between I and J; `words` say what they are where it is known."""
+        self.numbers.setdefault(name, len(self.groups))
+        self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
+        self.owners.append(name)
+        self.rows += [MarkedEntry(row, I, J) for row in rows]
+        self.names += [f"{name}: {what}" for what in words or map(_row_word, rows)]
+
+    def in_group(self, k: int) -> list[MarkedEntry]:
+        """The rows of a group."""
+        row, n, _, _ = self.groups[k]
+        return self.rows[row : row + n]
+
+
+def coupled_bodies(groups: Groups) -> list[tuple[int, int]]:
+    """Pairs of bodies whose tangents a group couples: all but mere coincidence."""
+    pairs = []
+    for k, (_, _, i, j) in enumerate(groups.groups):
+        curved = any(ROW_KINDS[row.entry.kind].tangent for row in groups.in_group(k))
+        if curved and i >= 0 and j >= 0:
+            pairs.append((i, j))
+    return pairs
+
+
+def groups_within_bodies(groups: Groups) -> list[str]:
+    """Names of groups whose two markers are on the same body."""
+    return [groups.names[row] for row, _, i, j in groups.groups if i == j]
+
+
+def row_weights(groups: Groups, length: float) -> np.ndarray:
+    """(nc,) size of one unit of every row: metres over the model size, radians."""
+    angular = [ROW_KINDS[row.entry.kind].angular for row in groups.rows]
+    return np.where(np.array(angular, bool), 1.0, 1.0 / length)
+
+
+def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray:
+    """ROW rows with the places of their Jacobian rows; `sizes` is 6 + m of each body.
+
+    What a row follows stands behind the functions of time, a slot for each such row.
+    """
+    entries = []
+    size = sizes.tolist()
+    at, slot = 0, n_functions
+    for row, n, i, j in groups.groups:
+        for r in range(n):
+            (kind, a, b, offset, fun, follows), I, J = groups.rows[row + r]  # noqa: E741
+            jac = []
+            for body in (i, j):
+                jac.append(at if body >= 0 else -1)
+                at += size[body] if body >= 0 else 0
+            if follows:
+                fun, slot = slot, slot + 1
+            entries.append((kind, I, J, a, b, fun, *jac, r, len(follows), offset))
+    return np.array(entries, ROW)
+
+
+def follow_table(groups: Groups) -> np.ndarray:
+    """FOLLOW rows in the order of the rows; links are filled in later."""
+    entries = [
+        (k, coordinate, -1, n == 0, factor)
+        for k, row in enumerate(groups.rows)
+        for n, (coordinate, factor) in enumerate(row.entry.follows)
+    ]
+    return np.array(entries, FOLLOW)
+
+
+def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
+    """The springs on joint coordinates, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
+
+
+OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
+"""Forces on a coordinate of a joint."""
+
+
+def followers(model: Model) -> dict[str, OnJoint]:
+    """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+    forces = model.forces.items()
+    stops = {n: spec for n, spec in forces if isinstance(spec, JointStopSpec)}
+    frictions = {n: spec for n, spec in forces if isinstance(spec, JointFrictionSpec)}
+    return {**joint_springs(model), **stops, **frictions}
+
+
+def joint_coordinate(model: Model, spec: OnJoint) -> str:
+    """The coordinate of its joint that a force acts on."""
+    if isinstance(spec, JointFrictionSpec):
+        return friction_coordinate(model, spec)
+    return spec.coordinate
+
+
+def line_forces(model: Model) -> dict[str, LineForceSpec]:
+    """The forces along lines, by name."""
+    return {n: spec for n, spec in model.forces.items() if isinstance(spec, LineForceSpec)}
+
+
+def scalar_coordinates(
+    model: Model, functions: Functions, states: tuple[State, ...]
+) -> list[Scalar]:
+    """The scalar coordinates of a model: of joint forces, lines of forces, couplers, states.
+
+    Laws and stops on joints are elements of their own.
+    """
+    joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
+    lines = [
+        Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
+        for name, spec in line_forces(model).items()
+    ]
+    coupled = [Scalar(name, angular=angular) for name, angular in coupled_scalars(model)]
+    own = [
+        Scalar(f"states.{s.name}", 1.0, function=functions.put(s.rate), size=s.scale)
+        for s in states
+    ]
+    return [*joints, *lines, *coupled, *own]
+
+
+def _follower(model: Model, name: str, spec: OnJoint, functions: Functions) -> Scalar:
+    angular = joint_coordinate(model, spec) != "stroke"
+    if isinstance(spec, JointFrictionSpec | JointStopSpec):
+        return Scalar(f"forces.{name}", angular=angular)
+    return Scalar(
+        f"forces.{name}",
+        damping=spec.damping,
+        stiffness=spec.stiffness,
+        free=spec.free,
+        function=-1 if spec.value is None else functions.add(spec.value.expression),
+        angular=angular,
+    )
+
+
+_ENTRIES = {row: Entry(*row[:3]) for rows in JOINT_ROWS.values() for row in rows if not row[3]}
+"""Rows without a constant, which joints share."""
+
+
+def joint_groups(
+    model: Model,
+    flexbodies: Mapping[str, FlexBody],
+    markers: MarkerTable,
+    functions: Functions,
+    scalars: list[Scalar],
+) -> Groups:
+    """All joints, all drivers, then what follows joints with coordinates of its own."""
+    place = {scalar.name: k for k, scalar in enumerate(scalars)}
+    rows = _Rows(model, flexbodies, markers, place)
+    for name in model.joints:
+        rows.joint(name)
+    for name in model.drivers:
+        rows.driver(name, functions)
+    for name, force in followers(model).items():
+        coordinate = joint_coordinate(model, force)
+        rows.follower(f"forces.{name}", force.joint, coordinate)
+    for name, line in line_forces(model).items():
+        rows.line(f"forces.{name}", line.between)
+    for coupled in coupled_rows(model, flexbodies):
+        entry, between = rows.coupled(coupled)
+        rows.begin(coupled.coordinate)
+        rows.add(coupled.owner, between, [entry])
+    return rows.groups
+
+
+@dataclass
+class _Rows:
+    """Adds the rows of what the model says, one after the other."""
+
+    model: Model
+    flexbodies: Mapping[str, FlexBody]
+    markers: MarkerTable
+    place: Mapping[str, int]  # scalar coordinates by name
+    groups: Groups = field(default_factory=Groups)
+    ends: dict[str, Ends] = field(default_factory=dict)  # triads of the joints
+
+    def add(self, owner: str, between: Ends, rows: list[Entry], words: Sequence[str] = ()) -> None:
+        points = all(row.kind == POINT for row in rows)
+        I, J = (self.markers.add(marker, points) for marker in between)  # noqa: E741
+        self.groups.add(owner, self.markers, I, J, rows, words)
+
+    def begin(self, coordinate: str) -> None:
+        """The next group acts on this coordinate; on a second angle from marker J of the joint."""
+        if coordinate == "second_angle":
+            self.groups.reversed.add(len(self.groups.groups))
+
+    def joint(self, name: str) -> None:
+        model, joint = self.model, self.model.joints[name]
+        I, J = lookup.joint_frames(model, name, self.flexbodies)  # noqa: E741
+        if joint.curves:
+            self._on_curve(name, (I, J))
+            return
+        if model.plane is not None:
+            I, J, types = planar_joint(model, joint, I, J)  # noqa: E741
+        else:
+            types = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
+        self.ends[name] = I, J
+        rows = [_ENTRIES.get(row) or _entry(model, name, row, (I, J)) for row in types]
+        rows += [self.coupled(thread)[0] for thread in screw_rows(model, name)]
+        self.add(f"joints.{name}", (I, J), rows)
+
+    def _on_curve(self, name: str, frames: Ends) -> None:
+        groups = self.groups
+        at = len(groups.groups), len(groups.rows)
+        site = JointContext(self.model, name, frames, self.markers, groups.curve_points, *at)
+        made = curve_joint(site)
+        if made.reversed:
+            groups.reversed.add(at[0])
+        rows = [Entry(*row) for row in made.rows]
+        groups.add(f"joints.{name}", self.markers, made.I, made.J, rows)
+
+    def driver(self, name: str, functions: Functions) -> None:
+        driver = self.model.drivers[name]
+        if driver.joint is not None:
+            row, (I, J) = self._measured(driver.joint, driver.coordinate)  # noqa: E741
+            kinds, words = [row], ["driven"]
+            self.begin(driver.coordinate)
+        else:
+            I, J, kinds = marker_rows(self.model, driver, self.flexbodies)  # noqa: E741
+            words = [f"driven {motion.coordinate}" for motion in driver.motions(self.model.plane)]
+        programs = driver_functions(self.model, name, (I, J), kinds)
+        pairs = zip(kinds, programs, strict=True)
+        rows = [Entry(*kind, fun=functions.add(program)) for kind, program in pairs]
+        self.add(f"drivers.{name}", (I, J), rows, words)
+
+    def follower(self, owner: str, joint: str, coordinate: str) -> None:
+        """A row by which the scalar coordinate of that name follows a joint coordinate."""
+        row, between = self._measured(joint, coordinate)
+        self.begin(coordinate)
+        self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
+
+    def line(self, owner: str, between: tuple[str, str]) -> None:
+        """A row by which the scalar coordinate of that name follows a distance."""
+        I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
+        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
+
+    def coupled(self, coupled: CoupledRow) -> tuple[Entry, Ends]:
+        """A row that follows scalar coordinates, and its markers."""
+        row, between = self._measured(coupled.joint, coupled.coordinate)
+        offset = coupled.offset
+        if coupled.relative:
+            offset += row_constant(self.model, (*row, True), *between)
+        follows = tuple((self.place[name], factor) for name, factor in coupled.follows)
+        return Entry(*row, offset, follows=follows), between
+
+    def _measured(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
+        """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
+        I, J = self.ends[joint]  # noqa: E741
+        if self.model.plane is not None and coordinate == "stroke":
+            return STROKE, (I, J)
+        row = driver_row(self.model.joints[joint].type, coordinate)
+        if coordinate == "second_angle":
+            return row, (replace(J, R=J.R @ SECOND_TURN), I)
+        return row, (I, J)
+
+
+def _entry(model: Model, name: str, row: Row, between: Ends) -> Entry:
+    """A row of a joint with its constant.
+
+    Raises
+    ------
+    SceneError
+        A link without length.
+    """
+    length = model.joints[name].length
+    if row[0] == DISTANCE and length is not None:
+        return Entry(*row[:3], length)
+    try:
+        return Entry(*row[:3], row_constant(model, row, *between))
+    except ZeroDivisionError:
+        what = "the link has no length in the initial pose, so its direction is undefined"
+        cure = "place the markers apart, or use a joint that holds them together"
+        raise SceneError.from_problems([Problem(f"joints.{name}", f"{what}; {cure}")]) from None

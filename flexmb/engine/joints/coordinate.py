@@ -1,0 +1,192 @@
+"""Scalar coordinates beside the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
+
+A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
+then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
+mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. States
+beside the bodies have mass one and no row, ṡ is the state and u its rate; they have no energy.
+Values and rates of the sums stand beside those of the functions in Constraints.fun.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.jit import unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import COORDINATE
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """m s'' + c s' + k (s − s0) = u(t); `function` is u in `Functions`, −1 for none."""
+
+    name: str
+    mass: float = 0.0
+    damping: float = 0.0
+    stiffness: float = 0.0
+    free: float = 0.0
+    function: int = -1
+    angular: bool = True  # counted in radians, else in metres
+    size: float = 0.0  # of a state: from where on it is large; 0: a motion
+
+
+def unit_weight(scalar: Scalar, length: float) -> float:
+    """What one unit of a scalar coordinate counts for: radians, metres over the model size."""
+    if scalar.size > 0.0:
+        return 1.0 / scalar.size
+    return 1.0 if scalar.angular else 1.0 / length
+
+
+def coordinate_table(scalars: list[Scalar], nq: int, nv: int) -> NDArray[np.void]:
+    """COORDINATE rows behind the nq, nv coordinates of the bodies; panels are filled in later."""
+    rows = [
+        (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
+        for k, s in enumerate(scalars)
+    ]
+    return np.array(rows, COORDINATE)
+
+
+class Coordinates(NamedTuple):
+    """Scalar coordinates (`Parts.coordinates`, `System.follows`)."""
+
+
+@unit
+def put_values(run: Run, of: Coordinates, at: Point) -> int:
+    """Σ f s of all rows that follow coordinates, as the value of their slots."""
+    sys, q, fun = run.system, at.q, run.work.con.fun
+    follows, coordinates = sys.follows, sys.parts.coordinates
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        slot = sys.rows[follow["row"]]["fun"]
+        if follow["first"] == 1:
+            fun[slot, 0] = 0.0
+            fun[slot, 2] = 0.0  # s̈ is an unknown
+        fun[slot, 0] += follow["factor"] * q[coordinates[follow["coordinate"]]["iq"]]
+    return FINE
+
+
+@unit
+def put_rates(run: Run, of: Coordinates, at: Point) -> int:
+    """Σ f ṡ of all rows that follow coordinates, as the rate of their slots."""
+    sys, v, fun = run.system, at.v, run.work.con.fun
+    follows, coordinates = sys.follows, sys.parts.coordinates
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        slot = sys.rows[follow["row"]]["fun"]
+        if follow["first"] == 1:
+            fun[slot, 1] = 0.0
+        fun[slot, 1] += follow["factor"] * v[coordinates[follow["coordinate"]]["iv"]]
+    return FINE
+
+
+@unit
+def put_forces(run: Run, of: Coordinates, at: Point) -> int:
+    """res = m s̈ + c ṡ + k (s − s0) − u + Cqᵀ λ of all coordinates."""
+    sys, res, fun = run.system, run.work.trial.res, run.work.con.fun
+    coordinates, follows, q, v, vd = sys.parts.coordinates, sys.follows, at.q, at.v, at.vd
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        i = s["iv"]
+        res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
+        if s["fun"] >= 0:
+            res[i] -= fun[s["fun"], 0]
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        i = coordinates[follow["coordinate"]]["iv"]
+        res[i] -= follow["factor"] * at.lam[follow["row"]]
+    return FINE
+
+
+@unit
+def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> int:
+    """m + cv c + cp k on the diagonal.
+
+    At the acceleration level, cv = 0, stiffness stands beside the mass so that stiff modes do not
+    spoil reactions; a coordinate without mass has no such mode.
+    """
+    panels, low, up = run.system.kkt.panels, run.work.factor.low, run.work.factor.up
+    coordinates = run.system.parts.coordinates
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        place = panels[s["panel"]]["at"]
+        diagonal = s["m"] + cv * s["c"]
+        if s["m"] > 0.0 or cv != 0.0:
+            diagonal += cp * s["k"]
+        low[place] += diagonal
+        up[place] += diagonal
+    return FINE
+
+
+@unit
+def put_rows(run: Run, of: Coordinates, at: Point) -> int:
+    """−f of the rows that follow coordinates in the Jacobian."""
+    sys, factor = run.system, run.work.factor
+    follows = sys.follows
+    for k in range(follows.shape[0]):
+        follow = follows[k]
+        link, r = sys.kkt.links[follow["link"]], sys.rows[follow["row"]]["in_group"]
+        place = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+        factor.low[place] = -follow["factor"]
+        if factor.symmetric[0] == 0:
+            factor.up[place] = -follow["factor"]
+    return FINE
+
+
+@unit
+def add_energies(run: Run, of: Coordinates, at: Point) -> int:
+    """Σ ½ m ṡ² of what moves, Σ ½ k (s − s0)²."""
+    coordinates, out = run.system.parts.coordinates, run.work.energies
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        if s["state"] == 0:
+            out[0] += 0.5 * s["m"] * at.v[s["iv"]] ** 2
+        stretch = at.q[s["iq"]] - s["s0"]
+        out[3] += 0.5 * s["k"] * stretch * stretch
+    return FINE
+
+
+@unit
+def add_powers(run: Run, of: Coordinates, at: Point) -> int:
+    """−Σ c ṡ² of dampers, Σ u ṡ of applied forces."""
+    coordinates, out, fun = run.system.parts.coordinates, run.work.powers, run.work.con.fun
+    for k in range(coordinates.shape[0]):
+        s = coordinates[k]
+        rate = at.v[s["iv"]]
+        out[1] -= s["c"] * rate * rate
+        if s["fun"] >= 0 and s["state"] == 0:
+            out[2] += fun[s["fun"], 0] * rate
+    return FINE
+
+
+@unit
+def multiply_mass(run: Run, of: Coordinates, at: Point) -> int:
+    """Factor.sol = m Trial.res."""
+    coordinates, place = run.system.parts.coordinates, run.system.kkt.place
+    for k in range(coordinates.shape[0]):
+        i = coordinates[k]["iv"]
+        run.work.factor.sol[place[i]] = coordinates[k]["m"] * run.work.trial.res[i]
+    return FINE
+
+
+COORDINATES = Kind(
+    "coordinates",
+    Coordinates,
+    {
+        "position": put_values,
+        "velocity": put_rates,
+        "force": put_forces,
+        "matrix": add_tangents,
+        "jacobian": put_rows,
+        "mass": multiply_mass,
+        "energy": add_energies,
+        "power": add_powers,
+    },
+    works=True,
+    stiff=True,
+)

@@ -1,0 +1,387 @@
+"""Joints on curves: curves as pieces over their length, where a joint begins on them, its rows.
+
+A curve is pieces of degree five over its own length. Value, unit tangent and curvature agree with
+the curve at both ends of every piece, so the pieces join with continuous curvature, and their error
+shrinks with the sixth power of their length. A curve marker (`curve_marker`) brings one scalar
+coordinate, so a joint has one equation less than rows for each:
+
+    pin-in-slot, cam-knife   t·h = 0, n·h = 0             h from the curve marker to J
+    cam-roller               t·h = 0, n·h = ± radius
+    cam-flat                 m·h = 0, m·t = 0             m across the flat, h from J to the curve
+    cam-cam                  t·h = 0, n·h = 0, t·n₂ = 0   h from the first curve to the second
+    point-on-curve           h = 0                        in space, or in the plane of the model
+
+Where along its curves a joint begins in the initial pose is searched among samples; assembly closes
+the rest. It acts on the outer side of a closed curve, on that of the roller where there is one,
+else on that of the follower's centre of mass. The force across the curve is the multiplier of one
+row; `Contact` has its sign in contact.
+Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.bodies.marker import MarkerTable
+from flexmb.engine.geometry import marker_frame
+from flexmb.engine.joints.curve_marker import Contact, CurvePoint, CurvePoints
+from flexmb.engine.row_kinds import DOT1, DOT2, POINT
+from flexmb.errors import FlexmbWarning, Problem, SceneError
+from flexmb.model import lookup
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.joints.curve import CurveShape, curve_shape
+from flexmb.model.joints.joint import JointSpec
+from flexmb.model.model import Model
+from flexmb.model.plane import plane_axes
+from flexmb.model.values.names import GROUND
+
+Array = NDArray[np.float64]
+_EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off
+_MIN_PIECES, _MAX_PIECES = 64, 512
+_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+
+
+class Pieces(NamedTuple):
+    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 6), error over size."""
+
+    ends: Array
+    coefficients: Array
+    error: float
+
+    def at(self, s: Array) -> Array:
+        """(n, 3, 3) place, unit tangent and curvature vector at places (n,) within the ends."""
+        k = np.clip(np.searchsorted(self.ends, s, side="right") - 1, 0, len(self.coefficients) - 1)
+        t = s - self.ends[k]
+        powers = np.zeros((len(t), 3, 6))
+        for n in range(6):
+            powers[:, 0, n] = t**n
+            powers[:, 1, n] = n * t ** max(n - 1, 0)
+            powers[:, 2, n] = n * (n - 1) * t ** max(n - 2, 0)
+        return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
+
+
+@lru_cache(maxsize=64)  # the same shape has the same pieces in every joint
+def pieces_of(shape: CurveShape) -> Pieces:
+    """As many pieces as it takes for errors of the size of round-off."""
+    per_break = max(1, -(-_MIN_PIECES // (len(shape.breaks) - 1)))
+    while True:
+        pieces = _divided(shape, per_break)
+        if pieces.error <= _EXACT or 2 * len(pieces.coefficients) > _MAX_PIECES:
+            return pieces
+        per_break *= 2
+
+
+def _divided(shape: CurveShape, per_break: int) -> Pieces:
+    b = shape.breaks
+    u = np.append(
+        (b[:-1, None] + np.diff(b)[:, None] * np.arange(per_break) / per_break).ravel(), b[-1]
+    )
+    lengths = _length(shape, u[:-1], u[1:])
+    ends = np.append(0.0, np.cumsum(lengths))
+    nodes = _over_length(shape.at(u))
+    if shape.closed:
+        nodes[-1] = nodes[0]
+    pieces = Pieces(ends, _hermite(nodes, lengths), 0.0)
+    middle = 0.5 * (u[:-1] + u[1:])
+    places = ends[:-1] + _length(shape, u[:-1], middle)
+    exact = shape.at(middle)[:, 0]
+    size = float(np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
+    error = float(np.abs(pieces.at(places)[:, 0] - exact).max()) / size
+    return pieces._replace(error=error)
+
+
+def _length(shape: CurveShape, low: Array, high: Array) -> Array:
+    """(n,) length between parameters, by seven points of Gauss."""
+    half = 0.5 * (high - low)
+    u = 0.5 * (high + low)[:, None] + half[:, None] * _GAUSS
+    speed = np.linalg.norm(shape.at(u.ravel())[:, 1], axis=1).reshape(u.shape)
+    lengths: Array = half * (speed @ _WEIGHTS)
+    return lengths
+
+
+def _over_length(derivatives: Array) -> Array:
+    """(n, 3, 3) value, tangent and curvature vector from derivatives over any parameter."""
+    place, first, second = derivatives.swapaxes(0, 1)
+    speed = np.linalg.norm(first, axis=1)[:, None]
+    tangent = first / speed
+    along = np.einsum("ka,ka->k", second, tangent)[:, None]
+    return np.stack([place, tangent, (second - along * tangent) / speed**2], axis=1)
+
+
+def _hermite(nodes: Array, lengths: Array) -> Array:
+    """(n, 3, 6) coefficients of the polynomials of degree five between nodes (n + 1, 3, 3)."""
+    h = lengths[:, None]
+    (p, d, a), (q, e, b) = nodes[:-1].swapaxes(0, 1), nodes[1:].swapaxes(0, 1)
+    # what value, slope and curvature at the far end lack of the parabola from the near end
+    x = q - p - h * (d + 0.5 * h * a)
+    y = (e - d - h * a) * h
+    z = (b - a) * h * h
+    return np.stack(
+        [
+            p,
+            d,
+            0.5 * a,
+            (10.0 * x - 4.0 * y + 0.5 * z) / h**3,
+            (-15.0 * x + 7.0 * y - z) / h**4,
+            (6.0 * x - 3.0 * y + 0.5 * z) / h**5,
+        ],
+        axis=2,
+    )
+
+
+X, Y, Z = 0, 1, 2
+_SAMPLES = 1440  # places along a curve that are tried
+_WARNED_ERROR = 1e-9  # error of the pieces over the size of the curve
+
+
+@dataclass(frozen=True)
+class PlacedCurve:
+    """A curve on the marker that carries it, in the initial pose: x (3,), R (3, 3), global."""
+
+    name: str
+    pieces: Pieces
+    closed: bool
+    turns: bool
+    x: Array
+    R: Array
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]."""
+        return float(self.pieces.ends[-1])
+
+    @property
+    def samples(self) -> Array:
+        """Places (n,) along the curve, the end of a closed one left out."""
+        return np.linspace(0.0, self.length, _SAMPLES, endpoint=not self.closed)
+
+    @property
+    def outward(self) -> float:
+        """1 if the normal, left of the tangent, leads out of a closed curve, −1 if into it."""
+        c = self.pieces.at(self.samples)
+        area = np.sum(c[:, 0, X] * c[:, 1, Y] - c[:, 0, Y] * c[:, 1, X])
+        return -1.0 if area > 0.0 else 1.0
+
+    def at(self, s: Array) -> tuple[Array, Array, Array]:
+        """Global points, tangents and normals (n, 3) at places (n,)."""
+        c = self.pieces.at(s)
+        t = c[:, 1]
+        n = np.stack([-t[:, Y], t[:, X], 0.0 * t[:, X]], axis=1)
+        return self.x + c[:, 0] @ self.R.T, t @ self.R.T, n @ self.R.T
+
+
+def place_curve(model: Model, curve: str, marker: PlacedMarker) -> PlacedCurve:
+    """A curve on the marker that carries it, in the initial pose.
+
+    Warns of one that the pieces follow badly, such as an expression with a corner.
+    """
+    shape = curve_shape(model, curve)
+    pieces = pieces_of(shape)
+    if pieces.error > _WARNED_ERROR:
+        what = f"is followed within {pieces.error:.2g} of its size only; has it a corner?"
+        warnings.warn(f"curves.{curve} {what}", FlexmbWarning, stacklevel=2)
+    return PlacedCurve(curve, pieces, shape.closed, shape.in_plane, *marker_frame(model, marker))
+
+
+def _nearest_place(curve: PlacedCurve, point: Array, across: bool) -> float:
+    """Place [m] nearest to a point; `across`: what lies across the curve's plane does not count."""
+    s = curve.samples
+    apart = point - curve.at(s)[0]
+    if across:
+        apart = apart @ curve.R[:, [X, Y]]
+    return float(s[np.argmin(np.linalg.norm(apart, axis=1))])
+
+
+def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
+    """Place [m] where the curve runs along a flat through a point, nearest to the flat."""
+    s = curve.samples
+    x, t, _ = curve.at(s)
+    slope, height = t @ normal, np.abs((x - point) @ normal)
+    after = np.roll(slope, -1)
+    turning = slope * after <= 0.0
+    if not curve.closed:
+        turning[-1] = False
+    if not turning.any():
+        return float(s[np.argmin(np.abs(slope))])
+    k = int(np.argmin(np.where(turning, height, np.inf)))
+    step = curve.length / len(s)
+    share = slope[k] / (slope[k] - after[k]) if slope[k] != after[k] else 0.5
+    return float(s[k] + share * step)
+
+
+def _nearest_pair(
+    first: PlacedCurve, second: PlacedCurve, start: float | None
+) -> tuple[float, float]:
+    """Places [m] on two curves where they are nearest to touching; `start` fixes the first."""
+    s = first.samples[::4] if start is None else np.array([start])
+    u = second.samples[::4]
+    (x, t, _), (y, _, n) = first.at(s), second.at(u)
+    size = 0.5 * (first.length + second.length)
+    apart = np.linalg.norm(x[:, None] - y[None], axis=2) / size
+    i, j = np.unravel_index(np.argmin(apart + 0.1 * (t @ n.T) ** 2), apart.shape)
+    return float(s[i]), float(u[j])
+
+
+def _inside(curve: PlacedCurve, points: Array) -> NDArray[np.bool_]:
+    """Which of the points (n, 3) lie within a closed curve, by the crossings of a ray."""
+    ring = curve.pieces.at(curve.samples)[:, 0]
+    local = (points - curve.x) @ curve.R
+    a, b = ring, np.roll(ring, -1, axis=0)
+    px, py = local[:, [X]], local[:, [Y]]
+    spans = (a[:, Y] > py) != (b[:, Y] > py)
+    rise = np.where(b[:, Y] == a[:, Y], 1.0, b[:, Y] - a[:, Y])
+    crossing = a[:, X] + (py - a[:, Y]) * (b[:, X] - a[:, X]) / rise
+    odd: NDArray[np.bool_] = (spans & (px < crossing)).sum(axis=1) % 2 == 1
+    return odd
+
+
+def _side_of_follower(curve: PlacedCurve, s: float, center: Array) -> float:
+    """1 if a point lies on the side of the normal at s, −1 on the other."""
+    x, _, n = curve.at(np.array([s]))
+    return 1.0 if n[0] @ (center - x[0]) >= 0.0 else -1.0
+
+
+class CurveJoint(NamedTuple):
+    """Rows (kind, a, b, offset) between markers I and J; whether J of the joint is their I."""
+
+    I: int  # noqa: E741
+    J: int
+    rows: tuple[tuple[int, int, int, float], ...]
+    reversed: bool = False
+
+
+@dataclass(frozen=True)
+class JointContext:
+    """Where a joint on curves is made: its markers I and J, and its group and first row."""
+
+    model: Model
+    name: str
+    frames: tuple[PlacedMarker, PlacedMarker]
+    markers: MarkerTable
+    curve_points: CurvePoints
+    group: int
+    row: int
+
+    @property
+    def joint(self) -> JointSpec:
+        """What the scene says of it."""
+        return self.model.joints[self.name]
+
+    def add_curve_marker(
+        self, curve: PlacedCurve, carrier: int, side: int, start: float, other: int = -1
+    ) -> int:
+        """A curve marker of its own, on the side of the rows; carried by I or J (0, 1)."""
+        pool, n = self.markers.pool, len(curve.pieces.coefficients)
+        at = pool.add(curve.pieces.ends)
+        pool.add(curve.pieces.coefficients)
+        marker = self.markers.add_unshared(self.frames[carrier])
+        shape = at, n, curve.closed, curve.turns
+        self.curve_points.points.append(
+            CurvePoint(self.name, marker, *shape, self.group, side, other, start)
+        )
+        return marker
+
+    def add_contact(self, row: int, compressed: float) -> None:
+        """It can only push, with this sign of the multiplier of one of its rows."""
+        self.curve_points.contacts.append(Contact(self.name, self.row + row, compressed))
+
+
+def curve_joint(context: JointContext) -> CurveJoint:
+    """Rows of a joint on curves, with its curve markers.
+
+    Raises
+    ------
+    SceneError
+        A roller larger than the curve is hollow.
+    """
+    model, joint = context.model, context.joint
+    assert joint.curve is not None  # joints on curves have one
+    curve = place_curve(model, joint.curve, context.frames[0])
+    if joint.second_curve is not None:
+        return _cams(context, (curve, place_curve(model, joint.second_curve, context.frames[1])))
+    x, R = marker_frame(model, context.frames[1])
+    if joint.type == "cam-flat":
+        return _flat(context, curve, x, R[:, Z])
+    across = joint.type != "point-on-curve"
+    s = _nearest_place(curve, x, across) if joint.start is None else joint.start
+    S, J = context.add_curve_marker(curve, 0, 0, s), context.markers.add(context.frames[1])
+    if not across:
+        axes = (X, Y, Z) if model.plane is None else plane_axes(model.plane)[:2]
+        return CurveJoint(S, J, tuple((POINT, axis, axis, 0.0) for axis in axes))
+    side, radius = _side(context, curve, s, x), joint.radius or 0.0
+    if joint.type != "pin-in-slot":
+        context.add_contact(1, -side)
+    if radius > 0.0:
+        _refuse_hollow(model, context.name, curve, side, radius)
+    return CurveJoint(S, J, ((DOT2, X, X, 0.0), (DOT2, Y, Y, side * radius)))
+
+
+def _flat(context: JointContext, curve: PlacedCurve, x: Array, normal: Array) -> CurveJoint:
+    """A flat through x: the curve's point in it, the curve along it."""
+    s = context.joint.start
+    s = _tangent_place(curve, x, normal) if s is None else s
+    S, J = context.add_curve_marker(curve, 0, 1, s), context.markers.add(context.frames[1])
+    _, _, n = curve.at(np.array([s]))
+    context.add_contact(0, _side(context, curve, s, x) * float(np.sign(n[0] @ normal)))
+    return CurveJoint(J, S, ((DOT2, Z, Z, 0.0), (DOT1, Z, X, 0.0)), True)
+
+
+def _cams(context: JointContext, curves: tuple[PlacedCurve, PlacedCurve]) -> CurveJoint:
+    joint, k = context.joint, len(context.curve_points.points)
+    first, second = _nearest_pair(*curves, joint.start)
+    if joint.second_start is not None:
+        second = joint.second_start
+    S = context.add_curve_marker(curves[0], 0, 0, first, k + 1)
+    T = context.add_curve_marker(curves[1], 1, 1, second, k)
+    if curves[0].closed:
+        within = _inside(curves[0], curves[1].at(curves[1].samples[::8])[0]).mean() > 0.5
+        side = -curves[0].outward if within else curves[0].outward
+    else:
+        side = _side_of_follower(curves[0], first, _center(context.model, joint, curves[1].x))
+    context.add_contact(1, -side)
+    return CurveJoint(S, T, ((DOT2, X, X, 0.0), (DOT2, Y, Y, 0.0), (DOT1, X, Y, 0.0)))
+
+
+def _side(context: JointContext, curve: PlacedCurve, s: float, x: Array) -> float:
+    """Side of the curve that a follower acts on: 1 that of the normal."""
+    joint = context.joint
+    if joint.radius is not None:
+        p, _, n = curve.at(np.array([s]))
+        height = float(n[0] @ (x - p[0]))
+        if abs(height) > 0.5 * joint.radius or not curve.closed:
+            return 1.0 if height >= 0.0 else -1.0
+    if curve.closed:
+        return curve.outward
+    return _side_of_follower(curve, s, _center(context.model, joint, x))
+
+
+def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
+    """Centre of mass of the follower; the mirror image of the cam's if the follower is ground."""
+    I, J = (reference.partition(".")[0] for reference in joint.between)  # noqa: E741
+    body = model.bodies[I if J == GROUND else J]
+    if body.flexible:
+        return marker
+    center: Array = lookup.global_position(
+        model, lookup.place_marker(model, f"{I if J == GROUND else J}.center")
+    )
+    return 2.0 * marker - center if J == GROUND else center
+
+
+def _refuse_hollow(model: Model, name: str, curve: PlacedCurve, side: float, radius: float) -> None:
+    s = curve.samples
+    c = curve.pieces.at(s)
+    hollow = side * (c[:, 1, X] * c[:, 2, Y] - c[:, 1, Y] * c[:, 2, X])
+    k = int(np.argmax(hollow))
+    if hollow[k] * radius >= 1.0:
+        say = model.units.say
+        what = (
+            f"the roller does not fit the curve, which is hollow {say(s[k], 'm')} along it with a "
+            f"radius of {say(1.0 / hollow[k], 'm')}; take a smaller roller, or round the curve"
+        )
+        raise SceneError.from_problems([Problem(f"joints.{name}.radius", what)])

@@ -1,0 +1,412 @@
+"""Curve markers: a marker that slides along a curve which is fixed to a body.
+
+Its place is the curve's at the scalar coordinate s, x + R c(s) with x, R of the marker that carries
+the curve; on a plane curve its axes turn with the tangent t, the normal n and z of the plane. The
+curve is piecewise quintic with |c'| = 1, so s is the length along it. Beyond the ends of an open
+curve it continues with the curvature of its end, for Newton's method to come back from.
+
+With J = (R c', φ' z) the twist per ṡ, φ the angle of the tangent, the marker has J ṡ in addition to
+the motion of the material point under it; s has the equation −W·J = 0, W the wrench on the marker
+(Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3).
+
+Tangents: with w the wrench Cqᵀλ on the curve marker, D = ∂J/∂s and H the change of the wrench pair
+with the motion of the markers, bodies × s gets the pull-back of H J and of the moment c' × f (the
+moment arm grows along the curve), s × bodies that of Hᵀ J and of (c' × f, φ' z × m) (the curve
+turns with its body), s × s gets Jᵀ H J + w·D.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.algebra.rotation import cross, transform, transform_back
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import add_pulled_back
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import put_group_tangent
+from flexmb.engine.joints.coordinate import Scalar
+from flexmb.engine.joints.row import put_row_gradient
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import CURVE_END, FINE
+from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import CURVE_MARKER
+
+if TYPE_CHECKING:
+    from flexmb.engine.symbolic import Symbolic
+
+
+class Contact(NamedTuple):
+    """A joint that can only push: its row across the curve, and the sign of λ when it does."""
+
+    joint: str
+    row: int
+    compressed: float
+
+
+class CurvePoint(NamedTuple):
+    """One curve marker on the way into its table."""
+
+    joint: str
+    marker: int
+    at: int
+    pieces: int
+    closed: bool
+    turns: bool
+    group: int
+    side: int
+    other: int
+    start: float
+
+
+@dataclass
+class CurvePoints:
+    """The curve markers of a model, and the contacts among their joints."""
+
+    points: list[CurvePoint] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+
+    def scalars(self) -> list[Scalar]:
+        """Their places along the curves."""
+        words = ("position", "second_position")
+        return [
+            Scalar(f"joints.{s.joint}.{words[s.other >= 0 and s.other < k]}", angular=False)
+            for k, s in enumerate(self.points)
+        ]
+
+    def number(self, joint: str, on: str) -> int:
+        """Number of the curve marker of a joint on the curve of its marker I or J."""
+        mine = [k for k, s in enumerate(self.points) if s.joint == joint]
+        return mine[1 if on == "J" else 0]
+
+    def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
+        """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
+        pairs = []
+        for k, s in enumerate(self.points):
+            pairs += [(body, first + k) for body in groups[s.group][2:] if body >= 0]
+            if s.other > k:
+                pairs.append((first + k, first + s.other))
+        return pairs
+
+    def table(self, groups: list[tuple[int, int, int, int]], blocks: int, symbolic: Symbolic,
+              scalars: int) -> NDArray[np.void]:  # fmt: skip
+        """CURVE_MARKER rows; `blocks` bodies and `scalars` coordinates stand before their own."""
+        rows = []
+        for k, s in enumerate(self.points):
+            mine = blocks + scalars + k
+            links = [
+                symbolic.couple_links.get((body, mine), -1) if body >= 0 else -1
+                for body in groups[s.group][2:]
+            ]
+            other = symbolic.couple_links.get((mine, blocks + scalars + s.other), -1)
+            link = symbolic.coordinate_links[s.group, mine]
+            rows.append(
+                (s.marker, scalars + k, s.at, s.pieces, s.closed, s.turns, s.group, s.side, link,
+                 *links, s.other, other if s.other > k else -1)
+            )  # fmt: skip
+        return np.array(rows, CURVE_MARKER)
+
+
+class CurveMarkers(NamedTuple):
+    """Markers that slide along curves (`Parts.curve_markers`)."""
+
+
+# An open curve may be overrun by round-off, this share of its length.
+_ROUND_OFF = 1e-9
+
+
+@kernel
+def _piece(pool, curve, s):
+    """Number of the piece that holds s, and s from its beginning; s runs on past open ends."""
+    at, n = curve["at"], curve["n"]
+    length = pool[at + n]
+    if curve["closed"] == 1:
+        s -= length * np.floor(s / length)
+    low, high = 0, n
+    while high - low > 1:
+        middle = (low + high) // 2
+        if pool[at + middle] <= s:
+            low = middle
+        else:
+            high = middle
+    return low, s - pool[at + low], pool[at + low + 1] - pool[at + low]
+
+
+@kernel
+def _component(pool, o, t):
+    """Value and three derivatives of Σ pool[o + k] t^k, k to 5."""
+    a, b, c, d, e, f = pool[o], pool[o + 1], pool[o + 2], pool[o + 3], pool[o + 4], pool[o + 5]
+    return (
+        a + t * (b + t * (c + t * (d + t * (e + t * f)))),
+        b + t * (2.0 * c + t * (3.0 * d + t * (4.0 * e + t * 5.0 * f))),
+        2.0 * c + t * (6.0 * d + t * (12.0 * e + t * 20.0 * f)),
+        6.0 * d + t * (24.0 * e + t * 60.0 * f),
+    )
+
+
+@kernel
+def _coordinate_of_curve(pool, curve, s, axis):
+    """c(s) and three derivatives along one axis of the marker that carries the curve."""
+    k, t, width = _piece(pool, curve, s)
+    o = curve["at"] + curve["n"] + 1 + 18 * k + 6 * axis
+    inside = min(max(t, 0.0), width)
+    c, c1, c2, c3 = _component(pool, o, inside)
+    d = t - inside
+    if d == 0.0:
+        return c, c1, c2, c3
+    return c + d * (c1 + 0.5 * d * c2), c1 + d * c2, c2, 0.0
+
+
+@unit
+def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
+    """Position and axes of all curve markers, from those of the markers that carry the curves."""
+    parts, now = run.system.parts, run.work.now
+    markers = parts.curve_markers
+    for k in range(markers.shape[0]):
+        curve, cn = markers[k], now.curve_marker[k]
+        mk, mn = parts.markers[curve["marker"]], now.marker[curve["marker"]]
+        s = at.q[parts.coordinates[curve["coordinate"]]["iq"]]
+        cx, px, qx, rx = _coordinate_of_curve(parts.pool, curve, s, 0)
+        cy, py, qy, ry = _coordinate_of_curve(parts.pool, curve, s, 1)
+        cz, pz, qz, _ = _coordinate_of_curve(parts.pool, curve, s, 2)
+        R = mn["R"]
+        x, y, z = transform(R, cx, cy, cz)
+        _move(mk, mn, now, x, y, z)
+        x, y, z = transform(R, px, py, pz)
+        put(cn["J"], 0, x, y, z)
+        x, y, z = transform(R, qx, qy, qz)
+        put(cn["D"], 0, x, y, z)
+        put(cn["J"], 3, 0.0, 0.0, 0.0)
+        put(cn["D"], 3, 0.0, 0.0, 0.0)
+        if curve["turns"] == 1:
+            _turn(R, cn, px, py, qx, qy, rx, ry)
+    return FINE
+
+
+@kernel
+def _move(mk, mn, now, x, y, z):
+    """Shift a marker by (x, y, z), global; the shift turns with it like an arm."""
+    a = mn["x"]
+    put(a, 0, a[0] + x, a[1] + y, a[2] + z)
+    if mk["body"] >= 0:
+        x, y, z = transform_back(now.body[mk["body"]]["A"], x, y, z)
+        s, arm = mn["s"], mn["arm"]
+        put(s, 0, s[0] + x, s[1] + y, s[2] + z)
+        if mk["modes"] >= 0:
+            put(arm, 0, arm[0] + x, arm[1] + y, arm[2] + z)
+
+
+@kernel
+def _turn(R, cn, px, py, qx, qy, rx, ry):
+    """Turn a marker about its z to the tangent (px, py); φ' and φ'' from two more derivatives."""
+    p2 = px * px + py * py
+    first = (px * qy - py * qx) / p2
+    second = (px * ry - py * rx) / p2 - 2.0 * first * (px * qx + py * qy) / p2
+    p = math.sqrt(p2)
+    cos, sin = px / p, py / p
+    for a in range(3):
+        cn["J"][3 + a] = first * R[a, 2]
+        cn["D"][3 + a] = second * R[a, 2]
+        x, y = R[a, 0], R[a, 1]
+        R[a, 0] = cos * x + sin * y
+        R[a, 1] = cos * y - sin * x
+
+
+@unit
+def add_velocities(run: Run, of: CurveMarkers, at: Point) -> int:
+    """The share of ṡ in the velocities of all curve markers."""
+    parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
+    for k in range(markers.shape[0]):
+        mn, J = now.marker[markers[k]["marker"]], now.curve_marker[k]["J"]
+        rate = at.v[parts.coordinates[markers[k]["coordinate"]]["iv"]]
+        for a in range(3):
+            mn["vx"][a] += J[a] * rate
+            mn["om"][a] += J[3 + a] * rate
+    return FINE
+
+
+@unit
+def add_bias(run: Run, of: CurveMarkers, at: Point) -> int:
+    """The share of ṡ in the accelerations of all curve markers at zero v̇ and s̈."""
+    parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
+    for k in range(markers.shape[0]):
+        mn, J, D = (
+            now.marker[markers[k]["marker"]],
+            now.curve_marker[k]["J"],
+            now.curve_marker[k]["D"],
+        )
+        rate = at.v[parts.coordinates[markers[k]["coordinate"]]["iv"]]
+        om = mn["om"]
+        wx, wy, wz = om[0] - J[3] * rate, om[1] - J[4] * rate, om[2] - J[5] * rate
+        ax, ay, az = cross(wx, wy, wz, J[0], J[1], J[2])
+        bx, by, bz = cross(wx, wy, wz, J[3], J[4], J[5])
+        b, e = mn["bx"], mn["bom"]
+        put(b, 0, b[0] + 2.0 * rate * ax, b[1] + 2.0 * rate * ay, b[2] + 2.0 * rate * az)
+        put(e, 0, e[0] + rate * bx, e[1] + rate * by, e[2] + rate * bz)
+        for a in range(3):
+            b[a] += D[a] * rate * rate
+            e[a] += D[3 + a] * rate * rate
+    return FINE
+
+
+@unit
+def subtract_forces(run: Run, of: CurveMarkers, at: Point) -> int:
+    """res −= W·J of all curve markers, W the wrench on each."""
+    parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
+    for k in range(markers.shape[0]):
+        W, J = now.marker[markers[k]["marker"]]["W"], now.curve_marker[k]["J"]
+        i = parts.coordinates[markers[k]["coordinate"]]["iv"]
+        for c in range(6):
+            run.work.trial.res[i] -= W[c] * J[c]
+    return FINE
+
+
+@unit
+def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
+    """∂C/∂s of the rows on curve markers; forces out of balance on s move nothing by themselves."""
+    sys, work, markers = run.system, run.work, run.system.parts.curve_markers
+    g, factor = work.row.g, work.factor
+    for k in range(markers.shape[0]):
+        curve, J = markers[k], work.now.curve_marker[k]["J"]
+        group, link = sys.groups[curve["group"]], sys.kkt.links[curve["link"]]
+        panel = sys.kkt.panels[sys.parts.coordinates[curve["coordinate"]]["panel"]]
+        factor.diagonal[panel["col"]] = math.inf
+        for r in range(group["n"]):
+            put_row_gradient(run, sys.rows[group["row"] + r])
+            s = 0.0
+            for c in range(6):
+                s += g[6 * curve["side"] + c] * J[c]
+            place_curve_markers = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+            factor.low[place_curve_markers] = s
+            if factor.symmetric[0] == 0:
+                factor.up[place_curve_markers] = s
+    return FINE
+
+
+@unit
+def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) -> int:
+    """cp ∂(Cqᵀ λ)/∂q of all rows on curve markers, where s has a part in it."""
+    sys, wk = run.system, run.work
+    curves = sys.parts.curve_markers
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    for k in range(curves.shape[0]):
+        curve = curves[k]
+        put_group_tangent(run, at.lam, curve["group"])
+        row = sys.rows[sys.groups[curve["group"]]["row"]]
+        _put_columns(sys.parts, curve, wk, row, cp, k)
+        for side in range(2):
+            link = curve["link_I"] if side == 0 else curve["link_J"]
+            if link >= 0:
+                b = sys.parts.markers[row["I"] if side == 0 else row["J"]]["body"]
+                _add_border(sys.parts.bodies[b], sys.kkt, link, side, wk)
+        _add_own(sys, curve, wk, cp, k)
+        if curve["link_other"] >= 0:
+            _add_other(sys, curve, wk, cp, k)
+    return FINE
+
+
+@kernel
+def _put_columns(parts, curve, wk, row, cp, k):
+    """Pull back what s and a body do to each other: columns to dense.T[side], rows to 2 + side."""
+    d, J, o = wk.dense, wk.now.curve_marker[k]["J"], 6 * curve["side"]
+    g, w = d.g[0], d.g[1]
+    lx, ly, lz = cross(J[0], J[1], J[2], w[o], w[o + 1], w[o + 2])
+    mx, my, mz = cross(J[3], J[4], J[5], w[o + 3], w[o + 4], w[o + 5])
+    for part in range(2):
+        for c in range(12):
+            g[c] = 0.0
+            for j in range(6):
+                g[c] += (d.H[c, o + j] if part == 0 else d.H[o + j, c]) * J[j]
+        g[o + 3] += lx + part * mx
+        g[o + 4] += ly + part * my
+        g[o + 5] += lz + part * mz
+        for side in range(2):
+            marker = row["I"] if side == 0 else row["J"]
+            if parts.markers[marker]["body"] >= 0:
+                out = d.T[2 * part + side]
+                for c in range(out.shape[0]):
+                    out[c] = 0.0
+                add_pulled_back(parts, wk.now, marker, g, 6 * side, cp, out, 0)
+
+
+@kernel
+def _add_border(body, kkt, k, side, wk):
+    """Add the column and the row of s on one body; link k is that of (body, s)."""
+    link, column, low, up = kkt.links[k], kkt.column, wk.factor.low, wk.factor.up
+    for c in range(6 + body["m"]):
+        p = column[body["iv"] + c]
+        if p >= 0:
+            if link["flipped"] == 1:  # the body is eliminated first
+                low[link["at"] + p] += wk.dense.T[2 + side, c]
+                up[link["at"] + p] += wk.dense.T[side, c]
+            else:
+                low[link["at"] + p * link["stride"]] += wk.dense.T[side, c]
+                up[link["at"] + p * link["stride"]] += wk.dense.T[2 + side, c]
+
+
+@kernel
+def _product(H, i, first, j, second):
+    """first (6) · H[i:i+6, j:j+6] second (6)."""
+    s = 0.0
+    for a in range(6):
+        for b in range(6):
+            s += first[a] * H[i + a, j + b] * second[b]
+    return s
+
+
+@kernel
+def _add_own(sys, curve, wk, cp, k):
+    d, sn, o = wk.dense, wk.now.curve_marker[k], 6 * curve["side"]
+    s = _product(d.H, o, sn["J"], o, sn["J"])
+    for c in range(6):
+        s += d.g[1, o + c] * sn["D"][c]
+    at = sys.kkt.panels[sys.parts.coordinates[curve["coordinate"]]["panel"]]["at"]
+    wk.factor.low[at] += cp * s
+    wk.factor.up[at] += cp * s
+
+
+@kernel
+def _add_other(sys, curve, wk, cp, k):
+    """Add the pair of entries of two curve markers of one joint; the link is that of (k, other)."""
+    H, link, o = wk.dense.H, sys.kkt.links[curve["link_other"]], 6 * curve["side"]
+    J, K = wk.now.curve_marker[k]["J"], wk.now.curve_marker[curve["other"]]["J"]
+    mine, theirs = cp * _product(H, o, J, 6 - o, K), cp * _product(H, 6 - o, K, o, J)
+    if link["flipped"] == 1:
+        wk.factor.low[link["at"]] += theirs
+        wk.factor.up[link["at"]] += mine
+    else:
+        wk.factor.low[link["at"]] += mine
+        wk.factor.up[link["at"]] += theirs
+
+
+@unit
+def check_ends(run: Run, of: CurveMarkers, at: Point) -> int:
+    """CURVE_END if a curve marker is beyond an end of its curve."""
+    parts, markers = run.system.parts, run.system.parts.curve_markers
+    for k in range(markers.shape[0]):
+        length = parts.pool[markers[k]["at"] + markers[k]["n"]]
+        s = at.q[parts.coordinates[markers[k]["coordinate"]]["iq"]]
+        beyond = s < -_ROUND_OFF * length or s > (1.0 + _ROUND_OFF) * length
+        if markers[k]["closed"] == 0 and beyond:
+            return CURVE_END
+    return FINE
+
+
+CURVE_MARKERS = Kind(
+    "curve_markers",
+    CurveMarkers,
+    {
+        "position": place_curve_markers,
+        "velocity": add_velocities,
+        "bias": add_bias,
+        "force": subtract_forces,
+        "matrix": add_tangents,
+        "jacobian": put_rows,
+        "limits": check_ends,
+    },
+)

@@ -1,0 +1,209 @@
+"""The rows of every joint type between its two triads, in space and in a plane.
+
+Axes x, y, z are 0, 1, 2; z_I is the joint's axis, z_J its second axis where it has two. A row is
+(kind, axis of I, axis of J, measured): a measured one has the value of the initial pose, all
+others are zero. Composite joints (a link without mass, a joint at each end) are the invariants of
+the link: 6 less the freedoms of its two joints. Triads in a plane have the normal for z and, if the
+joint slides, its axis for x; the orientation is then one angle row, which has no second branch at
+180°, and sliding leaves one offset row. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug, Computer
+Aided Kinematics and Dynamics, 1989, ch. 3, 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine.geometry import marker_frame
+from flexmb.engine.row_kinds import (
+    ANGLE,
+    DISTANCE,
+    DOT1,
+    DOT2,
+    MOMENT,
+    POINT,
+    RADIAL,
+    ROW_KINDS,
+    TWIST,
+)
+from flexmb.engine.state import rows_between
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.joints.joint import JointSpec
+from flexmb.model.model import Model
+from flexmb.model.plane import across, plane_axes
+from flexmb.model.values.names import GROUND
+from flexmb.model.values.orientation import rotation_matrix
+
+Row = tuple[int, int, int, bool]
+Array = NDArray[np.float64]
+X, Y, Z = 0, 1, 2
+_ROUND_OFF = 1e-12
+_TOGETHER = ((POINT, X, X, False), (POINT, Y, Y, False), (POINT, Z, Z, False))
+_SAME_AXIS = ((DOT1, X, Z, False), (DOT1, Y, Z, False))
+_SAME_AXES = ((DOT1, X, Y, False), (DOT1, Y, Z, False), (DOT1, Z, X, False))
+_ON_AXIS = ((DOT2, X, X, False), (DOT2, Y, Y, False))
+_ACROSS = ((DOT1, Z, Z, False),)
+_IN_PLANE = ((DOT2, Z, Z, False),)
+_LINK = ((DISTANCE, X, X, True),)
+_AT_HEIGHT = ((DOT2, Z, Z, True),)
+JOINT_ROWS: dict[str, tuple[Row, ...]] = {
+    "fixed": _TOGETHER + _SAME_AXES,
+    "revolute": _TOGETHER + _SAME_AXIS,
+    "prismatic": _SAME_AXES + _ON_AXIS,
+    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `couplers.screw_rows`
+    "cylindrical": _SAME_AXIS + _ON_AXIS,
+    "spherical": _TOGETHER,
+    "universal": _TOGETHER + _ACROSS,
+    "constant-velocity": (*_TOGETHER, (TWIST, X, Y, False)),
+    "planar": _SAME_AXIS + _IN_PLANE,
+    "in-line": _ON_AXIS,
+    "in-plane": _IN_PLANE,
+    "parallel": _SAME_AXIS,
+    "perpendicular": _ACROSS,
+    "orientation": _SAME_AXES,
+    "distance": _LINK,
+    "revolute-spherical": _AT_HEIGHT + _LINK,
+    "prismatic-spherical": ((DOT2, X, X, True), (DOT2, Y, Y, True)),
+    "cylindrical-spherical": ((RADIAL, Z, Z, True),),
+    "revolute-universal": _ACROSS + _AT_HEIGHT + _LINK,
+    "spherical-universal": _LINK,
+}
+"""Rows of the joint types whose rows do not depend on the pose."""
+DRIVER_ROWS = {"angle": (ANGLE, X, X), "stroke": (DOT2, Z, Z)}
+_CROSS_ANGLE = (ANGLE, X, Z)  # of the second axis of a universal joint about the first
+SECOND_TURN = np.diag([-1.0, 1.0, -1.0])
+"""Turns the triad of marker J so that, seen from it, the first axis of a universal joint stands at
+the second angle: of J about its own axis against the cross, 0 where the first angle is 0 too."""
+
+
+def driver_row(joint: str, coordinate: str) -> tuple[int, int, int]:
+    """Kind and axes of the row that measures a coordinate of a joint type."""
+    return _CROSS_ANGLE if joint == "universal" else DRIVER_ROWS[coordinate]
+
+
+def composite_rows(
+    model: Model,
+    name: str,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> tuple[Row, ...]:
+    """Rows of a link between two axes, which depend on how these lie to each other.
+
+    Raises
+    ------
+    SceneError
+        Axes that are neither parallel nor as the link needs them.
+    """
+    (xi, Ri), (xj, Rj) = (marker_frame(model, marker) for marker in (I, J))
+    a, b, h = Ri[:, Z], Rj[:, Z], xj - xi
+    kind = model.joints[name].type
+    parallel = np.linalg.norm(np.cross(a, b)) < lookup.PARALLEL
+    if kind == "revolute-revolute":
+        if parallel:
+            return _SAME_AXIS + _AT_HEIGHT + _LINK
+        if np.linalg.norm(h) <= _round_off(xi, xj):
+            return (*_TOGETHER, (DOT1, Z, Z, True))
+        needed = "be parallel, or the markers lie where they meet"
+    else:
+        if parallel:
+            return (*_SAME_AXIS, (RADIAL, Z, Z, True))
+        if abs(a @ b) < lookup.PARALLEL:
+            return _ACROSS + ((MOMENT, Z, Z, True),) + _AT_HEIGHT
+        needed = "be parallel or at right angles"
+    what = f"the axes of a {kind} joint must {needed}"
+    raise SceneError.from_problems([Problem(f"joints.{name}.second_axis", what)])
+
+
+def row_constant(
+    model: Model,
+    row: Row,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> float:
+    """The constant of a row: what it measures in the initial pose, or zero.
+
+    Raises
+    ------
+    ZeroDivisionError
+        A measured length is zero: its direction is undefined.
+    """
+    number, a, b, is_measured = row
+    if not is_measured:
+        return 0.0
+    (xi, Ri), (xj, Rj) = (marker_frame(model, marker) for marker in (I, J))
+    kind = ROW_KINDS[number]
+    value = float(kind.value(rows_between(xi, Ri, xj, Rj), a, b, 0, 1))
+    if kind.is_distance and value <= _round_off(xi, xj):
+        raise ZeroDivisionError
+    return value
+
+
+def _round_off(*points: Array) -> float:
+    """A length that round-off of these points may leave [m]."""
+    return _ROUND_OFF * max(float(np.linalg.norm(point)) for point in points)
+
+
+def signs_of_axes(kind: str) -> tuple[int, ...]:
+    """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
+    if kind in ("fixed", "prismatic", "orientation"):
+        return (X, Y, Z)
+    return (Z,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()
+
+
+_PLANE_ANGLE = (ANGLE, X, X, False)
+_PLANE_OFFSET = (DOT2, Y, Y, False)
+_SLIDING = {  # with their axis in the plane, which becomes x
+    "prismatic": (_PLANE_ANGLE, _PLANE_OFFSET),
+    "cylindrical": (_PLANE_ANGLE, _PLANE_OFFSET),
+    "in-line": (_PLANE_OFFSET,),
+    "prismatic-spherical": ((DOT2, Y, Y, True),),
+    "in-plane": ((DOT2, X, X, False),),
+}
+_LINKED = {"distance": _LINK, "revolute-revolute": _LINK}
+STROKE = (DOT2, X, X)
+"""The stroke of a joint on its planar triads."""
+
+
+def planar_joint(
+    model: Model,
+    joint: JointSpec,
+    I: PlacedMarker,  # noqa: E741
+    J: PlacedMarker,
+) -> tuple[PlacedMarker, PlacedMarker, tuple[Row, ...]]:
+    """Triads and rows of a joint in the plane, from those in space."""
+    plane = model.plane
+    assert plane is not None  # the caller knows
+    first, second, _ = plane_axes(plane)
+    together = ((POINT, first, first, False), (POINT, second, second, False))
+    A = np.eye(3) if I.body == GROUND else rotation_matrix(model.bodies[I.body].orientation)
+    triad = A @ I.R
+    if joint.type in ("fixed", "orientation"):
+        lies = [k for k in range(3) if not across(triad[:, k], plane)]
+        turn = _turn(triad, triad[:, lies[0]], plane)
+        rows = (*together, _PLANE_ANGLE) if joint.type == "fixed" else (_PLANE_ANGLE,)
+        return _turned(I, turn), _turned(J, turn), rows
+    slides = _SLIDING.get(joint.type)
+    if joint.type == "cylindrical" and across(triad[:, 2], plane):
+        slides = None
+    if slides is not None:
+        turn = _turn(triad, triad[:, 2], plane)
+        return _turned(I, turn), _turned(J, turn), slides
+    return I, J, _LINKED.get(joint.type, together)
+
+
+def _turn(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:
+    """Turn (3, 3) of a triad in its own axes that leads z to the normal and x along the axis."""
+    z = np.array(PLANES[plane])
+    x = axis - (axis @ z) * z
+    x /= np.linalg.norm(x)
+    turn: np.ndarray = triad.T @ np.column_stack([x, np.cross(z, x), z])
+    return turn
+
+
+def _turned(marker: PlacedMarker, turn: np.ndarray) -> PlacedMarker:
+    return replace(marker, R=marker.R @ turn)

@@ -1,0 +1,318 @@
+"""Rows about the separation of two markers, h = x_J − x_I, and joints of coincidence alone.
+
+    POINT     h·e_a      coincidence along a global axis
+    DOT2      a·h        no motion along a = column a of R_I; a stroke if its function varies
+    DISTANCE  |h|        the multiplier is the force in the massless link
+
+Rows of coincidence are linear in the places of their markers, whatever the joint. A joint of
+nothing else (spherical, revolute in a plane) holds two points of rigid places together: its
+reaction is a force (Σ λ e) without a moment, so it goes straight to the coordinates of the bodies.
+What a row is, and the meaning of its units: `engine.kind.RowKind`. Source: Haug, Computer Aided
+Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.algebra.rotation import cross, transform_back
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.row import (
+    add_dot2,
+    clear_gradient,
+    column_rates,
+    put_pair,
+    relative_velocity,
+    separation,
+)
+from flexmb.engine.kind import Kind, RowKind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Integers
+from flexmb.engine.state import Point, RowWork, Run
+
+
+@unit
+def point_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """h·e_a."""
+    return at.marker[j]["x"][a] - at.marker[i]["x"][a]  # type: ignore[no-any-return]
+
+
+@unit
+def point_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of h·e_a."""
+    g = at.g
+    clear_gradient(g)
+    g[a] = -1.0
+    g[6 + a] = 1.0
+    return FINE
+
+
+@unit
+def point_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """None: h·e_a is linear."""
+    return 0.0
+
+
+POINT = RowKind("place {a}", point_value, point_gradient, point_curvature)
+
+
+@unit
+def dot2_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """a·h."""
+    R = at.marker[i]["R"]
+    hx, hy, hz = separation(at.marker[i], at.marker[j])
+    return R[0, a] * hx + R[1, a] * hy + R[2, a] * hz  # type: ignore[no-any-return]
+
+
+@unit
+def dot2_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of a·h."""
+    clear_gradient(at.g)
+    put_component_gradient(a, at.marker[i], at.marker[j], at.g)
+    return FINE
+
+
+@kernel
+def put_component_gradient(a, mi, mj, g):
+    """Put the gradient of a·h into g (12), zero elsewhere."""
+    R = mi["R"]
+    hx, hy, hz = separation(mi, mj)
+    put_pair(g, 0, R[0, a], R[1, a], R[2, a])
+    x, y, z = cross(R[0, a], R[1, a], R[2, a], hx, hy, hz)
+    put(g, 3, x, y, z)
+
+
+@unit
+def dot2_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of a·h."""
+    mi, mj = at.marker[i], at.marker[j]
+    hx, hy, hz = separation(mi, mj)
+    ux, uy, uz = relative_velocity(mi, mj)
+    px, py, pz, qx, qy, qz = column_rates(mi["R"], a, mi["om"])
+    return qx * hx + qy * hy + qz * hz + 2.0 * (px * ux + py * uy + pz * uz)  # type: ignore[no-any-return]
+
+
+@unit
+def dot2_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of a·h."""
+    R = at.marker[i]["R"]
+    hx, hy, hz = separation(at.marker[i], at.marker[j])
+    add_dot2(R[0, a], R[1, a], R[2, a], hx, hy, hz, f, at.H)
+    return FINE
+
+
+DOT2 = RowKind("offset {a}", dot2_value, dot2_gradient, dot2_curvature, dot2_tangent)
+
+
+@unit
+def distance_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """|h|."""
+    hx, hy, hz = separation(at.marker[i], at.marker[j])
+    return math.sqrt(hx * hx + hy * hy + hz * hz)
+
+
+@unit
+def distance_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of |h|; not finite where it is zero."""
+    clear_gradient(at.g)
+    put_distance_gradient(at.marker[i], at.marker[j], at.g)
+    return FINE
+
+
+@kernel
+def put_distance_gradient(mi, mj, g):
+    """Put the gradient of |h| into g (12), zero elsewhere."""
+    hx, hy, hz = separation(mi, mj)
+    n = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
+    put_pair(g, 0, hx * n, hy * n, hz * n)
+
+
+@unit
+def distance_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of |h|."""
+    hx, hy, hz = separation(at.marker[i], at.marker[j])
+    ux, uy, uz = relative_velocity(at.marker[i], at.marker[j])
+    d = math.sqrt(hx * hx + hy * hy + hz * hz)
+    dd = (hx * ux + hy * uy + hz * uz) / d
+    return (ux * ux + uy * uy + uz * uz - dd * dd) / d  # type: ignore[no-any-return]
+
+
+@unit
+def distance_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of |h|."""
+    hx, hy, hz = separation(at.marker[i], at.marker[j])
+    add_distance(hx, hy, hz, f, at.H)
+    return FINE
+
+
+@kernel
+def add_distance(hx, hy, hz, f, H):
+    """f times the tangent of |h|."""
+    d = math.sqrt(hx * hx + hy * hy + hz * hz)
+    n = (hx / d, hy / d, hz / d)
+    for i in range(3):
+        for j in range(3):
+            e = f * ((1.0 if i == j else 0.0) - n[i] * n[j]) / d
+            H[i, j] += e
+            H[6 + i, 6 + j] += e
+            H[i, 6 + j] -= e
+            H[6 + i, j] -= e
+
+
+DISTANCE = RowKind(
+    "length",
+    distance_value,
+    distance_gradient,
+    distance_curvature,
+    distance_tangent,
+    is_distance=True,
+)
+
+
+class PointJoints(NamedTuple):
+    """Rows of coincidence, and joints of points."""
+
+    rows: Integers  # all of these rows
+    others: Integers  # those of other joints
+    groups: Integers  # joints of points
+
+
+@kernel
+def _reaction(rows, group, lam):
+    """Σ λ e of a group: minus the force on J."""
+    x, y, z = 0.0, 0.0, 0.0
+    first = group["row"]
+    for r in range(first, first + group["n"]):
+        a = rows[r]["a"]
+        x += lam[r] if a == 0 else 0.0
+        y += lam[r] if a == 1 else 0.0
+        z += lam[r] if a == 2 else 0.0
+    return x, y, z
+
+
+@kernel
+def _add_force(body, A, s, x, y, z, out):
+    """out += generalised forces of (x, y, z) at the place s of a body."""
+    o = body["iv"]
+    out[o] += x
+    out[o + 1] += y
+    out[o + 2] += z
+    x, y, z = transform_back(A, x, y, z)
+    x, y, z = cross(s[0], s[1], s[2], x, y, z)
+    out[o + 3] += x
+    out[o + 4] += y
+    out[o + 5] += z
+
+
+@unit
+def put_values(run: Run, joints: PointJoints, at: Point) -> int:
+    """C of all rows of coincidence: along global axes."""
+    rows, markers, C, listed = run.system.rows, run.work.now.marker, run.work.con.C, joints.rows
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        a = row["a"]
+        C[listed[n]] = markers[row["J"]]["x"][a] - markers[row["I"]]["x"][a]
+    return FINE
+
+
+@unit
+def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
+    """Cq v of all rows of coincidence."""
+    rows, markers, out, listed = (
+        run.system.rows,
+        run.work.now.marker,
+        run.work.con.rate,
+        joints.rows,
+    )
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        a = row["a"]
+        out[listed[n]] = markers[row["J"]]["vx"][a] - markers[row["I"]]["vx"][a]
+    return FINE
+
+
+@unit
+def subtract_reactions(run: Run, joints: PointJoints, at: Point) -> int:
+    """Wrenches of the markers −= λ g of the rows of other joints."""
+    rows, markers, lam, listed = run.system.rows, run.work.now.marker, at.lam, joints.others
+    for n in range(listed.shape[0]):
+        row = rows[listed[n]]
+        markers[row["I"]]["W"][row["a"]] += lam[listed[n]]
+        markers[row["J"]]["W"][row["a"]] -= lam[listed[n]]
+    return FINE
+
+
+@unit
+def add_reactions(run: Run, joints: PointJoints, at: Point) -> int:
+    """Trial.res += Cqᵀ λ of the joints."""
+    parts, body_now, out, lam = run.system.parts, run.work.now.body, run.work.trial.res, at.lam
+    rows, groups, markers, bodies = run.system.rows, run.system.groups, parts.markers, parts.bodies
+    listed = joints.groups
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        row = rows[group["row"]]
+        x, y, z = _reaction(rows, group, lam)
+        mi, mj, i, j = markers[row["I"]], markers[row["J"]], group["body_I"], group["body_J"]
+        if i >= 0:
+            _add_force(bodies[i], body_now[i]["A"], mi["rho"], -x, -y, -z, out)
+        if j >= 0:
+            _add_force(bodies[j], body_now[j]["A"], mj["rho"], x, y, z, out)
+    return FINE
+
+
+@unit
+def add_tangents(run: Run, joints: PointJoints, at: Point, cv: float, cp: float) -> int:
+    """cp ∂(Cqᵀ λ)/∂q of the joints: the arms of their forces turn."""
+    if cp == 0.0:
+        return FINE
+    rows, groups, listed = run.system.rows, run.system.groups, joints.groups
+    for n in range(listed.shape[0]):
+        group = groups[listed[n]]
+        x, y, z = _reaction(rows, group, at.lam)
+        row = rows[group["row"]]
+        _add_arm(run, row["I"], -cp * x, -cp * y, -cp * z)
+        _add_arm(run, row["J"], cp * x, cp * y, cp * z)
+    return FINE
+
+
+@kernel
+def _add_arm(run, k, x, y, z):
+    """What the turning arm of a force at a rigid place adds: s̃ f̃' = f' sᵀ − (s·f') I."""
+    parts, kkt, low, up = run.system.parts, run.system.kkt, run.work.factor.low, run.work.factor.up
+    mk = parts.markers[k]
+    if mk["body"] < 0:
+        return
+    body, s = parts.bodies[mk["body"]], mk["rho"]
+    fx, fy, fz = transform_back(run.work.now.body[mk["body"]]["A"], x, y, z)
+    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"] + 3
+    at, nc = panel["at"], panel["nc"]
+    d = s[0] * fx + s[1] * fy + s[2] * fz
+    for r in range(3):
+        pr = column[o + r]
+        if pr < 0:
+            continue
+        f = fx if r == 0 else fy if r == 1 else fz
+        for c in range(3):
+            pc = column[o + c]
+            e = f * s[c] - (d if r == c else 0.0)
+            if pr >= pc and pc >= 0:
+                low[at + pr * nc + pc] += e
+            if pr <= pc:
+                up[at + pc * nc + pr] += e
+
+
+POINT_JOINTS = Kind(
+    "point_joints",
+    PointJoints,
+    {
+        "constraint": put_values,
+        "rate": put_rates,
+        "wrench": subtract_reactions,
+        "force": add_reactions,
+        "matrix": add_tangents,
+    },
+)

@@ -1,1 +1,0 @@
-"""Constraint rows, scalar coordinates, markers on curves, reactions."""

@@ -1,0 +1,443 @@
+"""One point of a kinematic analysis: positions, velocities, accelerations and reactions.
+
+The factor is that of [[W, Cqᵀ], [Cq, −ε]], W a diagonal metric. Newton's method for the positions
+begins with the factor of the point before, and renews it where its contraction is poor; the factor
+of the solution then serves velocities, accelerations and reactions. Inverse dynamics:
+Cqᵀ λ = Q − M v̇ is solved for λ; where rows repeat others, the least λ. What holds the shapes of
+flexible bodies takes the modal forces.
+
+Whether a point continues the motion: with the prediction h v + h²/2 v̇ and a motion without jumps,
+the solution is off by h²/6 (v̇₁ − v̇₀) to the next order; on another branch of the mechanism it is
+off by the distance of the branches, however small h is. Velocities are compared likewise, by the
+trapezoidal rule. A pose where Cq is singular lies between two points if the solution of
+Cq x = probe has changed its direction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
+from flexmb.engine.algebra.vector import copy, weighted_size
+from flexmb.engine.bodies.motion import move
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_right_side
+from flexmb.engine.kernels.kkt import factorise_metric
+from flexmb.engine.kernels.projection import depends_on_solution
+from flexmb.engine.kernels.stages import (
+    bias_stage,
+    constraint_stage,
+    feedback_stage,
+    forces,
+    pose_stage,
+    rate_stage,
+    reaction_stage,
+    velocity_stage,
+    walk,
+)
+from flexmb.engine.method import (
+    FINE,
+    JUMP,
+    LEAP,
+    NO_CONVERGENCE,
+    NO_LOOP,
+    NOT_FINITE,
+    SELF_LOCKING,
+    SINGULAR,
+    UNLIKE_RATES,
+)
+from flexmb.engine.records import Matrix, Vector, array_of
+from flexmb.engine.state import Run
+
+#: Memory of a kinematic analysis, from point to point.
+PATH_MEMORY = np.dtype([
+    ("next_increment", "f8"),  # to try next, s
+    ("motion_since_factor", "f8"),  # < 0: the factor is of no use
+    ("largest_pivot", "f8"),  # of the least ones so far
+])  # fmt: skip
+
+#: What it has done so far.
+PATH_COUNTERS = np.dtype([("iterations", "i8"), ("factorisations", "i8"), ("singular_poses", "i8")])
+
+
+class KinematicsSettings(NamedTuple):
+    """What a kinematic analysis is asked for."""
+
+    start: float  # s
+    interval: float  # between points, s
+    outputs: int  # intervals
+    gap: float  # gap of the constraints that is round-off, weighted
+    redundant: int  # rows that repeat others
+
+
+class Path(NamedTuple):
+    """Memory of a kinematic analysis, from point to point."""
+
+    metric: Vector  # (nv,) W
+    probe: Vector  # (nc,) right side whose solution shows singular poses
+    direction_before: Vector  # (nv,) that solution at the last point
+    direction: Vector  # (nv,) and at the trial point
+    jerk: Vector  # (nv,) last difference of v̇
+    correction: Vector  # (nv,) of the prediction
+    functions_before: Matrix  # (functions, 3) functions at the last point
+    powers: Matrix  # (4, 3) powers at the last outputs, newest first
+    memory: array_of(PATH_MEMORY)  # (1,)
+    singular_times: Matrix  # (8, 2) times before and after a singular pose
+    singular_positions: Matrix  # (8, nq) positions there
+    count: array_of(PATH_COUNTERS)  # (1,)
+
+
+_MAX_ITERATIONS = 15
+_RENEW_AFTER_MOTION = 0.02  # motion after which a factor is renewed before it is used
+_RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
+_GIVE_UP_ABOVE = 0.9
+_MAX_CORRECTION = 0.5  # a correction of this size does not belong to the prediction
+_LAST_PLACES = 4e-16
+_REDUNDANT_GAP = 1e-10  # rows that repeat others may leave this much
+_MAX_ROUNDS = 6
+_EXACT = 1e-13  # relative, of velocities and accelerations
+_UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
+
+# Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
+# so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
+_SINGULAR = 1e-7
+
+_REGULARISATION = 1e-9
+
+
+@unit
+def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
+    """Put the trial positions on C = 0; leaves the factor of the pose. Returns the status."""
+    sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
+    q, dq, C, sol, place, memory = (
+        at.q,
+        run.work.trial.dq,
+        con.C,
+        fac.sol,
+        sys.kkt.place,
+        path.memory[0],
+    )
+    weights, correction = sys.weights, path.correction
+    nv = dq.shape[0]
+    renew = (
+        memory["motion_since_factor"] < 0.0 or memory["motion_since_factor"] > _RENEW_AFTER_MOTION
+    )
+    enough = settings.gap + _noise(sys.rows, sys.row_weights, con.fun)
+    size, last, fresh = math.inf, 0.0, False
+    for _ in range(_MAX_ITERATIONS):
+        pose_stage(run, at)
+        constraint_stage(run, at)
+        gap = weighted_size(C, sys.row_weights)
+        closed = gap <= enough or (size <= enough and gap <= _REDUNDANT_GAP)
+        if not gap < math.inf:
+            return NOT_FINITE
+        if closed or renew:
+            factorise_metric(run, at, path.metric)
+            memory["motion_since_factor"] = 0.0
+            path.count[0]["factorisations"] += 1
+            if closed:
+                return FINE
+            fresh, last = True, 0.0
+        _solve_rows(sys.kkt, fac, nv, C, -1.0)
+        size = 0.0
+        for i in range(nv):
+            d = sol[place[i]]
+            dq[i] = d
+            correction[i] += d
+            size = max(size, abs(d) * weights[i])
+        path.count[0]["iterations"] += 1
+        if not size <= _MAX_CORRECTION:
+            return NO_CONVERGENCE
+        renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
+        if fresh and last > 0.0 and size > _GIVE_UP_ABOVE * last and gap > _REDUNDANT_GAP:
+            return NO_CONVERGENCE
+        last = size
+        move(sys.parts, q, dq, q)
+        memory["motion_since_factor"] += size
+    return NO_CONVERGENCE
+
+
+@kernel
+def _noise(rows, row_weights, fun):
+    """Round-off of what the rows compare with functions of time, weighted."""
+    size = 0.0
+    for k in range(rows.shape[0]):
+        if rows[k]["fun"] >= 0:
+            size = max(size, abs(fun[rows[k]["fun"], 0]) * row_weights[k])
+    return _LAST_PLACES * size
+
+
+@unit
+def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSettings) -> int:
+    """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
+    sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
+    sol, place, v, memory = fac.sol, sys.kkt.place, at.v, path.memory[0]
+    nv = v.shape[0]
+    if settings.redundant == 0:
+        pivot = _least_pivot(place, nv, fac.d, fac.eps)
+        memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
+        if pivot < _SINGULAR * memory["largest_pivot"]:
+            return SINGULAR
+    scale, off = 0.0, math.inf
+    for n in range(_MAX_ROUNDS + 1):
+        velocity_stage(run, at)
+        rate_stage(run, at)
+        off = weighted_size(con.rate, sys.row_weights)
+        scale = max(scale, off, weighted_size(v, sys.weights))
+        if off <= _EXACT * scale or n == _MAX_ROUNDS:
+            break
+        _solve_rows(sys.kkt, fac, nv, con.rate, -1.0)
+        for i in range(nv):
+            v[i] += sol[place[i]]
+    if off > _UNLIKE * scale:
+        return UNLIKE_RATES
+    bias_stage(run, at)
+    constraint_right_side(run)
+    correct_accelerations(run, at.vd)
+    # The solution of Cq x = probe: its direction flips where det Cq passes zero.
+    _solve_rows(sys.kkt, fac, nv, path.probe, 1.0)
+    for i in range(nv):
+        path.direction[i] = sol[place[i]]
+    return FINE
+
+
+@kernel
+def _least_pivot(place, nv, d, eps):
+    """The smallest pivot of a row over its own compliance: small where others decide the row."""
+    least = 1.0
+    for i in range(nv, place.shape[0]):
+        k = place[i]
+        if eps[k] > 0.0:
+            least = min(least, abs(d[k]) * _REGULARISATION / eps[k])
+    return least
+
+
+@unit
+def correct_accelerations(run: Run, vd: Vector) -> int:
+    """Correct vd to Cq v̇ = γ."""
+    kkt, fac, gamma, row_weights = (
+        run.system.kkt, run.work.factor, run.work.con.gamma, run.system.row_weights
+    )  # fmt: skip
+    place, rhs, tmp, sol, nv = kkt.place, fac.rhs, fac.tmp, fac.sol, vd.shape[0]
+    scale = weighted_size(gamma, row_weights)
+    for _ in range(_MAX_ROUNDS):
+        for i in range(nv):
+            rhs[place[i]] = vd[i]
+        for i in range(gamma.shape[0]):
+            rhs[place[nv + i]] = 0.0
+        multiply(kkt, fac, rhs, tmp)
+        off = 0.0
+        for i in range(nv):
+            sol[place[i]] = 0.0
+        for i in range(gamma.shape[0]):
+            k = place[nv + i]
+            sol[k] = gamma[i] - tmp[k]
+            off = max(off, abs(sol[k]) * row_weights[i])
+        scale = max(scale, weighted_size(vd, run.system.weights))
+        if off <= _EXACT * scale:
+            break
+        solve(kkt, fac, sol)
+        for i in range(nv):
+            vd[i] += sol[place[i]]
+    return FINE
+
+
+@kernel
+def _solve_rows(kkt, fac, nv, values, sign):
+    """fac.sol from no forces on the coordinates and these values of the rows, times a sign."""
+    place, sol = kkt.place, fac.sol
+    for i in range(nv):
+        sol[place[i]] = 0.0
+    for i in range(values.shape[0]):
+        sol[place[nv + i]] = sign * values[i]
+    solve(kkt, fac, sol)
+
+
+# Forces that depend on reactions: rounds until these settle, relative.
+_MAX_FORCE_ROUNDS, _SETTLED = 100, 1e-12
+
+
+@unit
+def solve_reactions(run: Run) -> int:
+    """λ of Cqᵀ λ = Q − M v̇ at the state with the factor of its pose; returns the status."""
+    at, fac, kkt, now = run.state_point, run.work.factor, run.system.kkt, run.work.now
+    place, lam, before, res = kkt.place, at.lam, run.work.con.gamma, run.work.trial.res
+    nv, nc = res.shape[0], lam.shape[0]
+    walk(run.stages.inertia, run, at)
+    if now.history.shape[0] > 0:
+        now.span[0] = at.t[0] - now.history[0]
+    for n in range(_MAX_FORCE_ROUNDS):
+        feedback_stage(run, at)
+        reaction_stage(run, at)
+        for i in range(nc):
+            before[i] = lam[i]
+            lam[i] = 0.0
+            fac.rhs[place[nv + i]] = 0.0
+        status = forces(run, at)
+        if status != FINE:
+            return status
+        _fix_shapes(run.system.parts.bodies, res)
+        for i in range(nv):
+            fac.rhs[place[i]] = -res[i]
+        solve_refined(kkt, fac, 1)  # takes the regularisation, 1e-9, back to round-off
+        change, size = 0.0, 0.0
+        for i in range(nc):
+            lam[i] = fac.sol[place[nv + i]]
+            change = max(change, abs(lam[i] - before[i]))
+            size = max(size, abs(lam[i]))
+        if not depends_on_solution(run) or (n > 0 and change <= _SETTLED * size):
+            return FINE
+    return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
+
+
+@kernel
+def _fix_shapes(bodies, res):
+    """No forces on modal coordinates: what holds the shapes takes them."""
+    for k in range(bodies.shape[0]):
+        for j in range(bodies[k]["m"]):
+            res[bodies[k]["iv"] + 6 + j] = 0.0
+
+
+_MAX_MOTION = 0.5  # of an increment, of the model size or rad
+_APART = 0.25  # off by this share of the motion: another branch, or too long an increment
+_SAME_BRANCH = 1e-5  # of the model size: branches this close are one
+_TURNED = 0.55  # a jump of v̇ within the increment leaves 0.5
+_STILL = 1e-12  # motion by which velocities may differ, of the model size
+_STEEPER = 3.0  # a change of this many times what the slopes say is a jump
+_LAST_DIGITS = 1e-9
+_FLIPPED = -0.5  # cosine
+
+
+@kernel
+def are_finite(functions, fun):
+    """Whether all functions of time alone and their derivatives are finite numbers."""
+    s, live = 0.0, functions.live
+    for k in range(live.shape[0]):
+        if live[k] == 0:
+            s += fun[k, 0] + fun[k, 1] + fun[k, 2]
+    return math.isfinite(s)
+
+
+@kernel
+def next_increment(left, h, speed):
+    """The increment to try: h or less, in parts of the time `left` that are about equal."""
+    if h * speed > _MAX_MOTION:
+        h = _MAX_MOTION / speed
+    if h > left * (1.0 - 1e-9):
+        return left
+    return 0.5 * left if h > 0.5 * left else h
+
+
+@unit
+def predict(run: Run, path: Path, h: float) -> int:
+    """Trial motion and rates at h by Taylor's series; no corrections yet."""
+    st, dq, at = run.state, run.work.trial.dq, run.trial_point
+    v0, vd0, jerk, v, vd, correction = st.v, st.vd, path.jerk, at.v, at.vd, path.correction
+    for i in range(v0.shape[0]):
+        j = jerk[i]
+        dq[i] = h * (v0[i] + h * (0.5 * vd0[i] + h * j / 6.0))
+        v[i] = v0[i] + h * (vd0[i] + 0.5 * h * j)
+        vd[i] = vd0[i] + h * j
+        correction[i] = 0.0
+    return FINE
+
+
+@unit
+def remember_point(run: Run, path: Path, h: float) -> int:
+    """What the next point needs of the trial point, which is accepted."""
+    fun, before = run.work.con.fun, path.functions_before
+    vd0, vd, jerk = run.state.vd, run.work.trial.vd, path.jerk
+    for i in range(vd.shape[0]):
+        jerk[i] = (vd[i] - vd0[i]) / h if h > 0.0 else 0.0
+    copy(path.direction, path.direction_before)
+    for k in range(before.shape[0]):
+        for c in range(3):
+            before[k, c] = fun[k, c]
+    return FINE
+
+
+@unit
+def check_branch(run: Run, path: Path, h: float, last: int) -> int:
+    """Compare the trial point with the state before it (0); returns the status.
+
+    `last` = 1: there is no smaller increment, so a kink in a function is taken as it is.
+    """
+    functions, fun, w = run.system.functions, run.work.con.fun, run.system.weights
+    v0, vd0, v, vd = run.state.v, run.state.vd, run.work.trial.v, run.work.trial.vd
+    jerk, correction = path.jerk, path.correction
+    if last == 1 and _jumps(functions, path.functions_before, fun, h, 0):
+        return LEAP
+    off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
+    for i in range(w.shape[0]):
+        c = correction[i]
+        d = c + h * h * (h * jerk[i] - (vd[i] - vd0[i])) / 6.0
+        off = max(off, w[i] * abs(d))
+        motion = max(motion, w[i] * (0.5 * h * abs(v0[i] + v[i]) + abs(c)))
+        mean = 0.5 * h * (vd0[i] + vd[i])
+        turned = max(turned, w[i] * abs(v[i] - v0[i] - mean))
+        speed = max(speed, w[i] * max(abs(v0[i]), abs(v[i]), abs(mean)))
+    far = off > _APART * motion and off > _SAME_BRANCH
+    other = turned > _TURNED * speed and h * turned > _STILL
+    if far or (other and not (last == 1 and _jumps(functions, path.functions_before, fun, h, 1))):
+        return JUMP
+    return FINE
+
+
+@kernel
+def _jumps(functions, before, now, h, order):
+    """Whether a function (order 0) or its rate (order 1) jumps between two times.
+
+    Otherwise it changes by no more than the larger of its slopes says.
+    """
+    live = functions.live
+    for k in range(live.shape[0]):
+        if live[k] == 1:
+            continue
+        change = abs(now[k, order] - before[k, order])
+        slope = max(abs(before[k, order + 1]), abs(now[k, order + 1]))
+        size = 1.0 + max(abs(before[k, order]), abs(now[k, order]))
+        if change > _STEEPER * h * slope and change > _LAST_DIGITS * size:
+            return True
+    return False
+
+
+@unit
+def note_singular_pose(run: Run, path: Path) -> int:
+    """Count a singular pose between the state and the trial point, and note when and where."""
+    weights, before, here = run.system.weights, path.direction_before, path.direction
+    times, count = path.singular_times, path.count[0]
+    both, first, second = 0.0, 0.0, 0.0
+    for i in range(weights.shape[0]):
+        w = weights[i] * weights[i]
+        both += w * before[i] * here[i]
+        first += w * before[i] * before[i]
+        second += w * here[i] * here[i]
+    if both < _FLIPPED * math.sqrt(first * second):
+        k = count["singular_poses"]
+        if k < times.shape[0]:
+            times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
+            copy(run.work.trial.q, path.singular_positions[k])
+        count["singular_poses"] += 1
+    return FINE
+
+
+@kernel
+def add_works(h, k, power, powers, work):
+    """Works (3) up to output k at interval h, by formulas of order four (Adams–Moulton, Simpson).
+
+    `powers` (4, 3) keeps those of the last outputs, newest first.
+    """
+    for c in range(3):
+        for n in range(3):
+            powers[3 - n, c] = powers[2 - n, c]
+        powers[0, c] = power[c]
+        p0, p1, p2, p3 = powers[0, c], powers[1, c], powers[2, c], powers[3, c]
+        if k == 1:
+            work[c] = 0.5 * h * (p0 + p1)
+        elif k == 2:
+            work[c] = h * (p0 + 4.0 * p1 + p2) / 3.0
+        elif k > 2:
+            work[c] += h * (9.0 * p0 + 19.0 * p1 - 5.0 * p2 + p3) / 24.0

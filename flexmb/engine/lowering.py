@@ -1,0 +1,126 @@
+"""What the lowering of a kind works with: the model, and what grows while tables are built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:  # files of kernels import this one
+    from flexmb.engine.bodies.marker import MarkerTable
+    from flexmb.engine.geometry import Geometry
+    from flexmb.engine.joints.constraint_groups import Groups
+    from flexmb.engine.joints.coordinate import Scalar
+    from flexmb.engine.symbolic import Symbolic
+    from flexmb.engine.tables import Functions
+    from flexmb.flexbody import FlexBody
+    from flexmb.model.model import Model
+
+
+class Element(NamedTuple):
+    """Where a force of the scene stands: its kind, its first row there, and how many it has.
+
+    `reversed`: markers I and J of its rows are J and I of the scene.
+    """
+
+    kind: str
+    row: int
+    n: int = 1
+    reversed: bool = False
+
+
+class Action(NamedTuple):
+    """A function that acts on a marker: component `a` of a row of a kind, on J or I (`on` 0, 1)."""
+
+    program: int
+    kind: str
+    row: int
+    on: int
+    a: int
+    marker: int
+
+
+@dataclass
+class Lowering:
+    """What the tables of all kinds are made from.
+
+    Attributes
+    ----------
+    geometry : Geometry
+        The model, its flexible bodies and its markers in the initial pose.
+    markers, functions : MarkerTable, Functions
+        Tables that grow.
+    groups : Groups
+        The constraint rows of joints, drivers and what follows joints.
+    scalars : sequence of Scalar
+        The scalar coordinates, in their order.
+    history : int
+        Numbers that elements remember from step to step, time first.
+    events : int
+        Values that the step control watches.
+    program_depth : int
+        Rows of stack that programs of the kinds need.
+    elements : dict
+        Forces by scene path, for sensors of their wrenches.
+    actions : list of Action
+        Functions that act on markers.
+    reaction_loads : list of (int, int)
+        Groups whose multipliers act on scalar coordinates.
+    """
+
+    geometry: Geometry
+    markers: MarkerTable
+    functions: Functions
+    groups: Groups
+    scalars: Sequence[Scalar]
+    history: int = 1
+    events: int = 0
+    program_depth: int = 1
+    elements: dict[str, Element] = field(default_factory=dict)
+    actions: list[Action] = field(default_factory=list)
+    reaction_loads: list[tuple[int, int]] = field(default_factory=list)
+    _coordinates: dict[str, int] = field(init=False)
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.geometry.model
+
+    @property
+    def flexbodies(self) -> Mapping[str, FlexBody]:
+        """The flexible bodies by name."""
+        return self.geometry.flexbodies
+
+    def __post_init__(self) -> None:
+        self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
+
+    def remember(self, n: int) -> int:
+        """Room for n numbers of history; returns the first place."""
+        self.history += n
+        return self.history - n
+
+    def watch(self, n: int) -> int:
+        """Room for n values that the step control watches; returns the first place."""
+        self.events += n
+        return self.events - n
+
+    def marker(self, reference: str) -> int:
+        """Index of a marker by its scene path."""
+        return self.markers.add(self.geometry.marker(reference))
+
+    def coordinate(self, name: str) -> int:
+        """Number of a scalar coordinate by its scene path."""
+        return self._coordinates[name]
+
+
+class Placement(NamedTuple):
+    """Where everything stands in the iteration matrix."""
+
+    symbolic: Symbolic
+    markers: MarkerTable
+    n_bodies: int
+
+    def link(self, first: int, second: int) -> int:
+        """LINK of the bodies of two markers, −1: they are not coupled."""
+        pair = self.markers.body(first), self.markers.body(second)
+        return self.symbolic.couple_links.get(pair, -1)

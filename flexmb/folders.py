@@ -1,0 +1,57 @@
+"""Folders: of caches and of output.
+
+The cache folder is `FLEXMB_CACHE_DIR` where that is set, else the user's cache folder of this
+operating system. It holds compiled units and the result of the test of the renderer; to delete it
+costs time only.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from flexmb.errors import OutputError
+
+
+def cache_root() -> Path:
+    """Folder of all flexmb caches; it may not exist yet."""
+    variable = os.environ.get("FLEXMB_CACHE_DIR")
+    if variable:
+        return Path(variable)
+    from platformdirs import user_cache_dir
+
+    return Path(user_cache_dir("flexmb", appauthor=False))
+
+
+def output_folder(scene: str | Path) -> Path:
+    """``out/<name>``, the name being that of the scene's folder for a file ``scene.toml``."""
+    path = Path(scene)
+    return Path("out") / (path.resolve().parent.name if path.stem == "scene" else path.stem)
+
+
+def writable_folder(folder: Path) -> Path:
+    """The folder, made if it is missing.
+
+    Raises
+    ------
+    OutputError
+        It cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        files = [path for path in (folder, *folder.parents) if path.is_file()]
+        why = f"{files[0]} is a file" if files else error.strerror
+        raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether files can be made in `folder`, which is created if it is missing."""
+    try:
+        writable_folder(folder)
+    except OutputError:
+        return False
+    return True

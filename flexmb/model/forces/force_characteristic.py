@@ -1,0 +1,203 @@
+"""Force characteristics of springs and dampers: a force over a deflection or a speed.
+
+In: an expression in its own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
+``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or
+``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`ForceCharacteristic`, which
+stores the input (of a file its points) and programs in SI. Beyond its ends a tabulated
+characteristic is a straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from pydantic import GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import core_schema
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model.functions.expression import Expression, Ops, parse
+from flexmb.model.functions.piecewise import (
+    Piecewise,
+    akima_curve,
+    cubic_spline,
+    linear_curve,
+    monotone_curve,
+    straight_beyond,
+)
+from flexmb.model.values.columns import Columns, read_columns
+from flexmb.model.values.quantities import expression_and_factor, plain, read_number
+from flexmb.model.values.reading import (
+    Names,
+    Spec,
+    fail,
+    folder_of,
+    given,
+    names_of,
+    read_entry,
+    units_of,
+)
+
+Points = tuple[tuple[float, float], ...]
+
+
+class CharacteristicTable(Spec):
+    """Points [x, force] with x increasing, or a file of two columns; straight beyond its ends.
+
+    ``monotone`` (Fritsch and Carlson) makes no new extremes, ``akima`` hardly any, ``cubic`` has a
+    continuous second derivative (natural ends).
+    """
+
+    points: tuple[tuple[Any, Any], ...] | None = None
+    file: str | None = None
+    interpolation: Literal["monotone", "akima", "cubic", "linear"] = "monotone"
+
+
+_CURVES: dict[str, Callable[[Any, Any, str], Piecewise]] = {
+    "monotone": monotone_curve,
+    "akima": akima_curve,
+    "cubic": lambda x, y, beyond: cubic_spline(x, y, "natural", beyond),
+    "linear": linear_curve,
+}
+
+
+@dataclass(frozen=True)
+class ForceCharacteristic:
+    """What the user wrote, and its program in SI, over its variable in place of time.
+
+    Of a tabulated characteristic also its antiderivative, counted from 0: the stored energy.
+    """
+
+    source: Any
+    expression: Expression
+    stored: Expression | None = None
+
+
+@dataclass(frozen=True)
+class CharacteristicOf:
+    """Annotation of a :class:`ForceCharacteristic`: variable, its SI unit, that of the force."""
+
+    variable: str
+    unit: str
+    force: str
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> ForceCharacteristic:
+            try:
+                return self.read(value, names_of(info))
+            except SceneError as error:
+                raise fail(*error.problems) from None
+
+        written = core_schema.plain_serializer_function_ser_schema(lambda value: value.source)
+        return core_schema.with_info_plain_validator_function(read, serialization=written)
+
+    def read(self, value: Any, names: Names) -> ForceCharacteristic:
+        """The characteristic from any of its notations.
+
+        Raises
+        ------
+        SceneError
+            All that is wrong with it.
+        """
+        if isinstance(value, ForceCharacteristic):
+            return value
+        value = plain(value)
+        if isinstance(value, str):
+            return ForceCharacteristic(value, self._expression(value, names))
+        if isinstance(value, list):
+            return _tabulated(value, self._points(value, names), "monotone")
+        if not isinstance(value, Mapping):
+            raise SceneError(
+                f"an expression in {self.variable}, a list of points [{self.variable}, force] or "
+                f"a table with points or file is expected, given {given(value)}"
+            )
+        table, problems = read_entry(CharacteristicTable, value, names)
+        if table is None:
+            raise SceneError.from_problems(problems)
+        if (table.points is None) == (table.file is None):
+            raise SceneError('give one of "points" and "file"')
+        if table.file is None:
+            return _tabulated(value, self._points(plain(table.points), names), table.interpolation)
+        points = self._from_file(table.file, names)
+        units = units_of(names)
+        written = [[units.written(x, self.unit), units.written(y, self.force)] for x, y in points]
+        table_of_points = {"points": written, "interpolation": table.interpolation}
+        return _tabulated(table_of_points, points, table.interpolation)
+
+    def _expression(self, text: str, names: Names) -> Expression:
+        """The program in SI."""
+        if self.variable in names:
+            what = f'"{self.variable}" is the variable of this force characteristic and a parameter'
+            raise SceneError(f"{what}: rename the parameter")
+        units = units_of(names)
+        front, factor = expression_and_factor(text, names, self.force)
+        ops = parse(front, names, variable=self.variable).ops
+        return Expression(
+            text, _scaled(ops, units.scale(self.unit), factor * units.scale(self.force))
+        )
+
+    def _from_file(self, file: str, names: Names) -> Points:
+        points = read_columns(
+            folder_of(names) / file, Columns((1, 2), None), units_of(names), self.force,
+            (self.unit, "points"),
+        )  # fmt: skip
+        if len(points) < 2:
+            raise SceneError(f"{file}: at least two points are expected, given {len(points)}")
+        return points
+
+    def _points(self, rows: list[Any], names: Names) -> Points:
+        """Points in SI, their variable increasing."""
+        units = units_of(names)
+        points, problems = [], []
+        for i, row in enumerate(rows):
+            if not isinstance(row, list) or len(row) != 2:
+                what = f"a point [{self.variable}, force] is expected, given {given(row)}"
+                problems.append(Problem(f"[{i}]", what))
+                continue
+            try:
+                x, y = (
+                    read_number(item, names, unit) * units.scale(unit)
+                    for item, unit in zip(row, (self.unit, self.force), strict=True)
+                )
+                points.append((x, y))
+            except SceneError as error:
+                problems += [replace(problem, where=f"[{i}]") for problem in error.problems]
+        if problems:
+            raise SceneError.from_problems(problems)
+        _refuse_disorder([x / units.scale(self.unit) for x, _ in points])
+        return tuple(points)
+
+
+def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacteristic:
+    """The characteristic through points, straight beyond them."""
+    x, y = zip(*points, strict=True)
+    curve = straight_beyond(_CURVES[interpolation](x, y, "hold"))
+    whole = curve.antiderivative()
+    rows = whole.coefficients.copy()
+    rows[:, 0] -= whole.jet(0.0)[0]
+    stored = Piecewise(whole.knots, rows)
+    force, energy = (
+        Expression(f"a {interpolation} table", (("t", 0.0), ("piecewise", one)))
+        for one in (curve, stored)
+    )
+    return ForceCharacteristic(source, force, energy)
+
+
+def _scaled(ops: Ops, x: float, y: float) -> Ops:
+    """A program in the scene's units as one in SI: its variable over x, its value times y."""
+    if x != 1.0:
+        own: Ops = (("t", 0.0), ("const", x), ("/", 0.0))
+        ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
+    return ops if y == 1.0 else (*ops, ("const", y), ("*", 0.0))
+
+
+def _refuse_disorder(x: list[float]) -> None:
+    if len(x) < 2:
+        raise SceneError(f"at least two points are expected, given {len(x)}")
+    for k in range(1, len(x)):
+        if not x[k] > x[k - 1]:
+            what = f"points must increase: point {k + 1} at {x[k]:g} follows {x[k - 1]:g}"
+            raise SceneError(what)

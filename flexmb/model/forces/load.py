@@ -1,0 +1,116 @@
+"""Applied forces and torques at a marker, and forces along the line between two markers.
+
+The components of a force are in global axes, in the marker's own axes, which turn with the body, or
+in those of any marker. Values may be expressions over channels: of sensors, states and controllers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+
+from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.functions.function import Function, FunctionOf
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import ALIGNED, normal_in_body
+from flexmb.model.references import Component, Scope
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.quantities import Pair, Text
+
+ForceFunction = Annotated[Function, FunctionOf("N", channels=True)]
+TorqueFunction = Annotated[Function, FunctionOf("N m", channels=True)]
+
+
+class LoadSpec(Component):
+    """A force or a torque on a marker, three functions of time.
+
+    Its opposite is on ground, or on the body of the marker ``reaction``.
+    """
+
+    type: Literal["force", "torque"]
+    at: Text
+    value: tuple[Function, Function, Function]
+    axes: Text = "global"
+    reaction: Text | None = None
+
+    @property
+    def axes_marker(self) -> str | None:
+        """The marker whose axes it has, if these are not the global ones or its own."""
+        return None if self.axes in ("global", "body") else self.axes
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        for i, function in enumerate(self.value):
+            yield from function.problems(f"{where}.value[{i}]")
+        body = split_reference(self.at)[0]
+        if body == GROUND:
+            yield Problem(f"{where}.at", f"a {self.type} on ground has no effect")
+        yield from scope.material(f"{where}.at", self.at)
+        if self.reaction is not None:
+            if split_reference(self.reaction)[0] == body:
+                what = f'is on "{body}" like the {self.type} itself: the two would cancel'
+                yield Problem(f"{where}.reaction", what)
+            yield from scope.marker(f"{where}.reaction", self.reaction)
+            yield from scope.material(f"{where}.reaction", self.reaction)
+        axes = self.axes_marker
+        if axes is not None:
+            problems = list(scope.marker(f"{where}.axes", axes))
+            if problems and "." not in axes:
+                names = ("global", "body", "a marker (body.name)")
+                what = f'unknown axes "{axes}"'
+                problems = [Problem(f"{where}.axes", what, names, nearest(axes, names))]
+            yield from problems or scope.material(f"{where}.axes", axes)
+
+    def planar_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        """Components out of the plane must be the number zero."""
+        normal = np.array(PLANES[plane])
+        if self.axes != "global":
+            reference = self.at if self.axes == "body" else self.axes
+            body = reference.partition(".")[0]
+            try:
+                marker = lookup.place_marker(model, reference, flexbodies)
+            except FlexmbError:
+                return
+            if body in model.bodies:
+                normal = normal_in_body(model.bodies[body], plane)
+            normal = marker.R.T @ normal
+        for i, function in enumerate(self.value):
+            in_plane = abs(normal[i]) <= ALIGNED
+            if in_plane != (self.type == "force") and function.expression.constant != 0.0:
+                what = "normal" if self.type == "force" else "parallel"
+                yield Problem(f"{where}.value[{i}]", f"has a component {what} to the plane {plane}")
+
+
+class ForceSpec(LoadSpec):
+    """A force on the marker ``at``, in ``global`` axes, in the marker's own with ``axes = "body"``,
+    or in those of any marker named; with ``reaction`` its opposite acts on the body of that marker,
+    at the same point.
+    """
+
+    type: Literal["force"]
+    value: tuple[ForceFunction, ForceFunction, ForceFunction]
+
+
+class TorqueSpec(LoadSpec):
+    """A torque on the body of the marker ``at``; axes and reaction as of a force."""
+
+    type: Literal["torque"]
+    value: tuple[TorqueFunction, TorqueFunction, TorqueFunction]
+
+
+class LineForceSpec(Component):
+    """A force along the line between two markers, pushing them apart where it is positive."""
+
+    type: Literal["line-force"]
+    between: Pair
+    value: ForceFunction
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from scope.pair(where, self.between, "a line-force")
+        yield from scope.line_problems(where, self.between, "force along a line")
+        yield from self.value.problems(f"{where}.value")

@@ -1,0 +1,377 @@
+"""Curves that joints slide along: their shape alone, in the axes of the marker that carries them.
+
+A curve is a spline through points, a polar or parametric expression in the parameter t, or a
+circle, in the plane x, y of its marker or, with three coordinates, in space. Splines are cubic,
+natural or periodic, over the length of the chords between their points. A :class:`CurveShape` gives
+value and derivatives, twice continuously differentiable between its breaks and, but for corners of
+expressions, across them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_validator
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model.functions.derivatives import evaluate
+from flexmb.model.functions.expression import Ops, parse
+from flexmb.model.lookup import ModelData
+from flexmb.model.references import Component, Scope
+from flexmb.model.values.quantities import (
+    Angle,
+    Length,
+    Number,
+    Size,
+    Text,
+    expression_and_factor,
+    plain,
+    read_number,
+)
+from flexmb.model.values.reading import (
+    Names,
+    Reader,
+    fail,
+    fail_if,
+    given,
+    names_of,
+    only_one,
+    under,
+    units_of,
+)
+from flexmb.units import UnitSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A length as an expression in the parameter t of a curve; its program gives it in SI."""
+
+    source: float | str
+    ops: Ops
+
+    def values(self, t: Array) -> Array:
+        """(n, 3) value [m], first and second derivative in t at parameters (n,)."""
+        return np.array([evaluate(self.ops, float(u)) for u in t]).reshape(-1, 3)
+
+
+def _profile(value: Any, info: ValidationInfo) -> Profile:
+    if isinstance(value, Profile):
+        return value
+    names: Names = names_of(info)
+    scale = units_of(names).scale("m")
+    try:
+        if not isinstance(value, str):
+            return Profile(value, (("const", read_number(value, names) * scale),))
+        text, factor = expression_and_factor(value, names, "m", time=True)
+        ops = parse(text, names).ops
+    except SceneError as error:
+        raise fail(*error.problems) from None
+    return Profile(value, (*ops, ("const", factor * scale), ("*", 0.0)))
+
+
+def _written(value: Profile, info: SerializationInfo) -> float | str:
+    return value.source
+
+
+Coordinate = Annotated[Profile, Reader(_profile, _written)]
+Points = Annotated[tuple[tuple[Length, ...], ...], BeforeValidator(plain)]
+_SHAPES = ("points", "file", "polar", "polar_points", "x", "circle")
+
+
+class CurveSpec(Component):
+    """The shape of a curve: exactly one of ``points``, ``file`` (a CSV table of points), ``polar``
+    (radius over the angle t), ``polar_points`` (angles and radii), ``x`` with ``y`` over t,
+    ``circle`` (a radius). ``range`` of t, one turn by default; ``closed``: its end joins its
+    beginning.
+    """
+
+    points: Points | None = None
+    file: Text | None = None
+    polar: Coordinate | None = None
+    polar_points: Annotated[tuple[tuple[Angle, Length], ...], BeforeValidator(plain)] | None = None
+    x: Coordinate | None = None
+    y: Coordinate | None = None
+    z: Coordinate | None = None
+    range: tuple[Number, Number] = (0.0, 2 * np.pi)
+    circle: Size | None = None
+    center: tuple[Length, Length] = (0.0, 0.0)
+    closed: bool = False
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        shape = only_one(self, *_SHAPES)
+        problems = []
+        if shape != "x" and (self.y is not None or self.z is not None):
+            problems.append(Problem("y", "only a curve given by x, y (and z) has them"))
+        if shape == "x" and self.y is None:
+            problems.append(Problem("y", "is missing: x and y are given together"))
+        if "range" in self.model_fields_set and shape not in ("polar", "x"):
+            problems.append(Problem("range", "only curves given by expressions in t have a range"))
+        if not self.range[0] < self.range[1]:
+            problems.append(Problem("range", "its second value must be larger than the first"))
+        if "center" in self.model_fields_set and shape != "circle":
+            problems.append(Problem("center", "only a circle has a center"))
+        if shape == "circle" and "closed" in self.model_fields_set and not self.closed:
+            problems.append(Problem("closed", "a circle is closed; leave it out"))
+        fail_if(problems)
+        return self
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        try:
+            curve_shape(scope.model, where.partition(".")[2])
+        except SceneError as error:
+            yield from error.problems
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether it has two coordinates, in the plane x, y of its marker.
+
+        A file is known once it is read.
+        """
+        flat = self.points is None or all(len(point) == 2 for point in self.points)
+        return flat and self.z is None
+
+
+def read_points(path: Path, units: UnitSystem) -> Points:
+    """Points of a CSV file, two or three columns in the scene's unit of length, in SI.
+
+    Values stand apart by commas, semicolons or blanks; the first row may name the columns, and what
+    follows # is left out.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, or a row holds no numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        what = f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise SceneError.from_problems([Problem("file", what)]) from None
+    rows: list[tuple[float, ...]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.partition("#")[0].replace(";", " ").replace(",", " ").split()
+        try:
+            row = tuple(float(word) * units.scale("m") for word in words)
+        except ValueError:
+            if not rows:
+                continue  # the names of the columns
+            row = (np.nan,)
+        if words and (len(row) not in (2, 3) or not np.isfinite(row).all()):
+            what = f"{path}: line {number} is no point of two or three numbers: {given(line)}"
+            raise SceneError.from_problems([Problem("file", what)])
+        if words:
+            rows.append(row)
+    return tuple(rows)
+
+
+_SAME = 1e-9  # of the size of a curve: points closer than this are one
+_SAMPLES = 720
+_CUSP = 1e-4  # of the largest speed of the parameter; rounding leaves 1e-8 where it vanishes
+
+
+@dataclass(frozen=True, eq=False)
+class CurveShape:
+    """A curve over a parameter: at(u) gives (n, 3, 3), value and two derivatives by xyz."""
+
+    breaks: Array  # (k + 1,) parameters between which it is smooth
+    at: Callable[[Array], Array]
+    closed: bool
+    in_plane: bool
+
+    @property
+    def length(self) -> float:
+        """Length of the polygon through the points [m]."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    @property
+    def samples(self) -> Array:
+        """Parameters evenly between the ends, both included."""
+        return np.linspace(self.breaks[0], self.breaks[-1], _SAMPLES + 1)
+
+    @cached_property
+    def points(self) -> Array:
+        """(n, 3) points along the curve [m], both ends included."""
+        points: Array = self.at(self.samples)[:, 0]
+        return points
+
+
+def curve_shape(model: ModelData, name: str) -> CurveShape:
+    """The shape of a curve of a model.
+
+    Raises
+    ------
+    SceneError
+        What is wrong with it, or its file.
+    """
+    spec = model.curves[name]
+    try:
+        points = spec.points
+        if spec.file is not None:
+            points = read_points(model.path(spec.file), model.units)
+        return shape_of(spec, points)
+    except SceneError as error:
+        raise SceneError.from_problems(under(f"curves.{name}", error.problems)) from None
+
+
+@lru_cache(maxsize=64)  # a curve is needed by checks, joints and pictures
+def shape_of(spec: CurveSpec, points: Points | None = None) -> CurveShape:
+    """The shape of a curve; `points` (n, 2 or 3) [m] are those of its file or its own.
+
+    Raises
+    ------
+    SceneError
+        Too few or repeated points, ends that do not meet, a cusp, values that are not finite.
+    """
+    if points is not None:
+        shape = _through(points, spec.closed)
+    elif spec.polar_points is not None:
+        shape = _polar_table(spec.polar_points, spec.closed)
+    elif spec.circle is not None:
+        shape = _circle(spec.circle, spec.center)
+    else:
+        shape = _expressions(spec)
+    _check(shape)
+    return shape
+
+
+def _fail(where: str, what: str) -> SceneError:
+    return SceneError.from_problems([Problem(where, what)])
+
+
+def _through(points: Points, closed: bool) -> CurveShape:
+    sizes = {len(point) for point in points}
+    if not sizes <= {2, 3} or len(sizes) > 1:
+        raise _fail("points", "all points have two coordinates, or all have three")
+    least = 3 if closed else 2
+    if len(points) < least:
+        kind = "a closed curve" if closed else "a curve"
+        raise _fail("points", f"{kind} needs {least} points at least, given {len(points)}")
+    x = np.zeros((len(points), 3))
+    x[:, : sizes.pop()] = points
+    size = float(np.linalg.norm(np.ptp(x, axis=0)))
+    if closed and np.linalg.norm(x[-1] - x[0]) <= _SAME * size:
+        raise _fail("points", "the last point repeats the first; a closed curve closes by itself")
+    ends = np.vstack([x, x[:1]]) if closed else x
+    chords = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    if np.any(chords <= _SAME * size):
+        k = int(np.argmin(chords))
+        raise _fail("points", f"point {k + 2} repeats point {k + 1}; leave one of them out")
+    return _spline(np.append(0.0, np.cumsum(chords)), ends, closed, len(points[0]) == 2)
+
+
+def _spline(u: Array, x: Array, closed: bool, in_plane: bool) -> CurveShape:
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(u, x, bc_type="periodic" if closed else "natural")
+    return CurveShape(
+        u, lambda t: np.stack([spline(t, n) for n in range(3)], axis=1), closed, in_plane
+    )
+
+
+def _polar(t: Array, r: Array) -> Array:
+    """(n, 3, 3) of radii (n, 3), value and two derivatives, over the angle t (n,)."""
+    e = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
+    n = np.column_stack([-np.sin(t), np.cos(t), 0.0 * t])
+    r0, r1, r2 = (r[:, [k]] for k in range(3))
+    return np.stack([r0 * e, r1 * e + r0 * n, (r2 - r0) * e + 2.0 * r1 * n], axis=1)
+
+
+def _polar_table(pairs: tuple[tuple[float, float], ...], closed: bool) -> CurveShape:
+    from scipy.interpolate import CubicSpline
+
+    if len(pairs) < 3:
+        raise _fail("polar_points", f"a curve needs 3 points at least, given {len(pairs)}")
+    angle, radius = np.array(pairs).T
+    if np.any(np.diff(angle) <= 0):
+        k = int(np.argmax(np.diff(angle) <= 0))
+        what = f"angles must increase; that of point {k + 2} does not exceed that of point {k + 1}"
+        raise _fail("polar_points", what)
+    if closed and abs(radius[-1] - radius[0]) > _SAME * np.abs(radius).max():
+        what = "of a closed curve the last radius, one turn on, must be the first again"
+        raise _fail("polar_points", what)
+    radius = np.append(radius[:-1], radius[0]) if closed else radius
+    spline = CubicSpline(angle, radius, bc_type="periodic" if closed else "natural")
+
+    def at(t: Array) -> Array:
+        return _polar(t, np.column_stack([spline(t, n) for n in range(3)]))
+
+    return CurveShape(angle, at, closed, True)
+
+
+def _circle(radius: float, center: tuple[float, float]) -> CurveShape:
+    def at(t: Array) -> Array:
+        x = _polar(t, np.column_stack([radius + 0.0 * t, 0.0 * t, 0.0 * t]))
+        x[:, 0, :2] += center
+        return x
+
+    return CurveShape(np.array([0.0, 2 * np.pi]), at, True, True)
+
+
+def _expressions(spec: CurveSpec) -> CurveShape:
+    if spec.polar is not None:
+        polar = spec.polar
+
+        def at(t: Array) -> Array:
+            return _polar(t, polar.values(t))
+    else:
+        nothing = Profile(0.0, (("const", 0.0),))
+        parts = [profile or nothing for profile in (spec.x, spec.y, spec.z)]
+
+        def at(t: Array) -> Array:
+            return np.stack([part.values(t) for part in parts], axis=2)
+
+    return CurveShape(np.array(spec.range), at, spec.closed, spec.in_plane)
+
+
+def _check(shape: CurveShape) -> None:
+    """Refuse what no marker can slide along."""
+    u = shape.samples
+    with np.errstate(all="ignore"):  # what is not finite is reported
+        x = shape.at(u)
+    bad = ~np.isfinite(x).all(axis=(1, 2))
+    if bad.any():
+        raise _fail("", f"its value or a derivative is not finite at t = {u[np.argmax(bad)]:.6g}")
+    size = float(np.linalg.norm(np.ptp(x[:, 0], axis=0)))
+    speed = np.linalg.norm(x[:, 1], axis=1)
+    if size == 0.0:
+        raise _fail("", "it has no length: all its points coincide")
+    at, least = _slowest(shape, u, speed)
+    if least <= _CUSP * speed.max():
+        what = f"its tangent vanishes at t = {at:.6g}: a cusp, or a place where it turns back. "
+        raise _fail("", what + "No marker slides through that; round it, or end the range before")
+    if shape.closed:
+        _check_ends(x, size, speed)
+
+
+def _slowest(shape: CurveShape, u: Array, speed: Array) -> tuple[float, float]:
+    """Parameter where the point moves slowest and its speed, refined around the samples' least."""
+    k = int(np.argmin(speed))
+    best, least = float(u[k]), float(speed[k])
+    low, high = u[max(k - 1, 0)], u[min(k + 1, len(u) - 1)]
+    for _ in range(6):
+        inner = np.linspace(low, high, 17)
+        speeds = np.linalg.norm(shape.at(inner)[:, 1], axis=1)
+        k = int(np.argmin(speeds))
+        if speeds[k] < least:
+            best, least = float(inner[k]), float(speeds[k])
+        low, high = inner[max(k - 1, 0)], inner[min(k + 1, 16)]
+    return best, least
+
+
+def _check_ends(x: Array, size: float, speed: Array) -> None:
+    gap = float(np.linalg.norm(x[-1, 0] - x[0, 0]))
+    if gap > _SAME * size:
+        what = f"closed, its ends must meet, but lie {gap / size:.3g} of its size apart"
+        raise _fail("closed", what)
+    turned = np.linalg.norm(x[-1, 1] / speed[-1] - x[0, 1] / speed[0])
+    if turned > 1e-6:
+        raise _fail("closed", "closed, it has a corner where its ends meet; round it there")

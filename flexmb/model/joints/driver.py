@@ -1,0 +1,316 @@
+"""Drivers: a coordinate as a function of time, of a joint, of a marker, or between two markers.
+
+Each prescribes the displacement itself, or its velocity or acceleration; these start from ``start``
+(the placed pose by default) and ``start_velocity`` (none by default). Equations: Hong & Liu 2011,
+sections 1.4 and 2.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import SerializationInfo, ValidationInfo, model_validator
+
+from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.functions.expression import Expression
+from flexmb.model.functions.function import Function, FunctionOf
+from flexmb.model.joints.joint import COORDINATES
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import across, keeps_plane
+from flexmb.model.references import Component, Scope
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number
+from flexmb.model.values.reading import Reader, fail, fail_if, given, names_of, under, units_of
+
+DRIVEN: dict[str, tuple[str, ...]] = {
+    "joint": COORDINATES,
+    "marker": ("x", "y", "z", "angle", "position"),
+    "between": ("distance",),
+}
+"""What drives of each kind prescribe."""
+
+_ANGLES = ("angle", "second_angle")
+_ORDER = ("displacement", "velocity", "acceleration")
+_AXES = ("x", "y", "z")
+_IN_PLANE = {"xy": ("x", "y"), "yz": ("y", "z"), "zx": ("z", "x")}
+assert set(_IN_PLANE) == set(PLANES)
+
+
+class Motion(NamedTuple):
+    """One coordinate over time."""
+
+    coordinate: str
+    function: Function
+
+
+@dataclass(frozen=True)
+class _Driven(FunctionOf):
+    """Annotation of a function that is prescribed, or whose rate is."""
+
+    def unit_here(self, info: ValidationInfo) -> str:
+        return _unit(self.unit, info.data.get("prescribes", "displacement"))
+
+
+def _unit(unit: str, prescribes: str) -> str:
+    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[prescribes]
+
+
+class Start(NamedTuple):
+    """First values [SI] with their unit."""
+
+    values: tuple[float, ...]
+    unit: str
+
+
+def _start(value: Any, info: ValidationInfo) -> Start:
+    """A number, or a list of them, in the unit of what is prescribed."""
+    names, data = names_of(info), info.data
+    unit = "rad" if any(data.get(name) is not None for name in _ANGLES) else "m"
+    if info.field_name == "start_velocity":
+        unit += "/s"
+    value = plain(value)
+    items = value if isinstance(value, list) else [value]
+    numbers, problems = [], []
+    for i, item in enumerate(items):
+        try:
+            numbers.append(read_number(item, names, unit) * units_of(names).scale(unit))
+        except SceneError as error:
+            problems += under(f"[{i}]" if isinstance(value, list) else "", error.problems)
+    fail_if(problems)
+    return Start(tuple(numbers), unit)
+
+
+def _write_start(start: Start, info: SerializationInfo) -> Any:
+    units = units_of(names_of(info))
+    written = [units.written(value, start.unit) for value in start.values]
+    return written if len(written) > 1 else written[0]
+
+
+_First = Annotated[Start | None, Reader(_start, _write_start)]
+_Angle = Annotated[Function, _Driven("rad")]
+_Length = Annotated[Function, _Driven("m")]
+
+
+class DriverSpec(Component):
+    """Prescribes coordinates of a ``joint``, of a ``marker``, or the distance ``between`` two.
+
+    Of a joint its ``angle``, ``second_angle`` or ``stroke``. Of a marker ``x``, ``y``, ``z`` or
+    ``position``, global or in the axes of the marker ``relative_to``, and its ``angle`` about
+    ``axis`` as for joints. The function is the displacement, or what ``prescribes`` says, from
+    ``start`` (that of the placed pose by default) and ``start_velocity`` (zero by default) on.
+    """
+
+    prescribes: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    joint: Text | None = None
+    marker: Text | None = None
+    between: Pair | None = None
+    relative_to: Text | None = None
+    axis: Axis | None = None
+    angle: _Angle | None = None
+    second_angle: _Angle | None = None
+    stroke: _Length | None = None
+    x: _Length | None = None
+    y: _Length | None = None
+    z: _Length | None = None
+    position: tuple[_Length, ...] | None = None
+    distance: _Length | None = None
+    start: _First = None
+    start_velocity: _First = None
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        targets = [name for name in DRIVEN if getattr(self, name) is not None]
+        if not targets:
+            what = 'is missing: say what is driven by "joint", "marker" or "between"'
+            raise fail(Problem("joint", what))
+        if len(targets) > 1:
+            what = 'exactly one of "joint", "marker" and "between" must be given, given'
+            raise fail(Problem("", f"{what} {' and '.join(targets)}"))
+        fail_if(self._coordinates() or [*self._words(), *self._starts()])
+        return self
+
+    def _coordinates(self) -> list[Problem]:
+        """What the target has, and as many of it as may be."""
+        allowed = DRIVEN[self.target]
+        names = {name for names in DRIVEN.values() for name in names}
+        present = sorted(name for name in names if getattr(self, name) is not None)
+        problems = [
+            Problem(name, f'a driver of "{self.target}" has no {name}', allowed)
+            for name in present
+            if name not in allowed
+        ]
+        if problems:
+            return problems
+        if self.joint is not None and len(present) != 1:
+            one_of = '"angle", "second_angle" and "stroke"'
+            shown = " and ".join(present) or "none"
+            return [Problem("", f"give exactly one of {one_of}, given {shown}")]
+        if not present:
+            return [Problem("", "prescribes no coordinate; give one of these", allowed)]
+        if self.position is not None:
+            if len(self.position) not in (2, 3):
+                what = "a point has 3 coordinates, 2 in a plane, given"
+                return [Problem("position", f"{what} {len(self.position)}")]
+            if any(name in present for name in _AXES):
+                return [Problem("position", "and x, y, z are the same; give one of them")]
+        return []
+
+    def _words(self) -> list[Problem]:
+        """Words that mean nothing here."""
+        problems = []
+        if self.relative_to is not None and self.marker is None:
+            problems.append(Problem("relative_to", "only a driver of a marker has it"))
+        alone = [motion.coordinate for motion in self.motions()] == ["angle"]
+        if self.axis is not None and (self.marker is None or not alone):
+            problems.append(Problem("axis", "only a driver of the angle of a marker has it"))
+        return problems
+
+    def _starts(self) -> list[Problem]:
+        """First values where they mean something, one for each coordinate."""
+        problems, count = [], len(self.motions())
+        for name, start, least in (
+            ("start", self.start, 1),
+            ("start_velocity", self.start_velocity, 2),
+        ):
+            if start is None:
+                continue
+            if _ORDER.index(self.prescribes) < least:
+                what = f"the function prescribes the {self.prescribes} and begins by itself"
+                problems.append(Problem(name, what))
+            elif len(start.values) != count:
+                what = f"{count} {'values are' if count > 1 else 'value is'} expected, one for each"
+                problems.append(Problem(name, f"{what} coordinate, given {given(start.values)}"))
+        return problems
+
+    def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from _target(scope, where, self)
+        for coordinate, function in self.motions(scope.model.plane):
+            yield from function.problems(f"{where}.{coordinate}", max(0, 2 - self.order))
+        if self.distance is not None and self.order == 0:
+            what = closing_problem(scope.model, self.distance.expression)
+            if what is not None:
+                yield Problem(f"{where}.distance", what)
+
+    def planar_problems(
+        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
+    ) -> Iterator[Problem]:
+        """Coordinates of a marker: along the plane, and about its normal."""
+        if self.marker is None:
+            return
+        if self.axis is not None and not across(self.axis, plane):
+            yield Problem(f"{where}.axis", f"must be normal to the plane {plane}")
+        if self.position is not None and len(self.position) != 2:
+            what = f"a point has 2 coordinates in the plane {plane}, given {len(self.position)}"
+            yield Problem(f"{where}.position", what)
+            return
+        axes = lookup.global_axes(model, lookup.place_marker(model, self.ends[0], flexbodies))
+        for coordinate, _ in self.motions(plane):
+            if coordinate in "xyz" and not keeps_plane(axes[:, "xyz".index(coordinate)], plane):
+                name = f"{coordinate} of {self.relative_to}" if self.relative_to else coordinate
+                what = f"{name} has a component normal to the plane {plane}"
+                yield Problem(f"{where}.{coordinate}", what)
+
+    @property
+    def target(self) -> str:
+        """``"joint"``, ``"marker"`` or ``"between"``."""
+        return next(name for name in DRIVEN if getattr(self, name) is not None)
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Markers I and J of a driver that is not of a joint."""
+        if self.between is not None:
+            return self.between
+        assert self.marker is not None  # one of the three is given
+        return self.relative_to or "ground.origin", self.marker
+
+    @property
+    def order(self) -> int:
+        """How often the function is integrated: 0, 1 or 2."""
+        return _ORDER.index(self.prescribes)
+
+    def motions(self, plane: str | None = None) -> tuple[Motion, ...]:
+        """Every coordinate with its function; a position of two is one in the plane."""
+        motions = [
+            Motion(name, getattr(self, name))
+            for name in (*COORDINATES, *_AXES, "distance")
+            if getattr(self, name) is not None
+        ]
+        if self.position is not None:
+            names = _AXES if len(self.position) == 3 else _IN_PLANE[plane or "xy"]
+            motions += [Motion(*pair) for pair in zip(names, self.position, strict=True)]
+        return tuple(motions)
+
+    @property
+    def coordinate(self) -> str:
+        """The coordinate, of a driver of one."""
+        return self.motions()[0].coordinate
+
+    @property
+    def function(self) -> Function:
+        """What is prescribed over time, of a driver of one coordinate."""
+        return self.motions()[0].function
+
+
+_SAMPLES = 201  # of a distance over the run
+
+
+def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
+    """A coordinate that the joint has, or markers that move."""
+    if spec.joint is not None:
+        yield from scope.coordinate(where, spec.joint, spec.coordinate)
+        return
+    if spec.position is not None and scope.model.plane is None and len(spec.position) != 3:
+        yield Problem(f"{where}.position", "a point has 3 coordinates, given 2")
+    if spec.between is not None:
+        yield from scope.pair(where, spec.between, "a driver")
+        return
+    first, second = spec.ends
+    yield from scope.material(f"{where}.marker", second)
+    if spec.relative_to is not None:
+        yield from scope.material(f"{where}.relative_to", first)
+    bodies = split_reference(first)[0], split_reference(second)[0]
+    if bodies[1] == GROUND:
+        yield Problem(f"{where}.marker", "a marker of ground does not move")
+    elif bodies[0] == bodies[1]:
+        what = f'both markers are on "{bodies[0]}": they do not move against each other'
+        yield Problem(f"{where}.relative_to", what)
+
+
+def twice_driven(scope: Scope) -> Iterator[Problem]:
+    """Coordinates that two drivers of a model prescribe."""
+    driven: dict[tuple[str, ...], str] = {}
+    for name, spec in scope.model.drivers.items():
+        for coordinate, _ in spec.motions(scope.model.plane):
+            target, key = _key(spec, coordinate)
+            if key in driven:
+                what = f'the {coordinate} {target} is driven by "{driven[key]}" already'
+                yield Problem(f"drivers.{name}", what)
+            driven.setdefault(key, name)
+
+
+def _key(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
+    """What is driven, in words and so that equal coordinates have equal keys."""
+    if spec.joint is not None:
+        return f'of joint "{spec.joint}"', ("joint", spec.joint, coordinate)
+    if spec.between is not None:
+        first, second = sorted(spec.between)
+        return f'between "{first}" and "{second}"', ("between", first, second)
+    first, second = spec.ends
+    frame = f' relative to "{first}"' if spec.relative_to else ""
+    return f'of marker "{second}"{frame}', ("marker", first, second, coordinate)
+
+
+def closing_problem(model: ModelData, distance: Expression) -> str | None:
+    """The sentence for a distance that does not stay above zero over the run, as far as seen."""
+    end, units = model.dynamics.duration if model.dynamics is not None else 0.0, model.units
+    for t in np.linspace(0.0, end, _SAMPLES if end > 0.0 else 1):
+        value = distance.value(float(t))[0]
+        if value <= 0.0:
+            what = f"the distance is {units.say(value, 'm')} at {units.say(float(t), 's')}"
+            return f"{what}; at zero the line between the markers has no direction: keep it above"
+    return None

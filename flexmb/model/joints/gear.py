@@ -1,0 +1,222 @@
+"""Gears and racks: wheels that roll on each other on their pitch circles.
+
+Two wheels hang by two joints on one common body, the carrier: ground, or an arm that turns itself.
+θ is the angle of a wheel relative to it about its joint's axis u, which is the joint's angle if the
+carrier is on side I and its negative otherwise, from the placed pose on. Wheels that roll on each
+other outside turn in opposite senses about parallel u of one direction, and about axes that meet if
+both u lead from there to their wheels, or both back; inside, in the same sense. Where a wheel's
+marker lies in the meeting point itself, u counts as leading to the wheel. A rack moves with the
+point of the pinion below it, s' = R θ' (u × n)·d, d the direction of the rack and n across it from
+the pinion's axis.
+Source: rolling of pitch cones; Hong & Liu 2011, section 1.7; Willis, Principles of Mechanism, 1841.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model import lookup
+from flexmb.model.joints.coupler import Coupler, Equation, Key, Term
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.references import Scope
+from flexmb.model.values.names import split_reference
+from flexmb.model.values.quantities import Integer, Number, Pair, Size
+from flexmb.model.values.reading import fail_if, only_one
+
+Array = NDArray[np.float64]
+_WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")
+_RACK_JOINTS = ("prismatic", "cylindrical", "screw")
+_ZERO_DISTANCE = 1e-6  # relative to the distances between the axes
+_RADII_TOLERANCE = 1e-2  # share by which radii may miss the distance between the axes
+_Teeth = Annotated[int, Integer(1)]
+
+
+@dataclass(frozen=True)
+class _Wheel:
+    """A wheel or rack on its carrier: place and axis in the placed pose, global."""
+
+    sense: float  # +1 where the carrier is marker I of its joint
+    x: Array
+    u: Array
+
+
+class RollingCoupler(Coupler):
+    """Base of gears and racks: two joints that hang on one carrier."""
+
+    joints: Pair
+    joint_types: ClassVar[tuple[tuple[str, ...], tuple[str, ...]]]
+    nouns: ClassVar[tuple[str, str]]
+
+    def carriers(self, model: ModelData) -> list[str]:
+        """Bodies that both joints share."""
+        first, second = (self._bodies(model, joint) for joint in self.joints)
+        return [body for body in first if body in second]
+
+    def _bodies(self, model: ModelData, joint: str) -> list[str]:
+        return [split_reference(end)[0] for end in model.joints[joint].between]
+
+    def equation(self, model: ModelData, flexbodies: Bodies) -> Equation:
+        carrier = self.carriers(model)[0]
+        first, second = (_wheel(model, joint, carrier, flexbodies) for joint in self.joints)
+        a, b = self._factors(model, first, second)
+        factors = a * first.sense, b * second.sense
+        keys = zip(self.coordinates, factors, strict=True)
+        return Equation(tuple(Term(*key, factor) for key, factor in keys), 0.0, relative=True)
+
+    def _factors(self, model: ModelData, first: _Wheel, second: _Wheel) -> tuple[float, float]:
+        """Factors of the motions relative to the carrier."""
+        raise NotImplementedError
+
+    def reference_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        joints = scope.model.joints
+        for i, (joint, coordinate) in enumerate(self.coordinates):
+            place = f"{where}.joints[{i}]"
+            problems = list(scope.coordinate(place, joint, coordinate))
+            yield from (Problem(place, p.what, p.allowed, p.nearest) for p in problems)
+            types, noun = self.joint_types[i], self.nouns[i]
+            if joint in joints and not problems and joints[joint].type not in types:
+                what = f'no {noun} can hang by the {joints[joint].type} joint "{joint}"'
+                yield Problem(place, what, types)
+        if self.joints[0] == self.joints[1]:
+            what = f'names the joint "{self.joints[0]}" twice: a {self.type} joins two of them'
+            yield Problem(f"{where}.joints", what)
+
+    def geometry_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        """One body that both joints share, and axes on which the wheels can roll."""
+        shared = self.carriers(scope.model)
+        if len(shared) == 1:
+            yield from super().geometry_problems(scope, where)
+            return
+        first, second = self.joints
+        joins = [
+            '"{}" joins {} and {}'.format(joint, *self._bodies(scope.model, joint))
+            for joint in self.joints
+        ]
+        if shared:
+            what = f'{joins[0]}, and so does "{second}": the second wheel must be another body'
+        else:
+            what = f"no common carrier: {joins[0]}, {joins[1]}; both wheels must hang on one body, "
+            what += "which may be ground or an arm that turns"
+        yield Problem(f"{where}.joints", what)
+
+
+class GearSpec(RollingCoupler):
+    """Two wheels in mesh, spur, bevel or of a planetary train.
+
+    ``joints`` are those by which they hang on their common carrier. One of ``teeth``, ``radii`` and
+    ``ratio``, the turns of the second wheel for one of the first, relative to the carrier and about
+    the joints' own axes, negative for opposite senses. With teeth or radii the sense follows from
+    the axes: wheels turn in opposite senses about parallel axes, bevel wheels as seen from where
+    their axes meet, and in the same sense if one lies inside the other (``internal``).
+    """
+
+    type: Literal["gear"]
+    teeth: tuple[_Teeth, _Teeth] | None = None
+    radii: tuple[Size, Size] | None = None
+    ratio: Number | None = None
+    internal: bool = False
+    joint_types = (_WHEEL_JOINTS, _WHEEL_JOINTS)
+    nouns = ("wheel", "wheel")
+
+    @model_validator(mode="after")
+    def _one_measure(self) -> Self:
+        only_one(self, "teeth", "radii", "ratio")
+        problems = []
+        if self.ratio == 0:
+            what = "is zero: the second wheel would never turn; leave the gear out, or give turns"
+            problems.append(Problem("ratio", what))
+        elif self.ratio is not None and self.internal:
+            what = "is ignored when 'ratio' is given (its sign sets the direction); remove it"
+            problems.append(Problem("internal", what))
+        fail_if(problems)
+        return self
+
+    @property
+    def coordinates(self) -> tuple[Key, ...]:
+        return (self.joints[0], "angle"), (self.joints[1], "angle")
+
+    def _factors(self, model: ModelData, first: _Wheel, second: _Wheel) -> tuple[float, float]:
+        if self.ratio is not None:
+            return self.ratio, -1.0
+        sizes = self.teeth or self.radii
+        assert sizes is not None  # one of the three is given
+        h = second.x - first.x
+        if np.linalg.norm(np.cross(first.u, second.u)) < lookup.PARALLEL:
+            ends = 1.0, float(np.sign(first.u @ second.u))
+            if self.radii is not None:
+                distance = float(np.linalg.norm(h - (h @ first.u) * first.u))
+                self._check_distance(model, *self.radii, distance)
+        else:
+            ends = _outward(first, second)
+        side = -1.0 if self.internal else 1.0
+        return sizes[0] * ends[0], side * sizes[1] * ends[1]
+
+    def _check_distance(self, model: ModelData, R: float, r: float, distance: float) -> None:
+        needed = abs(R - r) if self.internal else R + r
+        if abs(distance - needed) > _RADII_TOLERANCE * max(R, r):
+            say = model.units.say
+            kind = "one inside the other" if self.internal else "outside"
+            raise SceneError(
+                f"wheels of the radii {say(R, 'm')} and {say(r, 'm')} roll {kind} with their axes "
+                f"{say(needed, 'm')} apart, these are {say(distance, 'm')} apart; correct radii or "
+                'places, or give "ratio"'
+            )
+
+
+class RackSpec(RollingCoupler):
+    """A pinion that rolls on a rack; ``joints`` hang the pinion, then the rack, on the carrier.
+
+    The rack moves as the point of the pinion that is nearest to the joint of the rack.
+    """
+
+    type: Literal["rack-and-pinion"]
+    radius: Size
+    joint_types = (_WHEEL_JOINTS, _RACK_JOINTS)
+    nouns = ("wheel", "rack")
+
+    @property
+    def coordinates(self) -> tuple[Key, ...]:
+        return (self.joints[0], "angle"), (self.joints[1], "stroke")
+
+    def _factors(self, model: ModelData, first: _Wheel, second: _Wheel) -> tuple[float, float]:
+        if abs(first.u @ second.u) > lookup.PARALLEL:
+            raise SceneError("the rack must slide at right angles to the axis of its pinion")
+        h = second.x - first.x
+        n = h - (h @ first.u) * first.u - (h @ second.u) * second.u
+        distance = float(np.linalg.norm(n))
+        if distance <= _ZERO_DISTANCE * self.radius:
+            raise SceneError(
+                "the joint of the rack lies on the axis of the pinion, so that it is not known on "
+                "which side the rack runs: put its markers on the pitch line, one radius away"
+            )
+        return self.radius * float(np.cross(first.u, n / distance) @ second.u), -1.0
+
+
+def _wheel(model: ModelData, joint: str, carrier: str, flexbodies: Bodies) -> _Wheel:
+    I, J = lookup.joint_frames(model, joint, flexbodies)  # noqa: E741
+    x = lookup.global_position(model, J if I.body == carrier else I)
+    return _Wheel(1.0 if I.body == carrier else -1.0, x, lookup.global_axes(model, I)[:, 2])
+
+
+def _outward(first: _Wheel, second: _Wheel) -> tuple[float, float]:
+    """Whether axes that are not parallel lead from their meeting point to the wheels (±1)."""
+    h = second.x - first.x
+    across = np.cross(first.u, second.u)
+    n = across / np.linalg.norm(across)
+    size = float(np.linalg.norm(h))
+    if abs(h @ n) > _ZERO_DISTANCE * size:
+        raise SceneError(
+            "the axes of the wheels are neither parallel nor do they meet, so that the sense of "
+            'turning does not follow from them: give "ratio" with its sign'
+        )
+    # first.x + s first.u = second.x + t second.u
+    s, t = np.linalg.lstsq(np.column_stack([first.u, -second.u]), h, rcond=None)[0]
+    ends = (1.0 if abs(a) <= _ZERO_DISTANCE * size else -float(np.sign(a)) for a in (s, t))
+    return next(ends), next(ends)

@@ -1,0 +1,192 @@
+"""Whether the parts of a model fit together: names, coordinates, functions, times, files.
+
+In: a model, with the flexible bodies that are read or reduced and the entries that could not be
+read. Out: all problems, with scene paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from flexmb.errors import Problem, nearest
+from flexmb.model.bodies.body import FlexbodySpec
+from flexmb.model.bodies.carriers import body_problems
+from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.functions.function import Function
+from flexmb.model.functions.piecewise import Piecewise
+from flexmb.model.joints.coupler_loops import coupler_loop_problems
+from flexmb.model.joints.driver import twice_driven
+from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.plane import planar_problems
+from flexmb.model.references import Broken, Scope
+from flexmb.model.sensors.channels import CHANNEL_SECTIONS, channel_problems
+
+_SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
+_WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
+_WITH_FUNCTIONS = ("drivers", "forces", *CHANNEL_SECTIONS)
+
+
+def model_problems(
+    model: ModelData, flexbodies: Bodies, broken: Broken | None = None
+) -> list[Problem]:
+    """All problems of a model; see :meth:`Model.problems`."""
+    scope = Scope(model, flexbodies, broken or {})
+    problems = list(body_problems(scope))
+    for section in ("joints", "couplers", "drivers", "forces", "sensors", "curves"):
+        problems += _section_problems(scope, section)
+    for part in (twice_driven, channel_problems, _assembly_problems, _channel_names):
+        problems += part(scope)
+    problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
+    if not problems:  # what is in the plane is known of entries that hold together
+        problems += planar_problems(model, flexbodies)
+    return problems
+
+
+def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:
+    """What each entry of a section says of itself."""
+    if section in _WITH_MARKERS:
+        yield from scope.markers(section)
+    wrong = False
+    for name, spec in getattr(scope.model, section).items():
+        for problem in spec.problems(scope, f"{section}.{name}"):
+            wrong = True
+            yield problem
+    if section == "couplers" and not wrong:
+        yield from coupler_loop_problems(scope)
+
+
+def _assembly_problems(scope: Scope) -> Iterator[Problem]:
+    """Bodies and joints that do not exist, and guesses of what is driven."""
+    spec = scope.model.assembly
+    if spec is None:
+        return
+    for name in spec.weights:
+        yield from scope.unknown(f"assembly.weights.{name}", "body", name, "bodies")
+    driven = {
+        (driver.joint, motion.coordinate): name
+        for name, driver in scope.model.drivers.items()
+        for motion in driver.motions(scope.model.plane)
+        if driver.joint is not None
+    }
+    for joint, guess in spec.guess.items():
+        where = f"assembly.guess.{joint}"
+        if not scope.has("joints", joint):
+            yield from scope.unknown(where, "joint", joint, "joints")
+            continue
+        for coordinate in guess.coordinates:
+            yield from scope.coordinate(where, joint, coordinate)
+            if (joint, coordinate) in driven:
+                what = f'its {coordinate} is driven by "{driven[joint, coordinate]}": '
+                what += "leave the guess out, the driver decides"
+                yield Problem(f"{where}.{coordinate}", what)
+
+
+def _channel_names(scope: Scope) -> Iterator[Problem]:
+    """Channels of plots and of known answers."""
+    channels, broken = scope.model.channels(), _broken_channels(scope)
+    names = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
+    names += [(f"check[{i}].sensor", check.sensor) for i, check in enumerate(scope.model.checks)]
+    for where, name in names:
+        if name not in channels and name.partition(".")[0] not in broken:
+            yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def _broken_channels(scope: Scope) -> set[str]:
+    """Names of what would give channels but could not be read."""
+    return {name for section in CHANNEL_SECTIONS for name in scope.broken.get(section, {})}
+
+
+def _study_problems(scope: Scope) -> Iterator[Problem]:
+    """Sensors or channels that a study judges by."""
+    study, broken = scope.model.study, _broken_channels(scope)
+    names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
+    for i, name in enumerate(study.sensors if study is not None else ()):
+        if name not in names and name.partition(".")[0] not in broken:
+            what = f'unknown sensor or channel "{name}"'
+            yield Problem(f"study.sensors[{i}]", what, names, nearest(name, names))
+
+
+def _frequency_problems(scope: Scope) -> Iterator[Problem]:
+    """Bodies and interfaces of natural frequencies."""
+    all_bodies = scope.model.bodies.items()
+    bodies = tuple(n for n, spec in all_bodies if isinstance(spec, MeshBodySpec | FlexbodySpec))
+    for i, check in enumerate(scope.model.frequency_checks):
+        if check.body not in bodies:
+            if check.body not in scope.broken.get("bodies", {}):
+                what = f'there is no flexible body "{check.body}"'
+                yield Problem(f"check[{i}].body", what, bodies, nearest(check.body, bodies))
+            continue
+        spec = scope.model.bodies[check.body]
+        interfaces = tuple(spec.interfaces) if isinstance(spec, MeshBodySpec) else check.held
+        for name in check.held:
+            if name not in interfaces:
+                what = f'{check.body} has no interface "{name}"'
+                yield Problem(f"check[{i}].held", what, interfaces, nearest(name, interfaces))
+
+
+def _time_problems(model: ModelData) -> Iterator[Problem]:
+    """Times of known answers, pictures, outputs and tables that do not fit the run."""
+    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    if spans:
+        yield from _output_time_problems(model, max(spans))
+        yield from _table_time_problems(model, max(spans))
+
+
+def _output_time_problems(model: ModelData, duration: float) -> Iterator[Problem]:
+    """Times at which something is read from the run."""
+    say, spec = model.units.say, model.dynamics
+    times = [] if model.view.time is None else [("view.time", model.view.time)]
+    times += [(f"check[{i}].time", check.time) for i, check in enumerate(model.checks)]
+    listed = spec is not None and model.kinematics is None and isinstance(spec.outputs, tuple)
+    first, last = (spec.outputs[0], spec.outputs[-1]) if listed else (0.0, duration)
+    for where, time in times:
+        if time > duration * (1 + _SAME_TIME):
+            what = f"{say(time, 's')} lies after the end of the run, {say(duration, 's')}"
+            yield Problem(where, what)
+        elif listed and not first * (1 - _SAME_TIME) <= time <= last * (1 + _SAME_TIME):
+            span = f"{say(first, 's')} to {say(last, 's')}"
+            what = f"nothing is recorded at {say(time, 's')}: dynamics.outputs covers {span}"
+            yield Problem(where, what)
+
+
+def _table_time_problems(model: ModelData, duration: float) -> Iterator[Problem]:
+    """Splines and tables without values in a part of the run."""
+    say = model.units.say
+    cure = 'give more points, or say what holds outside them (beyond = "hold", '
+    cure += '"extrapolate" or "repeat")'
+    for section in _WITH_FUNCTIONS:
+        for name, spec in getattr(model, section).items():
+            for where, function in _functions(f"{section}.{name}", vars(spec)):
+                first, last = _domain(function)
+                if last < duration:
+                    what = f"its points end at {say(last, 's')}, the run at {say(duration, 's')}"
+                    yield Problem(where, f"{what}; {cure}")
+                if first > 0.0:
+                    what = f"its points begin at {say(first, 's')}, the run at 0"
+                    yield Problem(where, f"{what}; {cure}")
+
+
+def _functions(where: str, value: Any) -> Iterator[tuple[str, Function]]:
+    """The functions of time in the fields of a specification, with their paths."""
+    if isinstance(value, Function):
+        yield where, value
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _functions(f"{where}.{key}", item)
+    elif isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield from _functions(f"{where}[{i}]", item)
+
+
+def _domain(function: Function) -> tuple[float, float]:
+    """From when to when a function through points has values [s]; infinite for all others."""
+    ops = function.expression.ops
+    curve = ops[-1][1] if ops and ops[0][0] == "t" and len(ops) == 2 else None
+    if not isinstance(curve, Piecewise):
+        return -np.inf, np.inf
+    first = curve.knots[0] if np.isnan(curve.coefficients[0]).any() else -np.inf
+    last = curve.knots[-1] if np.isnan(curve.coefficients[-1]).any() else np.inf
+    return float(first), float(last)

@@ -1,0 +1,288 @@
+"""A scene as plain data: dictionaries, lists, numbers and texts, as JSON or TOML hold them.
+
+Into a model, with all mistakes of the scene reported at once: first each table by itself, then how
+they fit together. And out of a model: a scene that reads back into the same model; numbers are
+resolved, in the model's unit system and such that reading gives the same to the bit, functions of
+time stay as they were written, with the parameters they use.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.model.bodies.body import BodySpec, FlexbodySpec
+from flexmb.model.bodies.markers import GroundSpec
+from flexmb.model.joints.curve import CurveSpec, read_points
+from flexmb.model.lookup import ModelData
+from flexmb.model.plane import read_plane
+from flexmb.model.scenes.consistency import model_problems
+from flexmb.model.scenes.sections import SECTIONS, read_named
+from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
+from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
+from flexmb.model.tasks.study import StudySpec, resolve_knob
+from flexmb.model.values.names import bad_name
+from flexmb.model.values.parameters import resolve
+from flexmb.model.values.quantities import Acceleration, plain, read_axis
+from flexmb.model.values.reading import Names, Spec, Terms, given, read_entry, under, unknown_key
+from flexmb.units import SI, UnitSystem, unit_system
+
+_STANDARD = 9.80665  # m/s^2, exact: 3rd General Conference on Weights and Measures, 1901
+_EARTH = re.compile(r"earth\s+(?P<down>[+-]?[xyz])\Z")
+
+
+class _Gravity(Spec):
+    gravity: Acceleration
+
+
+def read_units(value: Any) -> tuple[UnitSystem, list[Problem]]:
+    """The unit system of a scene; SI and the problem where it is none."""
+    try:
+        return unit_system(value), []
+    except FlexmbError as error:
+        return SI, list(error.problems)
+
+
+def read_gravity(
+    value: Any, names: Names
+) -> tuple[tuple[float, float, float] | None, list[Problem]]:
+    """Acceleration of gravity in global axes [m/s^2]; None for none.
+
+    ``"earth -z"`` is the standard one along a global direction.
+    """
+    if value is None or value == "none":
+        return None, []
+    if isinstance(value, str):
+        match = _EARTH.match(value)
+        if match:
+            x, y, z = (_STANDARD * c for c in read_axis(match["down"], names))
+            return (x, y, z), []
+        allowed = ("none", "[gx, gy, gz]", "earth -z", "earth -y")
+        return None, [Problem("gravity", f'unknown gravity "{value}"', allowed)]
+    spec, problems = read_entry(_Gravity, {"gravity": value}, names)
+    return (spec.gravity if spec else None), problems
+
+
+def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -> str:
+    """What is said of gravity, given in the units of a scene: its components, or that it is none.
+
+    >>> gravity_in_words([0, 0, -9810], unit_system("mm-t-s"))
+    'gravity: (0, 0, -9810) mm/s²'
+    """
+    if gravity is None or isinstance(gravity, str):
+        return "gravity: none"
+    parts = ", ".join(f"{g:g}" for g in gravity)
+    return f"gravity: ({parts}) {units.label('m/s^2', raised=True)}"
+
+
+TOP_KEYS = (
+    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "assembly", "check",
+    "dynamics", "kinematics", "results", "study", "view",
+)  # fmt: skip
+"""Everything a scene may say at its top level."""
+
+SINGLE_TABLES: dict[str, type[Spec]] = {
+    "assembly": AssemblySpec,
+    "dynamics": DynamicsSpec,
+    "kinematics": KinematicsSpec,
+    "results": ResultsSpec,
+    "study": StudySpec,
+}
+"""Tables of which a scene has one or none."""
+
+M = TypeVar("M", bound=ModelData)
+S = TypeVar("S", bound=Spec)
+
+
+def build(create: Callable[..., M], scene: Mapping[str, Any], folder: Path) -> M:
+    """Build and check a model.
+
+    Raises
+    ------
+    SceneError
+        All problems of the scene.
+    """
+    units, problems = read_units(scene.get("units", "SI"))
+    model = create(folder=folder, units=units)
+    builder = _Builder(model, scene)
+    builder.problems += problems
+    builder.head()
+    for section in SECTIONS:
+        builder.section(section)
+    builder.rest()
+    problems = [*builder.problems, *model_problems(model, {}, builder.broken)]
+    if problems:
+        raise SceneError.from_problems(problems)
+    return model
+
+
+class _Builder:
+    """Fills a model; collects the raw tables of entries that cannot be read in ``broken``."""
+
+    def __init__(self, model: ModelData, scene: Mapping[str, Any]) -> None:
+        self.model, self.scene = model, scene
+        self.names = Terms({}, model.units, folder=model.folder)
+        self.problems: list[Problem] = []
+        self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
+
+    def head(self) -> None:
+        self.problems += [unknown_key(key, TOP_KEYS) for key in self.scene if key not in TOP_KEYS]
+        title = self.scene.get("title", "")
+        if not isinstance(title, str):
+            self.problems.append(Problem("title", f"text is expected, given {given(title)}"))
+            title = ""
+        self.model.title = title
+        parameters = plain(self.table("parameters"))
+        values, problems = resolve(parameters, self.model.units)
+        self.problems += problems
+        self.model.parameter_sources, self.model.parameters = parameters, values
+        # A wrong parameter is reported once, not again wherever it is used.
+        numbers = {**dict.fromkeys(map(str, parameters), 1.0), **values}
+        self.names = Terms(numbers, self.model.units, folder=self.model.folder)
+        self.model.plane, problems = read_plane(self.scene.get("plane"))
+        self.problems += problems
+        self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
+        self.problems += problems
+
+    def table(self, key: str) -> Mapping[str, Any]:
+        value = self.scene.get(key, {})
+        if isinstance(value, Mapping):
+            return value
+        self.problems.append(Problem(key, f"a table is expected, given {given(value)}"))
+        return {}
+
+    def section(self, section: str) -> None:
+        entries = getattr(self.model, section)
+        for name, data in self.table(section).items():
+            spec, problems = read_named(section, name, data, self.names)
+            self.problems += problems
+            if spec is None:
+                self.broken[section][str(name)] = data
+            else:
+                entries[name] = spec
+
+    def rest(self) -> None:
+        ground = self.single("ground", GroundSpec)
+        if ground is not None:
+            bad = [bad_name(name) for name in ground.markers]
+            self.problems += [Problem("ground.markers", what) for what in bad if what]
+            self.model.ground = ground
+        for key, kind in SINGLE_TABLES.items():
+            if key in self.scene:
+                setattr(self.model, key, self.single(key, kind))
+        if self.model.study is not None:
+            self.knobs(self.model.study.vary)
+        self.model.view = self.single("view", ViewSpec) or ViewSpec()
+        checks = self.scene.get("check", [])
+        if not isinstance(checks, list | tuple):
+            self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
+            checks = []
+        for i, data in enumerate(checks):
+            if isinstance(data, Mapping) and "body" in data:
+                frequency, problems = read_entry(FrequencyCheckSpec, data, self.names)
+                self.problems += under(f"check[{i}]", problems)
+                if frequency is not None:
+                    self.model.frequency_checks.append(frequency)
+                continue
+            channel = data.get("sensor") if isinstance(data, Mapping) else None
+            slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
+            terms = Terms(self.names, self.model.units, slot)
+            spec, problems = read_entry(CheckSpec, data, terms)
+            self.problems += under(f"check[{i}]", problems)
+            if spec is not None:
+                self.model.checks.append(spec)
+
+    def knobs(self, names: Iterable[str]) -> None:
+        for name in names:
+            problem = resolve_knob(self.scene, name)[1]
+            if problem is not None:
+                self.problems += under(f"study.vary.{name}", [problem])
+
+    def single(self, key: str, cls: type[S]) -> S | None:
+        spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
+        self.problems += under(key, problems)
+        return spec
+
+
+Files = Mapping[str, str | Path]
+
+
+def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -> dict[str, Any]:
+    """The scene of a model; see :meth:`Model.to_scene_dict`."""
+    scene: dict[str, Any] = {
+        "title": model.title,
+        "units": model.units.name,
+        "plane": model.plane,
+        "gravity": _gravity(model),
+        "parameters": dict(model.parameter_sources),
+        "ground": _plain(model.ground, model.terms),
+        "bodies": {
+            name: _body(model, name, spec, folder, flexbodies)
+            for name, spec in model.bodies.items()
+        },
+    }
+    if model.curves:
+        scene["curves"] = {name: _curve(model, spec) for name, spec in model.curves.items()}
+    for section in ("joints", "couplers", "drivers", "forces", "sensors", "states", "controllers"):
+        scene[section] = {
+            name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
+        }
+    scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
+    scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
+    for section in SINGLE_TABLES:
+        spec = getattr(model, section)
+        if spec is not None:
+            scene[section] = _plain(spec, model.terms)
+    scene["view"] = _plain(model.view, model.terms)
+    return {key: value for key, value in scene.items() if value or key == "title"}
+
+
+def _gravity(model: ModelData) -> Any:
+    if model.gravity is None:
+        return "none"
+    return [model.units.written(g, "m/s^2") for g in model.gravity]
+
+
+def _plain(spec: Spec, terms: Terms) -> dict[str, Any]:
+    return spec.model_dump(mode="json", exclude_none=True, context=terms)
+
+
+def _curve(model: ModelData, spec: CurveSpec) -> dict[str, Any]:
+    """A curve; one from a file with the points of the file, so that the scene holds all of it."""
+    if spec.file is None:
+        table = _plain(spec, model.terms)
+        return {key: value for key, value in table.items() if key in spec.model_fields_set}
+    points = read_points(model.path(spec.file), model.units)
+    rows = [[model.units.written(value, "m") for value in point] for point in points]
+    return {"points": rows, "closed": spec.closed}
+
+
+def _body(
+    model: ModelData, name: str, spec: BodySpec, folder: str | Path | None, flexbodies: Files
+) -> dict[str, Any]:
+    if isinstance(spec, FlexbodySpec) and name in flexbodies:
+        file = Path(flexbodies[name]).as_posix()
+        return _plain(spec.model_copy(update={"flexbody": file}), model.terms)
+    if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
+        raise SceneError(
+            f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
+        )
+    table = _plain(spec, model.terms)
+    if isinstance(table.get("mesh"), dict):
+        del table["units"]  # of mesh files
+    for key in ("mesh", "flexbody", "modes"):
+        if isinstance(table.get(key), str) and folder is not None:
+            table[key] = _relative(model.path(table[key]), Path(folder))
+    return table
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()

@@ -1,0 +1,117 @@
+"""Which specification an entry of each scene section has, and how it is read.
+
+In: section, name and raw table. Out: the specification or its problems with their scene path. One
+table says it for the file and for Python alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from flexmb.errors import Problem
+from flexmb.model.bodies.markers import MarkerSpec
+from flexmb.model.bodies.mesh_body import body_kind
+from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
+from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.forces.load import ForceSpec, LineForceSpec, TorqueSpec
+from flexmb.model.forces.spring_damper import (
+    RotationalSpringSpec,
+    SpringDamperSpec,
+    TranslationalSpringSpec,
+)
+from flexmb.model.forces.stops import RotationalStopSpec, StopSpec, TranslationalStopSpec
+from flexmb.model.joints.coupler import LinearCouplerSpec
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DriverSpec
+from flexmb.model.joints.gear import GearSpec, RackSpec
+from flexmb.model.joints.joint import JointSpec
+from flexmb.model.references import Component
+from flexmb.model.sensors.control import PidSpec, StateSpec, TransferFunctionSpec
+from flexmb.model.sensors.sensor import SENSOR_TYPES
+from flexmb.model.values.names import GROUND, bad_name
+from flexmb.model.values.reading import Names, Spec, given, read_entry, read_variant, under
+
+SECTIONS = (
+    "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
+    "controllers",
+)  # fmt: skip
+"""Sections whose entries have names."""
+
+FORCE_TYPES: dict[str, type[Component]] = {
+    "force": ForceSpec,
+    "torque": TorqueSpec,
+    "spring-damper": SpringDamperSpec,
+    "line-force": LineForceSpec,
+    "rotational-spring-damper": RotationalSpringSpec,
+    "translational-spring-damper": TranslationalSpringSpec,
+    "contact": ContactSpec,
+    "joint-friction": JointFrictionSpec,
+    "bushing": BushingSpec,
+    "beam": BeamForceSpec,
+    "stop": StopSpec,
+    "rotational-stop": RotationalStopSpec,
+    "translational-stop": TranslationalStopSpec,
+}
+COUPLER_TYPES: dict[str, type[Component]] = {
+    "gear": GearSpec,
+    "rack-and-pinion": RackSpec,
+    "linear": LinearCouplerSpec,
+}
+CONTROLLER_TYPES: dict[str, type[Spec]] = {
+    "pid": PidSpec,
+    "transfer-function": TransferFunctionSpec,
+}
+
+_VARIANTS: dict[str, tuple[str, Mapping[str, type[Spec]]]] = {
+    "couplers": ("coupler type", COUPLER_TYPES),
+    "forces": ("force type", FORCE_TYPES),
+    "sensors": ("sensor type", SENSOR_TYPES),
+    "controllers": ("controller type", CONTROLLER_TYPES),
+}
+_SINGLE: dict[str, type[Spec]] = {
+    "curves": CurveSpec,
+    "joints": JointSpec,
+    "drivers": DriverSpec,
+    "states": StateSpec,
+    "markers": MarkerSpec,
+}
+
+
+def read_named(
+    section: str, name: str, data: Any, names: Names
+) -> tuple[Spec | None, list[Problem]]:
+    """Read one named entry of a section."""
+    where = f"{section}.{name}"
+    if bad := bad_name(name):
+        return None, [Problem(where, bad)]
+    if section == "bodies" and name == GROUND:
+        return None, [Problem(where, 'the name "ground" is taken: give its markers by [ground]')]
+    if section in _VARIANTS:
+        noun, kinds = _VARIANTS[section]
+        if not isinstance(data, Mapping | Spec):
+            return None, [Problem(where, f"a table is expected, given {given(data)}")]
+        if isinstance(data, Spec):
+            return data, []
+        spec, problems = read_variant(noun, kinds, data, names)
+    elif section == "bodies":
+        spec, problems = _read_body(data, names)
+    else:
+        spec, problems = read_entry(_SINGLE[section], data, names)
+    return spec, under(where, problems)
+
+
+def _read_body(data: Any, names: Names) -> tuple[Spec | None, list[Problem]]:
+    if isinstance(data, Spec):
+        return data, []
+    if not isinstance(data, Mapping):
+        return None, [Problem("", f"a table is expected, given {given(data)}")]
+    kind = body_kind(data)
+    if isinstance(kind, Problem):
+        return None, [kind]
+    spec, problems = read_entry(kind, data, names)
+    markers = data.get("markers")
+    bad = [bad_name(name) for name in markers] if isinstance(markers, Mapping) else []
+    problems += [Problem("markers", what) for what in bad if what]
+    return (None if problems else spec), problems

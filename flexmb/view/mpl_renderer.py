@@ -1,0 +1,141 @@
+"""Drawing pictures with matplotlib, where VTK cannot render.
+
+In: a :class:`Content`, or several for a grid, a size in pixels, a file. Out: a PNG of the same
+content, shaded triangles sorted by depth, which names in the picture what to install for the better
+one.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.view.content import Content
+from flexmb.view.shapes import sphere
+from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
+
+Array = NDArray[np.float64]
+
+_DPI = 100
+_AMBIENT = 0.45  # brightness of a face turned away from the light
+_LAMP = (-0.3, 0.5, 0.8)  # above the shoulder of the eye: right, above, towards
+_WARNING = "#a33a00"
+
+
+def draw(
+    panels: Sequence[Content], path: Path, size: tuple[int, int], reason: str, columns: int = 1
+) -> None:
+    """Draw panels, row by row, into a PNG file of `size` pixels; `reason` is shown in it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    rows = -(-len(panels) // columns)
+    cells = figure.subfigures(rows, columns, squeeze=False, wspace=0, hspace=0).flat
+    for content, cell in zip(panels, cells, strict=False):
+        _draw_panel(cell, content, rows)
+    note = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
+    figure.text(0.02, 0.02, note, fontsize=8.5, color=_WARNING, va="bottom")
+    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+
+
+def _draw_panel(cell: Any, content: Content, rows: int) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.colors import Normalize
+
+    cell.set_facecolor("none")
+    axes = cell.add_axes((0.03, 0.13, 0.84 if content.bar else 0.94, 0.74))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    view = content.camera.axes
+    polygons, colors = _shaded(content, view)
+    axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors="face", lw=0.2))
+    for segments, color, width in _segments(content, view):
+        axes.add_collection(LineCollection(segments, colors=color, linewidths=width))
+    flat = content.all_points() @ view.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    pad = 0.06 * max(high - low)
+    axes.set_xlim(low[0] - pad, high[0] + pad)
+    axes.set_ylim(low[1] - pad, high[1] + pad)
+    for text, y, size in ((content.title, 0.955, 13), (content.caption, 0.905, 10)):
+        cell.text(0.02, y, text, fontsize=max(size * rows**-0.5, 7.0), color=INK, va="center")
+    if content.scale is not None and content.bar:
+        mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
+        bar = cell.colorbar(mapped, cax=cell.add_axes((0.9, 0.2, 0.018, 0.6)))
+        bar.set_label(content.scale.label, color=INK)
+        bar.outline.set_visible(False)
+
+
+def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
+    """Corners of all triangles in the picture plane (t, 3, 2), far ones first, and RGBA (t, 4)."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgba
+
+    corners, colors = [np.zeros((0, 3, 3))], [np.zeros((0, 4))]
+
+    def add(points: Array, faces: NDArray[np.int64], rgba: Any) -> None:
+        corners.append(points[faces])
+        colors.append(np.broadcast_to(rgba, (len(faces), 4)))
+
+    for solid in content.solids:
+        rgba = to_rgba(solid.color, solid.opacity)
+        add(solid.triangles.points, solid.triangles.faces, rgba)
+    for body in content.deformed:
+        rgba = to_rgba(body.color)
+        if content.scale is not None and body.values is not None and len(body.faces):
+            share = body.values[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
+            rgba = colormaps[COLORMAP].with_extremes(bad=to_rgba(body.color))(share)
+        add(body.points, body.faces, rgba)
+    for center in content.joints:
+        ball = sphere(content.joint_radius, center)
+        add(ball.points, ball.faces, to_rgba(JOINT))
+    seen = np.concatenate(corners) @ view.T
+    rgba = np.concatenate(colors).copy()
+    lit = np.abs(_normals(*seen.transpose(1, 0, 2)) @ (_LAMP / np.linalg.norm(_LAMP)))
+    rgba[:, :3] *= _AMBIENT + (1.0 - _AMBIENT) * lit[:, None]
+    order = np.argsort(seen[:, :, 2].mean(axis=1))
+    return seen[order, :, :2], np.clip(rgba[order], 0.0, 1.0)
+
+
+def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
+    """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
+    from matplotlib import colormaps
+
+    drawn: list[tuple[Array, Any, float]] = []
+    for body in content.deformed:
+        ghost = _outline(body.undeformed, body.faces, body.lines)
+        drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))
+        if len(body.lines) and not len(body.faces):  # else they are inside what is drawn
+            color: Any = body.color
+            if content.scale is not None and body.values is not None:
+                share = body.values[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
+                color = colormaps[COLORMAP](share)
+            drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
+    return drawn
+
+
+def _outline(points: Array, faces: NDArray[np.int64], lines: NDArray[np.int64]) -> Any:
+    """Point pairs of the sharp edges of a surface, or its lines."""
+    if not len(faces):
+        return lines
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, owner = edges[order], owner[order]
+    twin = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    normals = _normals(*points[faces.T])
+    cosine = np.einsum("ti,ti->t", normals[owner[twin]], normals[owner[twin + 1]])
+    return edges[twin[cosine < np.cos(np.radians(35.0))]]
+
+
+def _normals(a: Array, b: Array, c: Array) -> Array:
+    """Unit normals (t, 3) of triangles with these corners (t, 3)."""
+    normals = np.cross(b - a, c - a)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))

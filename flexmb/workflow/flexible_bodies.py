@@ -1,0 +1,399 @@
+"""Flexible bodies of a scene or of a mesh file: reduced once, reused while their input stays.
+
+In: a scene, or a mesh and its options. Out: bodies and their files, on request with a report that
+compares each with the full model it comes from, and the known frequencies of the scene. Mistakes
+are collected over all bodies, each under its body's name.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmb.errors import (
+    BodyFileError,
+    FlexmbError,
+    FlexmbWarning,
+    MaterialError,
+    MeshError,
+    Problem,
+    ReductionError,
+    SceneError,
+    nearest,
+)
+from flexmb.folders import output_folder, writable_folder
+from flexmb.model.bodies.body import FlexbodySpec
+from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.progress import Progress, silent
+from flexmb.workflow.run_report import CheckOutcome, check_frequencies
+
+if TYPE_CHECKING:
+    from flexmb.fe import Stopwatch, Survey
+    from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
+
+_PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
+_DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
+_MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
+
+
+@dataclass(frozen=True)
+class ReducedBody:
+    """A flexible body, its file, and on request the report on its quality."""
+
+    body: FlexBody
+    path: Path
+    report: Any = None  # a QualityReport of the finite-element half
+
+
+@dataclass(frozen=True)
+class ReducedScene:
+    """The flexible bodies of a scene."""
+
+    bodies: tuple[ReducedBody, ...]
+    notes: list[str] = field(default_factory=list)
+    checks: list[CheckOutcome] = field(default_factory=list)
+
+
+def flexible_bodies(
+    model: Model,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    only: Collection[str] | None = None,
+    inspect: Callable[..., None] | None = None,
+    progress: Progress = silent,
+) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:
+    """The reduced bodies of a model by name, their files in `folder`, and notes for the user.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    folder : Path
+        Folder of the files.
+    fresh : bool
+        Reduce meshes again even if an equal reduction is there.
+    only : collection of str, optional
+        Bodies to take; all by default.
+    inspect : callable, optional
+        Called with all that a reduction makes, as `flexmb.reduce` does; no body is reused then.
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    MeshError, MaterialError, ReductionError, BodyFileError
+        All that is wrong with the bodies; the class is that of the first mistake.
+    """
+    from flexmb.flexbody import save
+
+    bodies: dict[str, FlexBody] = {}
+    files: dict[str, Path] = {}
+    notes: list[str] = []
+    errors: list[tuple[str, FlexmbError]] = []
+    for name, file in _body_files(model.bodies, folder).items():
+        spec = model.bodies[name]
+        if only is not None and name not in only:
+            continue
+        try:
+            if isinstance(spec, MeshBodySpec):
+                stored = None if fresh or inspect else _stored_body(model, name, file, notes)
+                bodies[name] = stored or _reduce_body(model, name, inspect, notes, progress)
+                if stored is None:
+                    save(bodies[name], file)
+            elif isinstance(spec, FlexbodySpec):
+                bodies[name] = _loaded_body(model, spec)
+                save(bodies[name], file)
+            else:
+                continue
+        except _MISTAKES as error:
+            errors.append((name, error))
+        files[name] = file
+    if errors:
+        problems = [problem for name, error in errors for problem in _under(name, error.problems)]
+        raise type(errors[0][1]).from_problems(problems)
+    return bodies, files, notes
+
+
+def _body_files(bodies: Iterable[str], folder: Path) -> dict[str, Path]:
+    """A file for each body, with names that differ and are allowed on every system.
+
+    Windows and macOS take "Rod" and "rod" for the same file, and Windows reserves some names,
+    whatever their ending.
+    """
+    files: dict[str, Path] = {}
+    taken = set(_DEVICES)
+    for body in bodies:
+        stem = body
+        while stem.casefold() in taken:
+            stem += "_"
+        taken.add(stem.casefold())
+        files[body] = folder / f"{stem}.flexbody.h5"
+    return files
+
+
+def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
+    """What the reduction of each mesh will find, by body, and the problems of all bodies."""
+    from flexmb import fe
+
+    problems: list[Problem] = []
+    surveys: dict[str, Survey] = {}
+    for name, spec in model.bodies.items():
+        if isinstance(spec, MeshBodySpec):
+            mesh, options = _reduction_input(model, name)
+            surveys[name] = fe.survey(mesh, **options)
+            problems += _under(name, surveys[name].problems)
+        elif isinstance(spec, FlexbodySpec):
+            try:
+                _loaded_body(model, spec)
+            except (BodyFileError, ReductionError) as error:
+                problems += _under(name, error.problems)
+    return surveys, problems
+
+
+def bodies_of_surveys(
+    model: Model, surveys: Mapping[str, Survey], folder: Path | None = None
+) -> tuple[dict[str, FlexBody], list[str]]:
+    """The flexible bodies as far as they are there without a reduction, and names of the others.
+
+    A body in `folder` is taken if it was made from the same input. In place of another mesh stands
+    a rigid body with its interfaces and nodes: it defines where joints are, not its inertia.
+    """
+    from flexmb.flexbody import Interface, rigid_body
+    from flexmb.flexbody.parts import NodeModes
+
+    bodies: dict[str, FlexBody] = {}
+    rigid: list[str] = []
+    for name, file in _body_files(model.bodies, folder or Path()).items():
+        spec = model.bodies[name]
+        if isinstance(spec, FlexbodySpec):
+            bodies[name] = _loaded_body(model, spec)
+        elif isinstance(spec, MeshBodySpec):
+            stored = None if folder is None else _stored_body(model, name, file, [])
+            if stored is not None:
+                bodies[name] = stored
+                continue
+            rigid.append(name)
+            survey = surveys[name]
+            no_modes, n = np.zeros((3, 0)), len(survey.points)
+            interfaces = tuple(
+                Interface(k, x, no_modes, no_modes) for k, x in survey.interfaces.items()
+            )
+            modes = np.zeros((n, 3, 0))
+            nodes = NodeModes(np.arange(n), survey.points, modes, modes, survey.groups)
+            body = rigid_body(survey.mass or 1.0, inertia=survey.mass or 1.0, name=name)
+            bodies[name] = replace(body, interfaces=interfaces, nodes=nodes)
+    return bodies, rigid
+
+
+def _loaded_body(model: Model, spec: FlexbodySpec) -> FlexBody:
+    """A body from its file or an object; with its modes in the plane of a planar scene."""
+    from flexmb.flexbody import load
+    from flexmb.flexbody.planar_body import planar_body
+    from flexmb.model.plane import normal_in_body
+
+    source = spec.flexbody
+    body = load(model.path(source)) if isinstance(source, str) else source
+    return body if model.plane is None else planar_body(body, normal_in_body(spec, model.plane))
+
+
+def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
+    """The problems with their place in the scene in front."""
+    fields = MeshBodySpec.model_fields
+    full = []
+    for problem in problems:
+        place, what = problem.where, problem.what
+        if not place:  # a sentence that begins with its place
+            front, _, rest = what.partition(": ")
+            place, what = (front, rest) if front.split(".")[0] in fields else ("", what)
+        gap = "." if place.split(".")[0] in fields else ": " if place else ""
+        full.append(Problem(f"bodies.{name}{gap}{place}", what, problem.allowed, problem.nearest))
+    return full
+
+
+def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
+    """The mesh of a body, a path or a table, and the options of its reduction."""
+    from flexmb.model.plane import plane_in_body
+
+    spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
+    options = spec.words() | {"name": name}
+    if model.plane is not None:
+        options["plane"] = plane_in_body(spec, model.plane)
+    if isinstance(spec.modes, str):
+        options["modes"] = str(model.path(spec.modes))
+    if isinstance(spec.mesh, str):
+        return model.path(spec.mesh), options
+    return spec.mesh.model_dump(exclude_none=True), options
+
+
+def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:
+    """The body in the file, if it was made from the same input."""
+    from flexmb import fe
+    from flexmb.flexbody import load
+
+    if not file.exists():
+        return None
+    try:
+        body = load(file)
+    except BodyFileError:
+        return None  # of another version, or cut off: reduced again
+    mesh, options = _reduction_input(model, name)
+    if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+        return None
+    notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
+    notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
+    return body
+
+
+def _reduce_body(
+    model: Model,
+    name: str,
+    inspect: Callable[..., None] | None,
+    notes: list[str],
+    progress: Progress,
+) -> FlexBody:
+    from flexmb import fe
+
+    mesh, options = _reduction_input(model, name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FlexmbWarning)
+        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
+    notes += [f"{name}: {entry.message}" for entry in caught]
+    return body
+
+
+def reduce_mesh(
+    mesh: str | Path,
+    *,
+    material: Any,
+    interfaces: Mapping[str, Any] | None = None,
+    sections: Mapping[str, Any] | None = None,
+    output: str | Path | None = None,
+    report: bool = False,
+    up_to: float | None = None,
+    progress: Progress = silent,
+    **options: Any,
+) -> ReducedBody:
+    """Reduce a mesh to a flexible body and save it (`<mesh>.flexbody.h5` by default).
+
+    Parameters
+    ----------
+    mesh : path
+        The mesh file.
+    material, interfaces, sections, **options
+        As for :func:`flexmb.reduce`.
+    output : path, optional
+        The file.
+    report : bool
+        Whether to compare the body with the full model, which takes about as long again.
+    up_to : float, optional
+        Compare frequencies up to this one [Hz].
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message.
+    """
+    from flexmb import fe
+    from flexmb.flexbody import save
+
+    reports: dict[str, Any] = {}
+    watch = fe.Stopwatch(progress)
+    body = fe.reduce(
+        mesh,
+        material=material,
+        interfaces=interfaces or {},
+        sections=sections or None,
+        progress=watch,
+        inspect=_quality_inspector(reports, up_to, watch) if report else None,
+        **options,
+    )
+    path = Path(output) if output is not None else Path(f"{Path(mesh).stem}.flexbody.h5")
+    return ReducedBody(body, save(body, path), reports.get(body.name))
+
+
+def reduce_scene(
+    path: str | Path,
+    *,
+    body: str | None = None,
+    output: str | Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    fresh: bool = False,
+    report: bool = False,
+    up_to: float | None = None,
+    progress: Progress = silent,
+) -> ReducedScene:
+    """Reduce the flexible bodies of a scene into its output folder, as a run would.
+
+    Parameters
+    ----------
+    path : path
+        The scene.
+    body : str, optional
+        Only this one.
+    output : path, optional
+        Folder; `out/<name of the scene's folder>` by default.
+    overrides : mapping of str to str, optional
+        Parameters or knobs to change.
+    fresh : bool
+        Reduce again even if an equal reduction is there.
+    report : bool
+        Whether to compare the bodies with their full models; they are reduced again then.
+    up_to : float, optional
+        Compare frequencies up to this one [Hz].
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message.
+    """
+    from flexmb.fe import Stopwatch
+    from flexmb.model import load_scene
+
+    path = Path(path)
+    model = load_scene(path, dict(overrides or {}))
+    names = _select_bodies(model, body)
+    folder = writable_folder(Path(output) if output is not None else output_folder(path))
+    reports: dict[str, Any] = {}
+    watch = Stopwatch(progress)
+    inspect = _quality_inspector(reports, up_to, watch) if report else None
+    bodies, files, notes = flexible_bodies(
+        model, folder, fresh=fresh, only=names, inspect=inspect, progress=watch
+    )
+    reduced = tuple(ReducedBody(bodies[k], files[k], reports.get(k)) for k in bodies)
+    return ReducedScene(reduced, notes, check_frequencies(model, bodies))
+
+
+def _select_bodies(model: Model, body: str | None) -> tuple[str, ...]:
+    flexible = tuple(name for name, spec in model.bodies.items() if spec.flexible)
+    if flexible and body in (None, *flexible):
+        return flexible if body is None else (body,)
+    what = f'there is no flexible body "{body}"' if flexible else "the scene has no flexible body"
+    near = nearest(str(body), flexible) if body is not None else ()
+    raise SceneError.from_problems([Problem("bodies", what, flexible, near)])
+
+
+def _quality_inspector(
+    reports: dict[str, Any], up_to: float | None, watch: Stopwatch
+) -> Callable[..., None]:
+    """A function to be called by :func:`flexmb.reduce`, which adds a report by body name."""
+
+    def inspect(fe: Any, basis: Any, modes: Any, body: Any, mirror: Any) -> None:
+        from flexmb.fe.reduction.quality_report import quality_report
+
+        phases = watch.lap()
+        reports[body.name] = quality_report(
+            fe, basis, modes, body, up_to, mirror=mirror, phases=phases, progress=watch
+        )
+
+    return inspect

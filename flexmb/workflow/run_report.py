@@ -1,0 +1,163 @@
+"""The report of a run: files, pictures, statistics, notes, known answers of the scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmb.errors import SolverError
+from flexmb.progress import Progress
+
+if TYPE_CHECKING:
+    from flexmb.analysis.dynamics.analysis import Outcome
+    from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+
+@dataclass(frozen=True)
+class CheckOutcome:
+    """A known answer of a scene and the computed value, in the scene's units.
+
+    ``sensor`` is the channel, or the number of a natural frequency and its body; a frequency has no
+    time.
+    """
+
+    sensor: str
+    time: float | None
+    value: float
+    expected: float
+    tolerance: float
+    source: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value lies within the tolerance."""
+        return abs(self.value - self.expected) <= self.tolerance
+
+    def place(self, unit: str) -> str:
+        """The sensor and its time, for a sentence."""
+        return self.sensor if self.time is None else f"{self.sensor} at t = {self.time:g} {unit}"
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """Files and figures of a run."""
+
+    output: Path
+    result: Path
+    flexbodies: dict[str, Path]
+    picture: Path | None = None
+    history: Path | None = None
+    statistics: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    checks: list[CheckOutcome] = field(default_factory=list)
+    resumable: bool = True
+
+
+def report_run(
+    model: Model,
+    run: Result,
+    outcome: Outcome,
+    notes: list[str],
+    *,
+    pictures: bool,
+    progress: Progress,
+) -> RunReport:
+    """Draw a run and compare it with the known answers of its scene.
+
+    Raises
+    ------
+    SolverError
+        The run failed; it is drawn all the same.
+    """
+    from flexmb.flexbody import load
+
+    notes = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
+    picture, history = _draw(run, progress) if pictures else (None, None)
+    if pictures and len(run.time) and not run.has_columns("q"):
+        notes.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
+    if outcome.status == "failed":
+        rows = f"{run.path} keeps the {len(run.time)} outputs until then"
+        raise SolverError(f"{outcome.message}; {rows}")
+    bodies = {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
+    checks = [*_check_sensors(model, run), *check_frequencies(model, bodies)]
+    return RunReport(
+        run.path.parent,
+        run.path,
+        run.flexbodies,
+        picture,
+        history,
+        dict(run.statistics),
+        notes,
+        checks,
+    )
+
+
+def _draw(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
+    """Picture and history of a run that has at least one output, of what it stored."""
+    from flexmb.view import plot_history, render
+
+    if not len(run.time):
+        return None, None
+    folder = run.path.parent
+    picture = history = None
+    if run.has_columns("q"):
+        progress("picture", 0.0)
+        picture = render(run, output=folder / "picture.png")
+        progress("picture", 1.0)
+    if run.channels():
+        progress("history", 0.0)
+        history = plot_history(run, output=folder / "history.png")
+        progress("history", 1.0)
+    return picture, history
+
+
+def _check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
+    """The scene's known answers at their times, by interpolation between outputs.
+
+    A check that a run did not reach has the value NaN, and fails; of a run that the user stopped
+    it is left out.
+    """
+    outcomes = []
+    for check in model.checks:
+        unit = model.channel_unit(check.sensor) or ""
+        expected = model.units.written(check.value, unit)
+        tolerance = model.units.written(check.tolerance, unit)
+        time = model.units.written(check.time, "s")
+        reached = len(run.time) and time <= run.time[-1] * (1 + 1e-9) + 1e-12
+        if not reached and run.status == "stopped":
+            continue
+        value = float(np.interp(time, run.time, run[check.sensor])) if reached else math.nan
+        outcomes.append(CheckOutcome(check.sensor, time, value, expected, tolerance, check.source))
+    return outcomes
+
+
+def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[CheckOutcome]:
+    """One outcome for each known natural frequency of these bodies; a missing mode gives NaN."""
+    from flexmb.flexbody.natural_modes import natural_frequencies
+
+    outcomes = []
+    for check in model.frequency_checks:
+        if check.body not in bodies:
+            continue
+        frequencies = natural_frequencies(bodies[check.body], check.held)
+        missing = check.mode > len(frequencies)
+        value = math.nan if missing else float(frequencies[check.mode - 1])
+        support = f"{', '.join(check.held)} held" if check.held else "free"
+        outcomes.append(
+            CheckOutcome(
+                f"frequency {check.mode} of {check.body}, {support}",
+                None,
+                model.units.written(value, "Hz"),
+                model.units.written(check.value, "Hz"),
+                model.units.written(check.tolerance, "Hz"),
+                check.source,
+            )
+        )
+    return outcomes
