@@ -167,8 +167,8 @@ def test_mistakes_of_all_kinds_come_at_once(tmp_path):
     done = CliRunner().invoke(app, ["check", str(path)])
     places = [line.removeprefix("error: ").split(": ")[0] for line in done.stderr.splitlines()]
     assert places == [
-        "bodies.rod.interfaces.root",
         "bodies.rod.masses.lump.at",
+        "bodies.rod.interfaces.root",
         "bodies.rod.loads.blow.group",
     ]
 
