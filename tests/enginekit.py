@@ -21,7 +21,7 @@ from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels import stages
 from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.sensors.sensor import read_channels
+from flexmb.engine.sensors.sensor import read_channels
 from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_state, new_work
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine import initial_conditions, kinematics_loop, march
+from flexmb.engine.functions.function import run_program
 from flexmb.engine.initial_conditions import (
     ACCELERATIONS,
     BEGIN,
@@ -13,7 +14,6 @@ from flexmb.engine.initial_conditions import (
 )
 from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
-from flexmb.engine.kernels.functions.function import run_program
 from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import Method

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,11 @@ from flexmb.engine.bodies.rigid_body import mass_properties
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.bodies.body import RigidBodySpec
-from flexmb.model.bodies.markers import PlacedMarker
+from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.forces.contact import PointsSide, nodes_of
 from flexmb.model.model import Model
-from flexmb.model.values.names import GROUND
-from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.orientation import rotation_matrix, triad
 
 Array = NDArray[np.float64]
 
@@ -52,13 +53,37 @@ class Geometry:
         """Axes (3, 3) of a marker."""
         return marker_frame(self.model, marker)[1]
 
+    def turned(self, marker: PlacedMarker, R: Array) -> PlacedMarker:
+        """The marker with axes R (3, 3)."""
+        return replace(marker, R=body_axes(self.model, marker.body).T @ R)
+
+    def normal_to(self, direction: Array) -> Array:
+        """A unit vector (3,) at right angles to a unit vector."""
+        return triad(tuple(direction))[:, 0]
+
+    def contact_points(self, reference: str, side: PointsSide) -> Iterator[PlacedMarker]:
+        """Markers at the points or mesh nodes of one side of a contact."""
+        body = split_reference(reference)[0]
+        flexbody = None
+        if body != GROUND:
+            flexbody = lookup.flexbody_of(self.model, body, self.flexbodies)
+        if side.points is not None:
+            for point in side.points:
+                yield place(body, MarkerSpec(position=point), flexbody)
+            return
+        assert flexbody is not None  # checked with the model
+        for node in nodes_of(flexbody, side):
+            yield place(body, MarkerSpec(node=int(node)), flexbody)
+
 
 def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
     """Global position (3,) and axes (3, 3) of a marker in the initial pose."""
-    A = np.eye(3)
-    if marker.body != GROUND:
-        A = rotation_matrix(model.bodies[marker.body].orientation)
-    return lookup.global_position(model, marker), A @ marker.R
+    return lookup.global_position(model, marker), body_axes(model, marker.body) @ marker.R
+
+
+def body_axes(model: Model, body: str) -> Array:
+    """Axes (3, 3) of a body in the initial pose, global."""
+    return np.eye(3) if body == GROUND else rotation_matrix(model.bodies[body].orientation)
 
 
 def model_length(

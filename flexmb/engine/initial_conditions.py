@@ -12,7 +12,6 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
-from flexmb.engine.kernels.sensors.sensor import count_turns
 from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
@@ -27,6 +26,7 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5

@@ -1,8 +1,8 @@
 """Kinds: what a model may hold, and which units each kind brings.
 
 Three modules list them: `engine.kinds` what takes part in the stages of the equations,
-`engine.row_kinds` the constraint rows of joints and drivers, `engine.sensor_kinds` the measures and
-channels of sensors. A kind is declared once, in the file of its kernels; what walks over rows,
+`engine.row_kinds` the constraint rows of joints and drivers, `engine.sensor_kinds` the
+sensors. A kind is declared once, in the file of its kernels; what walks over rows,
 terms or channels calls its units through a table, by its number there, and names none of them. A
 scene loads and compiles only the units of what it holds.
 
@@ -63,11 +63,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from flexmb.engine.jit import Unit
-
-__all__ = ["ChannelKind", "Couple", "Kind", "Measure", "RowKind"]
 
 Couple = tuple[str, str, str]
 """Field of a row with the LINK of two bodies, and the fields of the two markers that it couples."""
@@ -197,3 +195,39 @@ class ChannelKind:
     value: Unit
     reads: str
     counts_turns: bool = False
+
+
+GLOBAL_AXES = -1
+"""In place of the marker whose axes a term or a channel has."""
+
+
+class Term(NamedTuple):
+    """A term of a channel as `tables.TERM` says, but for its channel."""
+
+    measure: Measure
+    kind: int  # of a row, -1
+    I: int  # noqa: E741
+    J: int
+    a: int
+    b: int = 0
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class SensorKind:
+    """One kind of sensors.
+
+    Attributes
+    ----------
+    types : tuple of str
+        Types of sensors in a scene.
+    add : callable
+        Adds the channels of one sensor (`engine.sensors.sensor.Channels`, its specification).
+    measures, channels : tuple
+        The measures and kinds of channels that it brings.
+    """
+
+    types: tuple[str, ...]
+    add: Callable[..., None]
+    measures: tuple[Measure, ...] = ()
+    channels: tuple[ChannelKind, ...] = ()

@@ -18,7 +18,6 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_history,
     begin_run,
@@ -47,6 +46,7 @@ from flexmb.engine.kinematics_point import (
     solve_velocities_accelerations,
 )
 from flexmb.engine.method import FINE, NOT_FINITE
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
 # What the loop is asked for.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:  # files of kernels import this one
     from flexmb.engine.bodies.marker import MarkerTable
@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # files of kernels import this one
     from flexmb.engine.tables import Functions
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
+    from flexmb.model.sensors.sensor import ReactionSensorSpec
 
 
 class Element(NamedTuple):
@@ -93,6 +94,35 @@ class Lowering:
 
     def __post_init__(self) -> None:
         self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
+
+    def forces(self, *types: str) -> Iterator[tuple[str, Any]]:
+        """Forces of the scene of these types, by name."""
+        for name, spec in self.model.forces.items():
+            if spec.type in types:  # type: ignore[attr-defined]
+                yield name, spec
+
+    def add_element(
+        self, name: str, kind: str, row: int, n: int = 1, reversed: bool = False
+    ) -> None:
+        """Note where a force stands, for sensors of its wrench."""
+        self.elements[f"forces.{name}"] = Element(kind, row, n, reversed)
+
+    def element(self, spec: ReactionSensorSpec) -> Element:
+        """Where the element stands whose wrench a sensor reads."""
+        for section, name in (
+            ("joints", spec.joint),
+            ("drivers", spec.driver),
+            ("forces", spec.force),
+            ("couplers", spec.coupler),
+        ):
+            k = -1 if name is None else self.groups.numbers.get(f"{section}.{name}", -1)
+            if k >= 0:
+                return Element("joints", k, 1, k in self.groups.reversed)
+        return self.elements[f"forces.{spec.force}"]
+
+    def add_action(self, program: int, kind: str, row: int, on: int, a: int, marker: int) -> None:
+        """Note where a function acts."""
+        self.actions.append(Action(program, kind, row, on, a, marker))
 
     def remember(self, n: int) -> int:
         """Room for n numbers of history; returns the first place."""

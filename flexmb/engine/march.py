@@ -18,7 +18,6 @@ from flexmb.engine.events import accept_events, begin_events, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
-from flexmb.engine.kernels.sensors.sensor import count_turns, read_channels
 from flexmb.engine.kernels.stages import (
     begin_run,
     constraint_stage,
@@ -36,6 +35,7 @@ from flexmb.engine.method import (
     NOT_FINITE,
     TOO_SMALL,
 )
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 from flexmb.engine.time_events import cross_time_event
 

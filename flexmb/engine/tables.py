@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.kernels.functions.function import FunctionTable
 from flexmb.engine.records import Integers, Matrix, Vector, array_of
-from flexmb.engine.sensor_tables import Sensors
 
 if TYPE_CHECKING:
     from flexmb.model.functions.expression import Expression, Ops
@@ -66,6 +64,43 @@ MARKER = np.dtype(
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
         ("R", _F, (3, 3)),  # marker axes in body axes, undeformed
+    ],
+    align=True,
+)
+
+# One channel: `what` it is, a number in `sensor_kinds`. Of terms: `n` terms from `first` on; number
+# `a` of three turning angles. WRENCH: of row `first` (`n` rows from there on) of a kind, by its
+# number among those with an element wrench; force or moment (`quantity` 0, 1) on marker J or I
+# (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
+# ENERGY: number `first` of the energies. BODY_ENERGY: of body `n`. EXPRESSION: program `first` over
+# channels. STATE, PLACE_RATE: velocity coordinate `first`. PLACE: position coordinate `first`.
+CHANNEL = np.dtype(
+    [
+        ("what", _I),
+        ("first", _I),
+        ("n", _I),
+        ("side", _I),
+        ("quantity", _I),
+        ("axes", _I),
+        ("a", _I),
+        ("kind", _I),
+    ],
+    align=True,
+)
+
+# One term of a channel, times a factor: a measure by its number in `sensor_kinds`, between markers
+# I and J. As a row measures, or a derivative of it: kind and axes a and b of the row; a motion of J
+# along axis a of I (-1: global); angle b of three, a being the code of the axes.
+TERM = np.dtype(
+    [
+        ("measure", _I),
+        ("kind", _I),  # of a row, -1
+        ("I", _I),
+        ("J", _I),
+        ("a", _I),
+        ("b", _I),
+        ("channel", _I),  # that it is part of
+        ("factor", _F),
     ],
     align=True,
 )
@@ -203,6 +238,25 @@ class Kkt(NamedTuple):
     links: array_of(LINK)
     place: Integers  # (nv + nc,) permuted index of each unknown; one past the end: left out
     column: Integers  # (nv,) column in its panel, -1: left out
+
+
+class Sensors(NamedTuple):
+    """Channels, those of the results first, then states that only expressions read."""
+
+    channels: array_of(CHANNEL)
+    terms: array_of(TERM)
+    programs: FunctionTable  # over channels by number
+
+
+class FunctionTable(NamedTuple):
+    """Programs of all functions of a system, one after the other."""
+
+    ops: array_of("i4")  # (n,) operation codes
+    args: Vector  # (n,) argument of CONST and POWC, place of PIECEWISE, number of VAR
+    start: array_of("i4")  # (k + 1,) where program k begins and ends
+    depth: int  # rows of stack that the deepest program needs
+    data: Vector  # (m,) piecewise polynomials, one after the other
+    live: array_of("i4")  # (k,) 1: it has variables, and is evaluated where they are known
 
 
 class System(NamedTuple):

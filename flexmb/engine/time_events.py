@@ -27,7 +27,7 @@ from flexmb.engine.method import (
 )
 from flexmb.engine.state import Run
 
-# The first step after an event, over the last one that was free: estimates begin anew.
+# The first step after an event, over the last one that was free: estimates begin again.
 _RESTART = 0.1
 
 

@@ -41,6 +41,7 @@ _IMPORT = re.compile(
     r"|import\s+(flexmb\.engine[\w.]*))",
     re.MULTILINE,
 )
+_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ ].*\n|\n)+", re.MULTILINE)
 _UNUSED_DAYS = 30.0
 _FORMAT = "flexmb unit 1"
 
@@ -60,10 +61,10 @@ def file_of(module: str) -> Path | None:
 
 @functools.cache
 def _source(file: Path) -> tuple[str, tuple[str, ...]]:
-    """Hash of a source file, and the modules of the engine that it imports."""
+    """Hash of a source file, and the modules of the engine that it imports to run."""
     data = file.read_bytes()
     modules: set[str] = set()
-    for package, names, plain in _IMPORT.findall(data.decode()):
+    for package, names, plain in _IMPORT.findall(_FOR_TYPES.sub("", data.decode())):
         modules.add(package or plain)
         for name in re.findall(r"\w+", names):
             if package and file_of(f"{package}.{name}") is not None:

@@ -11,8 +11,8 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.kernels.forces.contact_force import BALL, BORE, CYLINDER, PLANE
-from flexmb.engine.kernels.forces.friction import BRISTLE, NO_FRICTION, SMOOTH
+from flexmb.engine.forces.contact_geometry import BALL, BORE, CYLINDER, PLANE
+from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size
 KINDS = {"ball": BALL, "plane": PLANE, "cylinder": CYLINDER, "bore": BORE}

@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.kernels.forces.friction import BRISTLE, SMOOTH
+from flexmb.engine.forces.friction import BRISTLE, SMOOTH
 from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")

@@ -15,10 +15,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from truthkit import run
 
-from flexmb.engine.compile.forces.hertz import hertz_stiffness
+from flexmb.engine.forces.normal_force import damping_factor, hertz_stiffness
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
-from flexmb.model.forces.contact import damping_factor
 
 G, R, M = 9.81, 0.1, 1.0
 BALL = {"mass": M, "inertia": [0.4 * M * R * R] * 3}

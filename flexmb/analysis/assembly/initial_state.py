@@ -32,8 +32,8 @@ from flexmb.engine.entries import (
     VELOCITIES,
     solve_level,
 )
-from flexmb.engine.kernels.forces.characteristic import COORDINATE_OF, DISTANCE_OF
-from flexmb.engine.kernels.forces.force_characteristic import FORCE_CHARACTERISTICS
+from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
+from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System

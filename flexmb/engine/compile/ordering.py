@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from flexmb.engine.bodies.flexible_body import modal_block
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
-from flexmb.engine.compile.sensors import feedback, sensor
 from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
@@ -23,18 +22,20 @@ from flexmb.engine.joints.constraint_groups import (
     scalar_coordinates,
 )
 from flexmb.engine.joints.coordinate import coordinate_table
+from flexmb.engine.joints.joint import measured_coordinate
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.lowering import Lowering, Placement
-from flexmb.engine.sensor_kinds import WRENCH
-from flexmb.engine.sensor_tables import Feedback, Sensors
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS, SENSOR_KINDS
+from flexmb.engine.sensors import feedback
+from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool
+from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.bodies.body import BodySpec, RigidBodySpec
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
-from flexmb.model.sensors.channels import resolved, states_of
+from flexmb.model.sensors.channels import channel_program, resolved, states_of
 
 Table = NDArray[np.void]
 
@@ -126,7 +127,15 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
-    sensors, numbers = sensor.sensor_tables(lowering, reading, ivs, (nq + before, nv + before))
+    channels = Channels(
+        lowering,
+        SENSOR_KINDS,
+        reading,
+        (nq + before, nv + before),
+        lambda spec: measured_coordinate(lowering.geometry, spec),
+        lambda name: channel_program(model, name),
+    )
+    sensors, numbers = sensor_tables(channels, ivs)
     acting = [k.name for k in KINDS if "unit_force" in k.units and k.name in kinds]
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
     if signals is not None:
@@ -152,10 +161,12 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
     return table
 
 
-def _frame_reactions(lowering: Lowering, sensors: Sensors, acting: Feedback, joints: int) -> None:
+def _frame_reactions(
+    lowering: Lowering, sensors: Sensors, acting: feedback.Feedback, joints: int
+) -> None:
     """The axes of joints matter whose reactions act, in their axes, while the model moves."""
     for channel in sensors.channels[acting.channels]:
-        if channel["what"] == WRENCH and channel["kind"] == joints:
+        if CHANNEL_KINDS[channel["what"]] is WRENCH and channel["kind"] == joints:
             for row in lowering.groups.in_group(int(channel["first"])):
                 lowering.markers.framed |= {row.I, row.J}
 

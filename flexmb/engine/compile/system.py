@@ -19,23 +19,28 @@ from flexmb.engine.compile.ordering import (
     normal_axis,
     order_equations,
 )
-from flexmb.engine.compile.sensors import feedback
-from flexmb.engine.functions import lower
+from flexmb.engine.functions.function import PIECEWISE, TimeFunctions, lower
 from flexmb.engine.geometry import body_weights, initial_positions, model_length
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.joints.constraint_groups import row_table, row_weights
 from flexmb.engine.joints.coordinate import Coordinates, unit_weight
 from flexmb.engine.joints.curve_marker import Contact, CurveMarkers
 from flexmb.engine.joints.point_joint import PointJoints
-from flexmb.engine.kernels.functions.function import PIECEWISE, FunctionTable
-from flexmb.engine.kernels.functions.time_function import TimeFunctions
-from flexmb.engine.kernels.sensors.row_measure import JointAngles
-from flexmb.engine.kernels.sensors.turning import TurningAngles
 from flexmb.engine.lowering import Element
 from flexmb.engine.row_kinds import POINT
-from flexmb.engine.sensor_kinds import JOINT_ANGLE, TURNING_CHANNEL
-from flexmb.engine.sensor_tables import Sensors
-from flexmb.engine.tables import ENERGIES, BodyColumns, Layout, Parts, System
+from flexmb.engine.sensor_kinds import CHANNEL_KINDS
+from flexmb.engine.sensors.feedback import Start
+from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLE, JointAngles
+from flexmb.engine.sensors.orientation_angles import TURNING_CHANNEL, TurningAngles
+from flexmb.engine.tables import (
+    ENERGIES,
+    BodyColumns,
+    FunctionTable,
+    Layout,
+    Parts,
+    Sensors,
+    System,
+)
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar_body import planar_body
@@ -62,7 +67,7 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
-    starts: tuple[feedback.Start, ...] = ()  # of the states
+    starts: tuple[Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
 
@@ -173,8 +178,9 @@ def core_tables(
     coincident = rows["kind"] == POINT
     others = coincident & ~np.repeat(points, groups["n"])
     channels = sensors.channels
-    angles = np.flatnonzero(channels["what"] == JOINT_ANGLE)
-    turning = np.flatnonzero((channels["what"] == TURNING_CHANNEL) & (channels["a"] == 0))
+    angles = np.flatnonzero(channels["what"] == CHANNEL_KINDS.index(JOINT_ANGLE))
+    turning = channels["what"] == CHANNEL_KINDS.index(TURNING_CHANNEL)
+    turning = np.flatnonzero(turning & (channels["a"] == 0))
     tables = {
         "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
         "coordinates": (Coordinates(), len(parts.coordinates)),

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.geometry import marker_frame
+from flexmb.engine.geometry import Ends, Geometry, marker_frame
 from flexmb.engine.row_kinds import (
     ANGLE,
     DISTANCE,
@@ -36,6 +36,7 @@ from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
 from flexmb.model.plane import across, plane_axes
+from flexmb.model.sensors.sensor import JointSensorSpec
 from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix
 
@@ -84,6 +85,20 @@ the second angle: of J about its own axis against the cross, 0 where the first a
 def driver_row(joint: str, coordinate: str) -> tuple[int, int, int]:
     """Kind and axes of the row that measures a coordinate of a joint type."""
     return _CROSS_ANGLE if joint == "universal" else DRIVER_ROWS[coordinate]
+
+
+def measured_coordinate(
+    geometry: Geometry, spec: JointSensorSpec
+) -> tuple[Ends, tuple[int, int, int]]:
+    """Markers of a measured joint coordinate, and kind and axes of the row that measures it."""
+    if spec.joint is None:
+        assert spec.between is not None  # one of the two is given
+        return geometry.frames(spec.between, spec.axis), driver_row("", spec.type)
+    I, J = geometry.joint_frames(spec.joint)  # noqa: E741
+    row = driver_row(geometry.model.joints[spec.joint].type, spec.type)
+    if spec.type == "second_angle":
+        return (replace(J, R=J.R @ SECOND_TURN), I), row
+    return (I, J), row
 
 
 def composite_rows(

@@ -32,6 +32,7 @@ from flexmb.model.bodies.option_specs import MaterialField, spec_of, specs_of
 from flexmb.model.values.names import bad_name
 from flexmb.model.values.quantities import Integer, Quantity
 from flexmb.model.values.reading import (
+    NAME,
     Entry,
     Reader,
     Spec,
@@ -41,6 +42,7 @@ from flexmb.model.values.reading import (
     names_of,
     read_entry,
     read_variant,
+    reference,
     under,
 )
 
@@ -99,7 +101,12 @@ def _write_interfaces(value: Mapping[str, Any], info: SerializationInfo) -> dict
     }
 
 
-Interfaces = Annotated[dict[str, Any], Reader(_read_interfaces, _write_interfaces)]
+_INTERFACES = {
+    "type": "object",
+    "additionalProperties": {"anyOf": [NAME, reference(InterfaceSpec)]},
+    "minProperties": 1,
+}
+Interfaces = Annotated[dict[str, Any], Reader(_read_interfaces, _write_interfaces, _INTERFACES)]
 """Name of a marker to the mesh group that carries it, or to an :class:`InterfaceSpec`."""
 
 
@@ -123,7 +130,8 @@ def _write_source(value: Any, info: SerializationInfo) -> Any:
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
-MeshSource = Annotated[Any, Reader(_read_source, _write_source)]
+_MESH = {"anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]}
+MeshSource = Annotated[Any, Reader(_read_source, _write_source, _MESH)]
 """Path of a mesh file, or the table of a simple shape."""
 
 
@@ -147,7 +155,8 @@ def _write_modes(value: Any, info: SerializationInfo) -> Any:
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
-Modes = Annotated[Any, Reader(_read_modes, _write_modes)]
+_MODES = {"anyOf": [{"type": ["integer", "string"], "minimum": 0}, reference(ModesSpec)]}
+Modes = Annotated[Any, Reader(_read_modes, _write_modes, _MODES)]
 """A number of modes, a :class:`ModesSpec`, or the .npz file of the user's own."""
 
 

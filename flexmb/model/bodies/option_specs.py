@@ -29,14 +29,19 @@ from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial
 from flexmb.model.bodies.mass_properties import Inertia
 from flexmb.model.values.quantities import Axis, Integer, Quantity, plain
 from flexmb.model.values.reading import (
+    NAME,
+    NUMBER,
     Entry,
     Reader,
     Spec,
     Variant,
+    choice,
     fail,
     given,
+    list_form,
     names_of,
     read_entry,
+    reference,
     units_of,
 )
 
@@ -122,11 +127,12 @@ def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
     return tuple(Quantity("", "positive").read(item, info) for item in value)
 
 
-GroupName = Annotated[str, Reader(_group_name)]
-NodeOrGroup = Annotated[str | int, Reader(_node_or_group)]
+GroupName = Annotated[str, Reader(_group_name, form=NAME)]
+NodeOrGroup = Annotated[str | int, Reader(_node_or_group, form=NAME)]
 """A group of the mesh, or the number of a node."""
 
-Weights = Annotated[Any, Reader(_weights)]
+_WEIGHTS = {"anyOf": [{"enum": ["uniform", "area"]}, list_form(NUMBER)]}
+Weights = Annotated[Any, Reader(_weights, form=_WEIGHTS)]
 
 
 _UNITS = ("N/m", "N/m", "N/m", "N m/rad", "N m/rad", "N m/rad")
@@ -152,7 +158,8 @@ def _write_stiffness(value: Any, info: SerializationInfo) -> Any:
     return [Quantity(u).write(k, info) for u, k in zip(_UNITS, value, strict=True)]
 
 
-Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness)]
+_STIFFNESS = {"anyOf": [NUMBER, list_form(NUMBER, 6)], "description": "[N/m, N m/rad]"}
+Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness, _STIFFNESS)]
 """One number [N/m], or six [N/m, N m/rad]."""
 
 
@@ -200,11 +207,12 @@ def _write_material(value: AnyMaterial, info: SerializationInfo) -> Any:
     return kind.model_construct(**asdict(value)).model_dump(mode="json", context=info.context)
 
 
-MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material)]
-"""A name of the library, or a table of values in the scene's units."""
-
 MATERIAL_KINDS = specs_of(MATERIALS)
 """What a table of a material may be."""
+_MATERIAL = {"anyOf": [*choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]}
+MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material, _MATERIAL)]
+"""A name of the library, or a table of values in the scene's units."""
+
 
 _KINDS: dict[str, Any] = {
     "group": GroupName,

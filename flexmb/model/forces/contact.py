@@ -197,27 +197,6 @@ class ContactSpec(Component):
         return 0 if self.kinds in PAIRS else 1
 
 
-def damping_factor(restitution: float, law: str) -> float:
-    """chi of a coefficient of restitution in [0, 1].
-
-    >>> damping_factor(1.0, "exact")
-    0.0
-    """
-    e = restitution
-    if e == 1.0:
-        return 0.0
-    if law == "flores":
-        return 8.0 * (1.0 - e) / (5.0 * e)
-    if law == "lankarani-nikravesh":
-        return 0.75 * (1.0 - e * e)
-    low, high = 0.0, 1.0 / e
-    for _ in range(200):  # bisection: beyond the root the left side grows slower than the right one
-        chi = 0.5 * (low + high)
-        more = math.log1p(chi) - math.log1p(-chi * e) if chi * e < 1.0 else math.inf
-        low, high = (chi, high) if chi * (1.0 + e) > more else (low, chi)
-    return 0.5 * (low + high)
-
-
 def _node_problems(scope: Scope, where: str, reference: str, side: PointsSide) -> Iterator[Problem]:
     """Mesh nodes need a body that has them."""
     body = split_reference(reference)[0]

@@ -3,7 +3,7 @@
 Coulomb's law with Stribeck's curve, mu(v) = dynamic + (static - dynamic) exp(-(v/v_s)^2) +
 viscous v. The model "bristle" sticks truly: an elastic spring between the surfaces that begins to
 slide when its force exceeds mu(v) N. "smooth" replaces sticking by a steep slope over speed; it is
-cheap, but creeps under any load. Sources: see :mod:`flexmb.engine.kernels.forces.friction`.
+cheap, but creeps under any load. Sources: see :mod:`flexmb.engine.forces.friction`.
 """
 
 from __future__ import annotations

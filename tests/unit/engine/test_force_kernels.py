@@ -10,9 +10,8 @@ import pytest
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from flexmb.engine.functions import lower, stack_for
-from flexmb.engine.kernels.forces import characteristic, relative_motion
-from flexmb.engine.kernels.functions.function import run_program
+from flexmb.engine.forces import relative_motion, spring_damper
+from flexmb.engine.functions.function import lower, run_program, stack_for
 from flexmb.engine.units import call
 from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse
@@ -32,7 +31,7 @@ def found():
     texts = ("3*x**5 - x**2 + 2", "exp(x)*cos(3*x)")
     table = lower([parse(text, variable="x") for text in texts])
     found["integrals"] = [
-        call(characteristic.integral, table, k, stack_for(table), s)
+        call(spring_damper.integral, table, k, stack_for(table), s)
         for k in (0, 1)
         for s in (-1.3, 2.0)
     ]
@@ -53,7 +52,9 @@ def found():
 
 def read(points, name, places):
     """(places, 3) force, slope and energy of a tabulated law."""
-    made = CharacteristicOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
+    made = CharacteristicOf("x", "m", "N").read_characteristic(
+        {"points": points, "interpolation": name}, {}
+    )
     table = lower([made.expression, made.stored])
     stack = stack_for(table)
     rows = []

@@ -20,8 +20,8 @@ from flexmb.engine import compilation, unit_cache, units
 from flexmb.engine.algebra import ldl
 from flexmb.engine.bodies import motion
 from flexmb.engine.entries import all_units
+from flexmb.engine.functions import function
 from flexmb.engine.jit import UNITS
-from flexmb.engine.kernels.functions import time_function
 from flexmb.engine.units import call, missing_units, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 
@@ -86,12 +86,12 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
         return edited, after
 
     names = json.loads(run_python(NAMES, tmp_path))
-    spring, after = changed("kernels/forces/spring_damper.py", names)
+    bushing, after = changed("forces/bushing.py", names)
     count = len(names)
-    assert 3 <= len(spring) <= 8 < count
-    assert all("spring_damper" in name for name in spring)
+    assert 3 <= len(bushing) <= 8 < count
+    assert all("bushing" in name for name in bushing)
     rotation, _ = changed("algebra/rotation.py", after)
-    assert len(spring) < len(rotation) < count
+    assert len(bushing) < len(rotation) < count
 
 
 def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cache):
@@ -189,7 +189,7 @@ print(numba.config.CACHE_DIR)
 
 def test_units_in_the_registry_are_found_by_their_names():
     assert UNITS[SOLVE] is ldl.solve
-    assert UNITS[time_function.evaluate_functions.name] is time_function.evaluate_functions
+    assert UNITS[function.evaluate_functions.name] is function.evaluate_functions
     assert len({unit.symbol for unit in UNITS.values()}) == len(UNITS)
 
 

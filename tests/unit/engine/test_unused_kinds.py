@@ -9,29 +9,31 @@ from flexmb.engine import units
 from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
-FORCES_OF_TIME = {"forces.load", "functions.time_function"}
-SLIDER_CRANK = {"functions.time_function", "joints.axis_rows", "joints.row", "sensors.channel",
-                "sensors.motion", "sensors.row_measure"}  # fmt: skip
+FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
+SLIDER_CRANK = {"functions.function.evaluate_functions", "joints.axis_rows", "joints.row",
+                "sensors.joint_coordinate", "sensors.marker_motion",
+                "sensors.sensor.sum_of_terms"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
 # are part of units that all scenes call.
 OWN = {
     None: set(),
     "spring": {"forces.damping_tangent", "forces.spring_damper"},
-    "law": {"forces.characteristic", "forces.damping_tangent", "forces.force_characteristic"},
-    "bushing": {"forces.damping_tangent", "forces.relative_motion", "forces.six_component_force"},
-    "contact": {"forces.contact", "forces.contact_force", "forces.contact_tangent",
-                "forces.damping_tangent"},
+    "law": {"forces.damping_tangent", "forces.force_characteristic",
+            "forces.spring_damper.integral"},
+    "bushing": {"forces.bushing", "forces.damping_tangent", "forces.relative_motion"},
+    "contact": {"forces.contact", "forces.damping_tangent"},
     "revolute joint": {"joints.axis_rows", "joints.row"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
                        "joints.row"},
     "line row": {"joints.line_rows"},
     "cam": {"joints.coordinate", "joints.curve_marker"},
-    "expression": FORCES_OF_TIME | {"forces.unit_force", "sensors.channel", "sensors.feedback",
-                                    "sensors.feedback_tangent", "sensors.motion"},
+    "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.marker_motion",
+                                    "sensors.sensor.sum_of_terms"},
     "time event": FORCES_OF_TIME | {"integrators.explicit_rk"},  # under error control
-    "expression sensor": {"sensors.channel", "sensors.motion"},
-    "reaction sensor": {"sensors.channel"},
+    "expression sensor": {"sensors.marker_motion", "sensors.sensor.expression",
+                          "sensors.sensor.sum_of_terms"},
+    "reaction sensor": {"sensors.sensor.wrench"},
     "planar": {"bodies.rigid_body.planar_inertia_forces"},
     "rigid slider-crank": SLIDER_CRANK,
     "flexible": SLIDER_CRANK | {"bodies.flexible_body"},

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.forces.normal_force import damping_factor
 from flexmb.model import Model
-from flexmb.model.forces.contact import damping_factor
 
 
 def scene(units="SI"):

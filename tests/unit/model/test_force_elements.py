@@ -9,7 +9,6 @@ import pytest
 from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.kernels.forces.six_component_force import STIFFNESS
 from flexmb.engine.kinds import KINDS
 from flexmb.model import Model, load_scene
 from flexmb.model.scenes.description import scene_schema
@@ -174,7 +173,7 @@ def test_units_of_stiffness_stops_and_laws(tmp_path):
     """mm, N, N/mm, N mm, N/mm^1.5: in SI, by hand."""
     system = compile_system(scene(tmp_path, MM)).system
     bushings = system.kinds["six_component_forces"]
-    K = bushings.pool[bushings.rows["at"][0] + STIFFNESS :][:36].reshape(6, 6)
+    K = bushings.rows["K"][0]
     np.testing.assert_allclose(np.diag(K), [7e3, 7e3, 7e3, 1e-3, 2e-3, 3e-3])
     gap, stroke, law, table = system.kinds["force_characteristics"].rows
     assert gap["upper"] == pytest.approx(0.12) and stroke["upper"] == pytest.approx(0.02)

@@ -1,11 +1,15 @@
-"""Measures of constraint rows and their derivatives, and joint angles that count turns."""
+"""Coordinates of joints and distances of markers: what constraint rows measure, and derivatives.
+
+Angles count turns: each is the one nearest to that of the last accepted state.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.row import (
     add_row_tangent,
@@ -15,12 +19,16 @@ from flexmb.engine.joints.row import (
     row_value,
     wrapped,
 )
-from flexmb.engine.kernels.sensors.motion import marker_acceleration
-from flexmb.engine.kind import ChannelKind, Kind, Measure
+from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
-from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.row_kinds import DISTANCE, ROW_KINDS
 from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import Sensors
+
+if TYPE_CHECKING:
+    from flexmb.engine.sensors.sensor import Channels
+    from flexmb.model.sensors.sensor import DistanceSensorSpec, JointSensorSpec
 
 
 @unit
@@ -70,6 +78,24 @@ def coordinate_rate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> f
     return 0.0
 
 
+@kernel
+def marker_acceleration(run, at, k, o):
+    """Acceleration (o = 0) or angular acceleration (o = 3) of a marker, global axes."""
+    parts, now, J, vd = run.system.parts, run.work.now, run.work.dense.J[0], at.vd
+    mn, b = now.marker[k], parts.markers[k]["body"]
+    if b < 0:
+        return 0.0, 0.0, 0.0
+    iv, n = parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
+    marker_jacobian(parts, now, k, J)
+    bias = mn["bx"] if o == 0 else mn["bom"]
+    x, y, z = bias[0], bias[1], bias[2]
+    for c in range(n):
+        x += J[o, c] * vd[iv + c]
+        y += J[o + 1, c] * vd[iv + c]
+        z += J[o + 2, c] * vd[iv + c]
+    return x, y, z
+
+
 @unit
 def coordinate_acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """Second derivative of what a row measures."""
@@ -103,6 +129,8 @@ COORDINATE_ACCELERATION = Measure(
     ("gradient", "curvature"),
     ("gradient",),
 )
+ROW_MEASURES = (COORDINATE, COORDINATE_RATE, COORDINATE_ACCELERATION)
+"""What a row measures, by the derivative in time."""
 
 
 class JointAngles(NamedTuple):
@@ -130,3 +158,28 @@ def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
 
 JOINT_ANGLES = Kind("joint_angles", JointAngles, {"angles": carry_joint_angles})
 JOINT_ANGLE = ChannelKind(joint_angle, "terms", counts_turns=True)
+
+
+def add_joint_coordinate(channels: Channels, spec: JointSensorSpec | DistanceSensorSpec) -> None:
+    """A channel of a coordinate of a joint or between markers, or of its rate or acceleration."""
+    lowering, counts_turns = channels.lowering, False
+    if spec.type == "distance":
+        i, j = (lowering.marker(reference) for reference in spec.between)
+        kind, a, b = DISTANCE, 0, 0
+    else:
+        frames, (kind, a, b) = channels.joint_coordinate(spec)
+        i, j = (lowering.markers.add(marker) for marker in frames)
+        counts_turns = ROW_KINDS[kind].period > 0.0 and spec.derivative == 0
+    term = Term(ROW_MEASURES[spec.derivative], kind, i, j, a, b)
+    if counts_turns:
+        channels.add_angle(JOINT_ANGLE, term)
+    else:
+        channels.add_sum([term])
+
+
+JOINT_COORDINATES = SensorKind(
+    ("angle", "second_angle", "stroke", "distance"),
+    add_joint_coordinate,
+    measures=ROW_MEASURES,
+    channels=(JOINT_ANGLE,),
+)

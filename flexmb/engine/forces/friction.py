@@ -2,10 +2,9 @@
 
 μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + v_v v, v the speed of sliding (Stribeck;
 Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristle: an elastic-plastic
-spring s, the state of which is kept from step to step and carried by the surface; with
-T = k s + c v the force is −T while |T| ≤ μ N and −μ N T/|T| beyond, when s shrinks in the same
-ratio (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787; return mapping as in plasticity).
-So what sticks does not creep.
+spring s, an internal variable that the surface carries; with T = k s + c v the force is −T while
+|T| ≤ μ N and −μ N T/|T| beyond, when s shrinks in the same ratio (Dupont et al., IEEE Trans. Autom.
+Control 47 (2002) 787; return mapping as in plasticity). A bristle that sticks does not creep.
 Smooth: −μ N v/√(v² + v₀²), which creeps at any load. In a step of length h the trial bristle
 is s₀ + h v with the velocity of the end (backward Euler), so that stiff bristles come to rest.
 """
@@ -13,9 +12,13 @@ is s₀ + h v with the velocity of the end (backward Euler), so that stiff brist
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from flexmb.engine.algebra.vector import inner, plus, times
 from flexmb.engine.jit import kernel
+
+if TYPE_CHECKING:
+    from flexmb.model.forces.friction import BaseFriction
 
 # Models of friction, and what its history says.
 NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
@@ -34,6 +37,18 @@ FRICTION_FIELDS = (
     ("creep", _F),  # m/s, of the smooth model
     ("history", _I),
 )
+
+
+def friction_parameters(spec: BaseFriction | None) -> tuple[float, ...]:
+    """Numbers of `FRICTION_FIELDS` but the place of the history; None: no friction."""
+    if spec is None:
+        return NO_FRICTION, 0.0, 0.0, math.inf, 0.0, 0.0, 0.0, 1.0
+    static = spec.static_coefficient
+    stribeck = spec.stribeck_speed if static > spec.dynamic else math.inf
+    return (
+        SMOOTH if spec.model == "smooth" else BRISTLE, static, spec.dynamic, stribeck,
+        spec.viscous, spec.stiffness or 0.0, spec.damping, spec.creep_speed or 1.0,
+    )  # fmt: skip
 
 
 @kernel

@@ -3,19 +3,28 @@
 In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and
 second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
 partial derivative is the first derivative with one variable's rate set to 1, less that with all at
-0. Outside the domain of a
-function (logarithm of a negative number, division by zero) the result is not finite; the caller
-reports it. The readable reference is ``flexmb.model.functions.jets``. Stack row:
-(f, df/dt, d2f/dt2).
+0. Outside the domain of a function (logarithm of a negative number, division by zero) the result is
+not finite; the caller reports it. The readable reference is ``flexmb.model.functions.jets``. Stack
+row: (f, df/dt, d2f/dt2).
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.records import Matrix, Vector, array_of
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import Matrix
+from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import FunctionTable
+
+if TYPE_CHECKING:
+    from flexmb.model.functions.expression import Expression
 
 CONST, TIME, NEG, POWC = 0, 1, 2, 3
 ADD, SUB, MUL, DIV, POW, ATAN2, MIN, MAX, HYPOT = 4, 5, 6, 7, 8, 9, 10, 11, 12
@@ -63,15 +72,79 @@ OPCODES = {
 """Names of the operations (those of ``flexmb.model.functions.expression``) to their codes here."""
 
 
-class FunctionTable(NamedTuple):
-    """Programs of all functions of a system, one after the other."""
+_CHANNEL = "@"  # before the name of a channel that an operation loads
 
-    ops: array_of("i4")  # (n,) operation codes
-    args: Vector  # (n,) argument of CONST and POWC, place of PIECEWISE, number of VAR
-    start: array_of("i4")  # (k + 1,) where program k begins and ends
-    depth: int  # rows of stack that the deepest program needs
-    data: Vector  # (m,) piecewise polynomials, one after the other
-    live: array_of("i4")  # (k,) 1: it has variables, and is evaluated where they are known
+
+def lower(
+    expressions: Sequence[Expression], variables: Mapping[str, int] | None = None
+) -> FunctionTable:
+    """Table of the programs of all expressions, in their order.
+
+    Parameters
+    ----------
+    expressions : sequence of Expression
+        One for each function of the system.
+    variables : mapping of str to int, optional
+        Number of each channel that they name.
+
+    Returns
+    -------
+    FunctionTable
+        ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, data (m,),
+        live (k,) int32.
+    """
+    ops = [_code(op) for expression in expressions for op, _ in expression.ops]
+    args, data = _arguments(expressions, variables or {})
+    lengths = [len(expression.ops) for expression in expressions]
+    start = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
+    depth = max((_depth(expression) for expression in expressions), default=1)
+    return FunctionTable(
+        np.array(ops, dtype=np.int32),
+        np.array(args, dtype=np.float64),
+        start.astype(np.int32),
+        depth,
+        data,
+        np.array([bool(expression.channels) for expression in expressions], dtype=np.int32),
+    )
+
+
+def _arguments(
+    expressions: Sequence[Expression], variables: Mapping[str, int]
+) -> tuple[list[float], np.ndarray]:
+    """The argument of every operation, and the piecewise polynomials that some are places of."""
+    args: list[float] = []
+    places: dict[Any, int] = {}
+    size = 0
+    for op, argument in (step for expression in expressions for step in expression.ops):
+        if op.startswith(_CHANNEL):
+            args.append(float(variables[op.removeprefix(_CHANNEL)]))
+        elif op != "piecewise":
+            args.append(argument)  # type: ignore[arg-type]
+        else:
+            if argument not in places:
+                places[argument] = size
+                size += len(argument.data)  # type: ignore[union-attr]
+            args.append(float(places[argument]))
+    return args, np.concatenate([*(pieces.data for pieces in places), np.zeros(1)])
+
+
+def stack_for(table: FunctionTable) -> np.ndarray:
+    """(depth, 3) scratch for evaluating any function of the table."""
+    return np.full((table.depth, 3), np.nan)
+
+
+def _code(op: str) -> int:
+    return VAR if op.startswith(_CHANNEL) else OPCODES[op]
+
+
+def _depth(expression: Expression) -> int:
+    """Rows of stack that a program needs."""
+    depth = deepest = 0
+    for op, _ in expression.ops:
+        code = _code(op)
+        depth += 1 if code <= TIME or code == VAR else -1 if ADD <= code <= HYPOT else 0
+        deepest = max(deepest, depth)
+    return deepest
 
 
 @kernel
@@ -287,3 +360,26 @@ def run_program(table: FunctionTable, k: int, t: float, variables: Matrix, stack
             top -= 1
             _binary(op, stack[top], stack[top + 1])
     return stack[0, 0]
+
+
+class TimeFunctions(NamedTuple):
+    """Functions of time alone (`System.functions`)."""
+
+
+@unit
+def evaluate_functions(run: Run, of: TimeFunctions, at: Point) -> int:
+    """Value and two derivatives at t of every function of time alone, into Constraints.fun."""
+    table, out, stack = run.system.functions, run.work.con.fun, run.work.trial.stack
+    variables, start, ops = run.work.trial.variables, table.start, table.ops
+    for k in range(start.shape[0] - 1):
+        if table.live[k] == 0:
+            first = start[k]
+            if start[k + 1] - first == 1 and ops[first] == CONST:
+                out[k, 0], out[k, 1], out[k, 2] = table.args[first], 0.0, 0.0
+            else:
+                out[k, 0] = run_program(table, k, at.t[0], variables, stack)
+                out[k, 1], out[k, 2] = stack[0, 1], stack[0, 2]
+    return FINE
+
+
+TIME_FUNCTIONS = Kind("time_functions", TimeFunctions, {"functions": evaluate_functions})

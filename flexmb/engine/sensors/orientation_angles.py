@@ -1,4 +1,4 @@
-"""The three angles that turn the axes of one marker into those of another, for any sequence.
+"""Orientation: three angles, in any sequence, from the axes of one marker to those of another.
 
 R = R_Iᵀ R_J = R_i(α) R_j(β) R_k(γ), each turn about the axes that the turns before have left. With
 s = ±1 for the parity of (i, j, third axis): three different axes (Cardan, Bryan) have
@@ -12,17 +12,21 @@ J. Astronaut. Sci. 41 (1993) 439, sec. 6).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.algebra.rotation import cross
 from flexmb.engine.algebra.vector import put
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.row import dot_columns, put_pair, wrapped
-from flexmb.engine.kind import ChannelKind, Kind, Measure
+from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
-from flexmb.engine.sensor_tables import Sensors
 from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import Sensors
+
+if TYPE_CHECKING:
+    from flexmb.engine.sensors.sensor import Channels
+    from flexmb.model.sensors.sensor import OrientationSensorSpec
 
 # Row of FeedbackWork.g with the three angles.
 _ANGLES = 3
@@ -153,3 +157,18 @@ def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
 TURNING_ANGLES = Kind("turning_angles", TurningAngles, {"angles": carry_turning_angles})
 TURNING_ANGLE = Measure(turning_angle, turning_angle_gradient, 0)
 TURNING_CHANNEL = ChannelKind(turning_channel, "terms", counts_turns=True)
+
+
+def add_orientation(channels: Channels, spec: OrientationSensorSpec) -> None:
+    """Three channels of the angles that turn the axes of one marker into those of another."""
+    lowering = channels.lowering
+    i, j = lowering.marker(spec.relative_to or "ground"), lowering.marker(spec.of)
+    first, second, third = ("xyz".index(axis) for axis in spec.sequence)
+    for number in range(3):
+        term = Term(TURNING_ANGLE, -1, i, j, 9 * first + 3 * second + third, number)
+        channels.add_angle(TURNING_CHANNEL, term, number)
+
+
+ORIENTATIONS = SensorKind(
+    ("orientation",), add_orientation, measures=(TURNING_ANGLE,), channels=(TURNING_CHANNEL,)
+)

@@ -1,18 +1,26 @@
-"""Measures of the motion of a marker J along an axis: d·u, d axis a of a marker I or a global one.
+"""Motion of markers: components of positions, velocities and accelerations.
 
-u is the position, the velocity or acceleration, the angular velocity or acceleration of J, or what
-the turning axes of I take from the latter for an observer on I, ω_I × ω_J.
+A measure is d·u, d axis a of a marker I or a global one, u the position, the velocity or
+acceleration, the angular velocity or acceleration of J, or what the turning axes of I take from the
+latter for an observer on I, ω_I × ω_J.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from flexmb.engine.algebra.rotation import cross
 from flexmb.engine.algebra.vector import put
-from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kind import Measure
-from flexmb.engine.sensor_tables import Sensors
+from flexmb.engine.kind import GLOBAL_AXES, Measure, SensorKind, Term
+from flexmb.engine.row_kinds import DOT2
+from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES, marker_acceleration
 from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import Sensors
+
+if TYPE_CHECKING:
+    from flexmb.engine.sensors.sensor import Channels
+    from flexmb.model.sensors.sensor import MarkerSensorSpec
 
 
 @kernel
@@ -86,24 +94,6 @@ def angular_velocity_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> 
     return 0.0
 
 
-@kernel
-def marker_acceleration(run, at, k, o):
-    """Acceleration (o = 0) or angular acceleration (o = 3) of a marker, global axes."""
-    parts, now, J, vd = run.system.parts, run.work.now, run.work.dense.J[0], at.vd
-    mn, b = now.marker[k], parts.markers[k]["body"]
-    if b < 0:
-        return 0.0, 0.0, 0.0
-    iv, n = parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
-    marker_jacobian(parts, now, k, J)
-    bias = mn["bx"] if o == 0 else mn["bom"]
-    x, y, z = bias[0], bias[1], bias[2]
-    for c in range(n):
-        x += J[o, c] * vd[iv + c]
-        y += J[o + 1, c] * vd[iv + c]
-        z += J[o + 2, c] * vd[iv + c]
-    return x, y, z
-
-
 @unit
 def acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·v̇."""
@@ -152,3 +142,44 @@ ACCELERATION = Measure(acceleration, velocity_gradient, 2)
 ANGULAR_VELOCITY = Measure(angular_velocity, angular_velocity_gradient, 1)
 ANGULAR_ACCELERATION = Measure(angular_acceleration, angular_velocity_gradient, 2)
 TURNING_OF_AXES = Measure(turning_of_axes, turning_of_axes_gradient, 1)
+_MOTIONS = {
+    "position": POSITION,
+    "velocity": VELOCITY,
+    "acceleration": ACCELERATION,
+    "angular_velocity": ANGULAR_VELOCITY,
+    "angular_acceleration": ANGULAR_ACCELERATION,
+}
+_POINT_MOTIONS = (POSITION, VELOCITY, ACCELERATION)
+
+
+def add_marker_motion(channels: Channels, spec: MarkerSensorSpec) -> None:
+    """Three channels of the motion of a marker, absolute, relative, or as an observer sees it."""
+    lowering, motion = channels.lowering, _MOTIONS[spec.type]
+    j = lowering.marker(spec.of)
+    for a in range(3):
+        if spec.seen_from is not None:
+            channels.add_sum(_observed(motion, lowering.marker(spec.seen_from), j, a))
+            continue
+        axes = GLOBAL_AXES if spec.axes == "global" else lowering.marker(spec.axes)
+        terms = [Term(motion, -1, axes, j, a)]
+        if spec.relative_to is not None:
+            other = lowering.marker(spec.relative_to)
+            terms.append(Term(motion, -1, axes, other, a, factor=-1.0))
+        channels.add_sum(terms)
+
+
+def _observed(motion: Measure, observer: int, j: int, a: int) -> list[Term]:
+    """Component a of a motion of j in the axes of a marker that the observer moves with."""
+    if motion in _POINT_MOTIONS:
+        return [Term(ROW_MEASURES[_POINT_MOTIONS.index(motion)], DOT2, observer, j, a, a)]
+    terms = [Term(motion, -1, observer, j, a), Term(motion, -1, observer, observer, a, factor=-1.0)]
+    if motion is ANGULAR_ACCELERATION:
+        terms.append(Term(TURNING_OF_AXES, -1, observer, j, a, factor=-1.0))
+    return terms
+
+
+MARKER_MOTIONS = SensorKind(
+    tuple(_MOTIONS),
+    add_marker_motion,
+    measures=(*_MOTIONS.values(), TURNING_OF_AXES),
+)

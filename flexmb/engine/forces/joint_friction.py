@@ -12,19 +12,28 @@ Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from flexmb.engine.algebra.rotation import transform_back
+from flexmb.engine.forces.friction import (
+    BRISTLE,
+    FRICTION_FIELDS,
+    SLIDES,
+    along,
+    friction_parameters,
+)
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
 from flexmb.engine.joints.row import put_row_gradient
-from flexmb.engine.kernels.forces.friction import BRISTLE, FRICTION_FIELDS, SLIDES, along
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, Vector, array_of
+from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.engine.lowering import Lowering, Placement
 
 _I, _F = "i8", "f8"
 # Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
@@ -45,11 +54,26 @@ JOINT_FRICTION = np.dtype(
 )
 
 
+# Friction of one joint now, on the surface of its pin or guide.
+SURFACE = np.dtype(
+    [
+        ("force", _F),  # N
+        ("anchor", _F),  # of the bristle, m
+        ("mode", _F),  # STICKS, SLIDES
+        ("excess", _F),  # |T| − μ N
+        ("stiffness", _F),  # slopes of −force over position and speed
+        ("damping", _F),
+        ("position", _F),  # m
+    ],
+    align=True,
+)
+
+
 class Scratch(NamedTuple):
     """Scratch of all frictions."""
 
     load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
-    surface: Vector  # (7,) of one of them, as `evaluate_surface` says
+    surface: array_of(SURFACE)  # (1,) the friction that was evaluated last
 
 
 class JointFrictions(NamedTuple):
@@ -60,14 +84,39 @@ class JointFrictions(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-def _scratch(frictions: JointFrictions) -> Scratch:
-    return Scratch(np.full((len(frictions.rows), 2), np.nan), np.zeros(7))
+_HISTORY = 2  # numbers of history: anchor of the bristle, mode
+
+
+def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
+    """JOINT_FRICTION rows of all frictions in joints; `link` is filled in later."""
+    groups = lowering.groups
+    rows: list[tuple[object, ...]] = []
+    for name, spec in lowering.forces("joint-friction"):
+        group, k = groups.numbers[f"joints.{spec.joint}"], lowering.coordinate(f"forces.{name}")
+        stroke = not lowering.scalars[k].angular
+        rows.append(
+            (
+                group, k, -1, 0 if stroke and lowering.model.plane is not None else 2,
+                1.0 if stroke else spec.radius, spec.length or 0.0, spec.width or 0.0,
+                spec.preload, *friction_parameters(spec), lowering.remember(_HISTORY),
+            )
+        )  # fmt: skip
+        lowering.reaction_loads.append((group, k))
+        lowering.markers.framed.add(groups.in_group(group)[0].I)  # the reaction is read in its axes
+    if not rows:
+        return None
+    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.watch(len(rows)))
+
+
+def place_joint_frictions(frictions: JointFrictions, placement: Placement) -> None:
+    """Where the coordinate of each friction stands in the matrix with the rows of its joint."""
+    links, first = placement.symbolic.coordinate_links, placement.n_bodies
+    for row in frictions.rows:
+        row["link"] = links[int(row["group"]), first + int(row["coordinate"])]
 
 
 # Speed over that of creeping by which smooth friction stays clear of its event.
-_LEAST = 1e-3
-# Places in `surface`.
-_FORCE, _ANCHOR, _MODE, _EXCESS, _STIFFNESS, _DAMPING, _PLACE = range(7)
+_EVENT_CLEARANCE = 1e-3
 
 
 @unit
@@ -76,14 +125,14 @@ def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> 
 
     Returns the stretch of its bristle, m.
     """
-    f, out, history = frictions.rows[k], frictions.scratch.surface, run.work.now.history
+    f, out, history = frictions.rows[k], frictions.scratch.surface[0], run.work.now.history
     s = run.system.parts.coordinates[f["coordinate"]]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
     force, anchor, mode, excess, stiffness, damping = along(
         f, frictions.scratch.load[k, 0], x, rate, history[f["history"]]
     )
-    out[_FORCE], out[_ANCHOR], out[_MODE], out[_EXCESS] = force, anchor, mode, excess
-    out[_STIFFNESS], out[_DAMPING], out[_PLACE] = stiffness, damping, x
+    out["force"], out["anchor"], out["mode"], out["excess"] = force, anchor, mode, excess
+    out["stiffness"], out["damping"], out["position"] = stiffness, damping, x
     return x - anchor
 
 
@@ -126,7 +175,7 @@ def put_forces(run: Run, frictions: JointFrictions, at: Point) -> int:
     rows, coordinates, res = frictions.rows, run.system.parts.coordinates, run.work.trial.res
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
-        force = frictions.scratch.surface[_FORCE]
+        force = frictions.scratch.surface[0]["force"]
         frictions.scratch.load[k, 1] = force
         res[coordinates[rows[k]["coordinate"]]["iv"]] -= rows[k]["radius"] * force
     return FINE
@@ -139,13 +188,13 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
     As all that acts on coordinates without mass, not at the acceleration level.
     """
     rows, coordinates, panels = frictions.rows, run.system.parts.coordinates, run.system.kkt.panels
-    low, up, surface = run.work.factor.low, run.work.factor.up, frictions.scratch.surface
+    low, up, surface = run.work.factor.low, run.work.factor.up, frictions.scratch.surface[0]
     if cv != 0.0:
         for k in range(rows.shape[0]):
             f = rows[k]
             place = panels[coordinates[f["coordinate"]]["panel"]]["at"]
             evaluate_surface(run, frictions, at, k)
-            diagonal = f["radius"] ** 2 * (cp * surface[_STIFFNESS] + cv * surface[_DAMPING])
+            diagonal = f["radius"] ** 2 * (cp * surface["stiffness"] + cv * surface["damping"])
             low[place] += diagonal
             up[place] += diagonal
     return FINE
@@ -154,13 +203,13 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
 @unit
 def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
     """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
-    rows, surface = frictions.rows, frictions.scratch.surface
+    rows, surface = frictions.rows, frictions.scratch.surface[0]
     for k in range(rows.shape[0]):
         f, N = rows[k], frictions.scratch.load[k, 0]
         evaluate_surface(run, frictions, at, k)
-        if surface[_MODE] == SLIDES and N > 0.0:  # then the force is in proportion to N
+        if surface["mode"] == SLIDES and N > 0.0:  # then the force is in proportion to N
             put_group_wrench(run, f["group"], at.lam)
-            _put_coupling(run, f, -f["radius"] * surface[_FORCE] / N)
+            _put_coupling(run, f, -f["radius"] * surface["force"] / N)
     return FINE
 
 
@@ -197,7 +246,7 @@ def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
         f = rows[k]
         evaluate_surface(run, frictions, at, k)
         rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
-        out[1] += frictions.scratch.surface[_FORCE] * rate
+        out[1] += frictions.scratch.surface[0]["force"] * rate
     return FINE
 
 
@@ -226,12 +275,12 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
 @unit
 def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Write the history of all joint frictions at an accepted state."""
-    rows, surface, history = frictions.rows, frictions.scratch.surface, run.state.history
+    rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.state.history
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
         o = rows[k]["history"]
-        history[o] = surface[_ANCHOR]
-        history[o + 1] = surface[_MODE]
+        history[o] = surface["anchor"]
+        history[o + 1] = surface["mode"]
     return FINE
 
 
@@ -242,30 +291,26 @@ def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
     With its rate, but for that of the bearing load. Smooth friction has no such moment; that its
     speed falls below that of creeping and rises again within a step is watched all the same.
     """
-    rows, surface, history = frictions.rows, frictions.scratch.surface, run.work.now.history
+    rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.work.now.history
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
         f, o = rows[k], frictions.first_event + k
         iv = coordinates[f["coordinate"]]["iv"]
         speed, change = f["radius"] * at.v[iv], f["radius"] * at.vd[iv]
         if f["model"] != BRISTLE:
-            out[o, 0] = min(f["creep"] - abs(speed), -_LEAST * f["creep"])
+            out[o, 0] = min(f["creep"] - abs(speed), -_EVENT_CLEARANCE * f["creep"])
             out[o, 1] = -change if speed > 0.0 else change
             continue
         evaluate_surface(run, frictions, at, k)
-        stretch = surface[_PLACE] - history[f["history"]]
+        stretch = surface["position"] - history[f["history"]]
         if history[f["history"] + 1] == SLIDES and stretch != 0.0:
             sign = -1.0 if stretch > 0.0 else 1.0
             out[o, 0], out[o, 1] = sign * speed, sign * change
         else:
             rate = f["k"] * speed + f["c"] * change
-            out[o, 0] = surface[_EXCESS]
+            out[o, 0] = surface["excess"]
             out[o, 1] = rate if f["k"] * stretch + f["c"] * speed > 0.0 else -rate
     return FINE
-
-
-def _always(frictions: JointFrictions) -> bool:
-    return True
 
 
 JOINT_FRICTIONS = Kind(
@@ -282,6 +327,10 @@ JOINT_FRICTIONS = Kind(
         "remember": remember,
         "events": watch,
     },
-    unsymmetric=_always,
-    scratch=_scratch,
+    lower=lower_joint_frictions,
+    place=place_joint_frictions,
+    unsymmetric=lambda frictions: True,
+    scratch=lambda frictions: Scratch(
+        np.full((len(frictions.rows), 2), np.nan), np.zeros(1, SURFACE)
+    ),
 )

@@ -1,1 +1,0 @@
-"""Tables of sensors and of functions over their channels."""

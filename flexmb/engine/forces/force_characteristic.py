@@ -1,0 +1,372 @@
+"""Nonlinear spring-dampers, actuators and stops: forces by a characteristic of one measure.
+
+The measure s is the distance of two markers, a component of their separation, or a scalar
+coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper` and `stops`. With
+the gradient g (12) of a measure between markers the wrench pair is −R g, as for a constraint row
+whose multiplier is R.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import copy
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
+from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
+from flexmb.engine.forces.load import pull_back
+from flexmb.engine.forces.spring_damper import (
+    COMPONENT_OF,
+    COORDINATE_OF,
+    DISTANCE_OF,
+    FORCE_CHARACTERISTIC,
+    damper_power,
+    line_row,
+    program_numbers,
+    spring_energy,
+    spring_resistance,
+)
+from flexmb.engine.forces.stops import (
+    stop_energy,
+    stop_parameters,
+    stop_power,
+    stop_resistance,
+)
+from flexmb.engine.functions.function import FunctionTable, lower
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.point_joint import (
+    distance_gradient,
+    distance_tangent,
+    dot2_gradient,
+    dot2_tangent,
+)
+from flexmb.engine.joints.row import rate, separation
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE, ZERO_LENGTH
+from flexmb.engine.records import Integers, array_of
+from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.engine.lowering import Lowering
+    from flexmb.model.functions.expression import Expression
+
+_Z = 2
+
+
+# One such force now.
+CHARACTERISTIC_NOW = np.dtype(
+    [
+        ("s", "f8"),  # its measure, and the rate of that
+        ("rate", "f8"),
+        ("R", "f8"),  # resistance, ∂R/∂s, ∂R/∂ṡ
+        ("stiffness", "f8"),
+        ("damping", "f8"),
+        ("g", "f8", (12,)),  # gradient of a measure between markers
+    ],
+    align=True,
+)
+
+
+class Scratch(NamedTuple):
+    """Scratch of one force."""
+
+    now: array_of(CHARACTERISTIC_NOW)  # (1,) the force that was evaluated last
+
+
+class ForceCharacteristics(NamedTuple):
+    """Nonlinear spring-dampers, actuators and stops."""
+
+    rows: array_of(FORCE_CHARACTERISTIC)
+    programs: FunctionTable  # of springs and dampers, their variable in place of time
+    stops: Integers  # rows that are stops
+    first_event: int  # place of the first stop among the events, two for each
+    scratch: Scratch = None  # of one run
+
+
+_TYPES = (
+    "spring-damper", "rotational-spring-damper", "translational-spring-damper",
+    "stop", "rotational-stop", "translational-stop",
+)  # fmt: skip
+_NONE = dict.fromkeys(("I", "J", "coordinate", "couple", "fun", "spring", "stored", "damper"), -1)
+
+
+def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | None:
+    """FORCE_CHARACTERISTIC rows with their programs; None if the model has none."""
+    rows: list[dict[str, float]] = []
+    expressions: list[Expression] = []
+    for name, spec in lowering.forces(*_TYPES):
+        if spec.type.endswith("stop"):
+            row = _stop_row(lowering, name, spec)
+        elif spec.type == "spring-damper" and not spec.linear:
+            row = line_row(lowering, spec) | program_numbers(spec, expressions)
+        elif spec.type != "spring-damper" and (spec.spring_force or spec.damper_force):
+            k = lowering.coordinate(f"forces.{name}")  # which has its stiffness, damping and value
+            row = {"measure": COORDINATE_OF, "coordinate": k, "free": spec.free}
+            row |= program_numbers(spec, expressions)
+        else:
+            continue
+        k, row = len(rows), _NONE | row
+        lowering.add_element(name, "force_characteristics", k)
+        for on, end in enumerate("JI" if row["fun"] >= 0 else ""):
+            marker = int(row[end])
+            lowering.add_action(int(row["fun"]), "force_characteristics", k, on, 0, marker)
+        rows.append(row)
+    if not rows:
+        return None
+    table = np.zeros(len(rows), FORCE_CHARACTERISTIC)
+    for k, row in enumerate(rows):
+        for field, value in row.items():
+            table[field][k] = value
+    programs, stops = lower(expressions), np.flatnonzero(table["stop"])
+    lowering.program_depth = max(lowering.program_depth, programs.depth)
+    return ForceCharacteristics(table, programs, stops, lowering.watch(2 * len(stops)))
+
+
+def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
+    """Row of a stop between markers or on a joint."""
+    unit = lowering.model.units.scale("m")
+    if spec.type == "stop":
+        i, j = (lowering.markers.add(m) for m in lowering.geometry.frames(spec.between, spec.axis))
+        measure = DISTANCE_OF if spec.axis is None else COMPONENT_OF
+        return {"measure": measure, "I": i, "J": j} | stop_parameters(spec, unit)
+    k = lowering.coordinate(f"forces.{name}")
+    unit = 1.0 if lowering.scalars[k].angular else unit
+    return {"measure": COORDINATE_OF, "coordinate": k} | stop_parameters(spec, unit)
+
+
+@kernel
+def _function_value(row, fun):
+    """Present value of its function of time."""
+    return fun[row["fun"], 0] if row["fun"] >= 0 else 0.0
+
+
+@kernel
+def _between_markers(row):
+    """Whether a force acts between two markers, not on a coordinate."""
+    return row["measure"] != COORDINATE_OF
+
+
+@unit
+def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> int:
+    """s and ṡ of force k, and between markers the gradient, after a velocity stage.
+
+    ZERO_LENGTH at the distance of one point, which has no direction.
+    """
+    row, now = forces.rows[k], forces.scratch.now[0]
+    g = now["g"]
+    if not _between_markers(row):
+        coordinate = run.system.parts.coordinates[row["coordinate"]]
+        now["s"], now["rate"] = at.q[coordinate["iq"]], at.v[coordinate["iv"]]
+        return FINE
+    mi, mj = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]]
+    hx, hy, hz = separation(mi, mj)
+    if row["measure"] == DISTANCE_OF and not hx * hx + hy * hy + hz * hz > 0.0:
+        now["s"], now["rate"] = 0.0, math.nan
+        for c in range(12):
+            g[c] = 0.0
+        return ZERO_LENGTH
+    if row["measure"] == DISTANCE_OF:
+        distance_gradient(run.work.row, 0, 0, row["I"], row["J"])
+    else:
+        dot2_gradient(run.work.row, _Z, 0, row["I"], row["J"])
+    copy(run.work.row.g, g)
+    now["s"] = g[6] * hx + g[7] * hy + g[8] * hz  # along n or z_I
+    now["rate"] = rate(g, mi, mj)
+    return FINE
+
+
+@unit
+def _put_resistance(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> int:
+    """R of force k and its slopes, with its measure; the status of that."""
+    row, now, stack = forces.rows[k], forces.scratch.now[0], run.work.trial.stack
+    status = _put_measure(run, forces, at, k)
+    s, v, u = now["s"], now["rate"], _function_value(row, run.work.con.fun)
+    if row["stop"] == 1:
+        now["R"], now["stiffness"], now["damping"] = stop_resistance(row, s, v)
+    else:
+        f, stiffness, damping = spring_resistance(row, forces.programs, stack, s, v, u)
+        now["R"], now["stiffness"], now["damping"] = f, stiffness, damping
+    return status
+
+
+@unit
+def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
+    """Wrenches on the markers; ZERO_LENGTH at the first force without a direction."""
+    rows, markers, now = forces.rows, run.work.now.marker, forces.scratch.now[0]
+    for k in range(rows.shape[0]):
+        if _between_markers(rows[k]):
+            status = _put_resistance(run, forces, at, k)
+            if status != FINE:
+                run.work.fault[0] = k
+                return status
+            wi, wj = markers[rows[k]["I"]]["W"], markers[rows[k]["J"]]["W"]
+            for c in range(6):
+                wi[c] -= now["R"] * now["g"][c]
+                wj[c] -= now["R"] * now["g"][6 + c]
+    return FINE
+
+
+@unit
+def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> int:
+    """Resistance on scalar coordinates, into the residual."""
+    rows, coordinates, res = forces.rows, run.system.parts.coordinates, run.work.trial.res
+    for k in range(rows.shape[0]):
+        if not _between_markers(rows[k]):
+            _put_resistance(run, forces, at, k)
+            res[coordinates[rows[k]["coordinate"]]["iv"]] += forces.scratch.now[0]["R"]
+    return FINE
+
+
+@unit
+def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
+    """Energy that the elastic parts store."""
+    rows, now, out = forces.rows, forces.scratch.now[0], run.work.energies
+    for k in range(rows.shape[0]):
+        _put_measure(run, forces, at, k)
+        if rows[k]["stop"] == 1:
+            out[3] += stop_energy(rows[k], now["s"])
+        else:
+            out[3] += spring_energy(rows[k], forces.programs, run.work.trial.stack, now["s"])
+    return FINE
+
+
+@unit
+def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
+    """Power of dissipation, and of functions of time."""
+    rows, now, fun, out = forces.rows, forces.scratch.now[0], run.work.con.fun, run.work.powers
+    for k in range(rows.shape[0]):
+        _put_measure(run, forces, at, k)
+        if rows[k]["stop"] == 1:
+            out[1] += stop_power(rows[k], now["s"], now["rate"])
+        else:
+            out[1] += damper_power(rows[k], forces.programs, run.work.trial.stack, now["rate"])
+        out[2] += _function_value(rows[k], fun) * now["rate"]
+    return FINE
+
+
+@unit
+def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
+    """Penetration of both bounds of all stops, with its rate."""
+    stops, out, now = forces.stops, run.work.events.now, forces.scratch.now[0]
+    for k in range(stops.shape[0]):
+        _put_measure(run, forces, at, stops[k])
+        row, o = forces.rows[stops[k]], forces.first_event + 2 * k
+        out[o, 0], out[o, 1] = now["s"] - row["upper"], now["rate"]
+        out[o + 1, 0], out[o + 1, 1] = row["lower"] - now["s"], -now["rate"]
+    return FINE
+
+
+@unit
+def put_wrench(run: Run, forces: ForceCharacteristics, at: Point, c: int) -> float:
+    """Wrench pair of the force between markers that channel c reads.
+
+    On a coordinate it acts through the constraint rows that follow this.
+    """
+    k, now = run.system.sensors.channels[c]["first"], forces.scratch.now[0]
+    w, pair = run.work.dense.g[1], run.work.dense.pair
+    _put_resistance(run, forces, at, k)
+    for r in range(12):
+        w[r] = -now["R"] * now["g"][r] if now["R"] != 0.0 else 0.0
+    pair[0], pair[1] = forces.rows[k]["I"], forces.rows[k]["J"]
+    return 0.0
+
+
+@unit
+def put_unit_force(run: Run, forces: ForceCharacteristics, at: Point, part: int) -> float:
+    """Generalised force of a unit push apart on one marker, for feedback (`engine.kind`)."""
+    k, on, w = part // 6, part // 3 % 2, run.work.dense.g[1]
+    _put_measure(run, forces, at, k)
+    copy(forces.scratch.now[0]["g"], w)
+    if on == 0:
+        pull_back(run, forces.rows[k]["J"], 6)
+    else:
+        pull_back(run, forces.rows[k]["I"], 0)
+    return 0.0
+
+
+@unit
+def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, cp: float) -> int:
+    """−(cv ∂Q/∂v + cp ∂Q/∂q) of all forces.
+
+    At the acceleration level, cv = 0, nothing on coordinates: such a one has no mass.
+    """
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    rows, now = forces.rows, forces.scratch.now[0]
+    for k in range(rows.shape[0]):
+        _put_resistance(run, forces, at, k)
+        if not _between_markers(rows[k]):
+            if cv != 0.0:
+                _add_coordinate_tangent(run, rows[k], now, cv, cp)
+            continue
+        i, j, link = rows[k]["I"], rows[k]["J"], rows[k]["couple"]
+        _put_tangent(run, rows[k], now, cv, cp)
+        add_pair(run, i, j, link, 1.0)
+        add_moment_arms(run, i, j, cp)
+        if now["damping"] != 0.0 and cp != 0.0:
+            copy(now["g"], run.work.dense.U[0])
+            add_rate_arms(run, at.v, i, j, link, 1, cp * now["damping"])
+    return FINE
+
+
+@kernel
+def _add_coordinate_tangent(run, row, now, cv, cp):
+    """cv ∂R/∂ṡ + cp ∂R/∂s of a force on a scalar coordinate, on the diagonal."""
+    s = run.system.parts.coordinates[row["coordinate"]]
+    place = run.system.kkt.panels[s["panel"]]["at"]
+    run.work.factor.low[place] += cv * now["damping"] + cp * now["stiffness"]
+    run.work.factor.up[place] += cv * now["damping"] + cp * now["stiffness"]
+
+
+@kernel
+def _put_tangent(run, row, now, cv, cp):
+    """Put −(cp ∂w/∂position + cv ∂w/∂velocity) of a force between markers into dense.H (12, 12).
+
+    With G = ∂g/∂position it is cp R G + g ∂R, where ∂ṡ/∂position = Gᵀ V at constant velocities V of
+    the markers. g stays in dense.X[0], R g in dense.g[1].
+    """
+    mi, mj, d = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]], run.work.dense
+    H, g, slope, w = d.H, now["g"], d.U[0], d.g[1]
+    clear(H, 12, 12)
+    if row["measure"] == DISTANCE_OF:
+        distance_tangent(run.work.row, 0, 0, row["I"], row["J"], 1.0)
+    else:
+        dot2_tangent(run.work.row, _Z, 0, row["I"], row["J"], 1.0)
+    for b in range(12):
+        turn = 0.0
+        for a in range(3):
+            turn += mi["vx"][a] * H[a, b] + mi["om"][a] * H[3 + a, b]
+            turn += mj["vx"][a] * H[6 + a, b] + mj["om"][a] * H[9 + a, b]
+        slope[b] = (cp * now["stiffness"] + cv * now["damping"]) * g[b]
+        if now["damping"] != 0.0:
+            slope[b] += cp * now["damping"] * turn
+        for a in range(12):
+            H[a, b] *= cp * now["R"]
+        w[b] = now["R"] * g[b]
+    copy(g, d.X[0])
+    add_rates(run, 1, 1.0)
+
+
+FORCE_CHARACTERISTICS = Kind(
+    "force_characteristics",
+    ForceCharacteristics,
+    {
+        "wrench": add_wrenches,
+        "force": add_coordinate_forces,
+        "matrix": add_tangents,
+        "energy": add_energies,
+        "power": add_powers,
+        "events": put_events,
+        "wrenches": put_wrench,
+        "unit_force": put_unit_force,
+    },
+    lower=lower_force_characteristics,
+    couples=(("couple", "I", "J"),),
+    uses_velocity=True,
+    works=True,
+    stiff=True,
+    scratch=lambda forces: Scratch(np.zeros(1, CHARACTERISTIC_NOW)),
+)

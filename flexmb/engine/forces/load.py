@@ -1,0 +1,400 @@
+"""Loads: forces and torques on markers, their components functions of time or of channels.
+
+`LOADS` act on one marker, in global axes or in its own. `ACTION_REACTION_LOADS` have the axes of
+any marker, or their opposite on another body: a force F at marker J acts on the body of marker I at
+the same point with the wrench (−F, −h × F), h = x_J − x_I, so that the two have no moment; a torque
+likewise.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from flexmb.engine.algebra.blocks import add_body_block, add_coupling, add_skew, clear
+from flexmb.engine.algebra.rotation import cross, transform
+from flexmb.engine.algebra.vector import put
+from flexmb.engine.bodies.wrench import (
+    add_moment_arms,
+    add_own,
+    add_pair,
+    add_pulled_back,
+    marker_jacobian,
+    put_product_block,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.row import separation
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.records import array_of
+from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.engine.lowering import Lowering
+
+# Force or torque at `marker` with components in global axes (`axes` = -1) or in its own.
+LOAD = np.dtype(
+    [("marker", "i8"), ("axes", "i8"), ("torque", "i8"), ("fun", "i8", (3,))],
+    align=True,
+)
+
+
+class Loads(NamedTuple):
+    """Forces and torques on one marker each."""
+
+    rows: array_of(LOAD)
+
+
+def lower_loads(lowering: Lowering) -> Loads | None:
+    """LOAD rows of loads on one marker in global axes or its own; None if the model has none."""
+    rows: list[tuple[object, ...]] = []
+    for name, spec in lowering.forces("force", "torque"):
+        if spec.reaction is None and spec.axes_marker is None:
+            marker, k = lowering.marker(spec.at), len(rows)
+            programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
+            axes = marker if spec.axes == "body" else -1
+            rows.append((marker, axes, spec.type == "torque", programs))
+            lowering.add_element(name, "loads", k)
+            for a, program in enumerate(programs):
+                lowering.add_action(program, "loads", k, 0, a, marker)
+    return Loads(np.array(rows, LOAD)) if rows else None
+
+
+@unit
+def pull_back(run: Run, k: int, first: int) -> int:
+    """feedback.left = Jᵀ w of marker k, w the six numbers of dense.g[1] from `first` on.
+
+    The first velocity coordinate of its body and how many it has go into feedback.block.
+    """
+    parts, work = run.system.parts, run.work
+    left, block = work.feedback.left, work.feedback.block
+    body = parts.bodies[parts.markers[k]["body"]]
+    n = 6 + body["m"]
+    for c in range(n):
+        left[c] = 0.0
+    add_pulled_back(parts, work.now, k, work.dense.g[1], first, 1.0, left, 0)
+    block[0], block[1] = body["iv"], n
+    return FINE
+
+
+@kernel
+def _vector(load, markers, fun):
+    """Force or torque of a load of either kind, global axes."""
+    f = load["fun"]
+    x, y, z = fun[f[0], 0], fun[f[1], 0], fun[f[2], 0]
+    if load["axes"] >= 0:
+        return transform(markers[load["axes"]]["R"], x, y, z)
+    return x, y, z
+
+
+@unit
+def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
+    """Forces and torques on their markers."""
+    rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
+    for k in range(rows.shape[0]):
+        W, o = markers[rows[k]["marker"]]["W"], 3 * rows[k]["torque"]
+        x, y, z = _vector(rows[k], markers, fun)
+        W[o] += x
+        W[o + 1] += y
+        W[o + 2] += z
+    return FINE
+
+
+@unit
+def add_powers(run: Run, loads: Loads, at: Point) -> int:
+    """Power of all forces and torques."""
+    rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
+    for k in range(rows.shape[0]):
+        mn = markers[rows[k]["marker"]]
+        x, y, z = _vector(rows[k], markers, fun)
+        u = mn["om"] if rows[k]["torque"] == 1 else mn["vx"]
+        out[2] += x * u[0] + y * u[1] + z * u[2]
+    return FINE
+
+
+@unit
+def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int:
+    """−cp ∂Q/∂q of all loads: a follower turns with its marker, and moment arms change."""
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
+    H, w = d.H, d.g[1]
+    for k in range(rows.shape[0]):
+        i, o = rows[k]["marker"], 3 * rows[k]["torque"]
+        x, y, z = _vector(rows[k], markers, fun)
+        if rows[k]["axes"] >= 0:
+            clear(H, 12, 12)
+            add_skew(H, o, 3, 1.0, (x, y, z))  # δF = δφ × F, so −∂F/∂φ = F~
+            add_own(run, i, 0, cp)
+        for c in range(6):
+            w[c] = 0.0
+        put(w, o, -x, -y, -z)
+        add_moment_arms(run, i, -1, cp)
+    return FINE
+
+
+@unit
+def put_wrench(run: Run, loads: Loads, at: Point, c: int) -> float:
+    """Wrench of the load that channel c reads, on J of a pair."""
+    row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
+    w, pair = d.g[1], d.pair
+    for r in range(12):
+        w[r] = 0.0
+    x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
+    put(w, 6 + 3 * row["torque"], x, y, z)
+    pair[0], pair[1] = row["marker"], row["marker"]
+    return 0.0
+
+
+@unit
+def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
+    """Generalised force per unit of one component of a load, for feedback (`engine.kind`)."""
+    row, a, w = loads.rows[part // 6], part % 3, run.work.dense.g[1]
+    k, o = row["marker"], 3 * row["torque"]
+    for c in range(6):
+        w[c] = 0.0
+    if row["axes"] >= 0:
+        R = run.work.now.marker[k]["R"]
+        put(w, o, R[0, a], R[1, a], R[2, a])
+    else:
+        w[o + a] = 1.0
+    pull_back(run, k, 0)
+    return 0.0
+
+
+LOADS = Kind(
+    "loads",
+    Loads,
+    {
+        "wrench": add_wrenches,
+        "matrix": add_tangents,
+        "power": add_powers,
+        "wrenches": put_wrench,
+        "unit_force": put_unit_force,
+    },
+    lower=lower_loads,
+    works=True,
+)
+
+
+# Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
+# ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
+ACTION_REACTION_LOAD = np.dtype(
+    [
+        ("marker", "i8"),
+        ("other", "i8"),
+        ("axes", "i8"),
+        ("torque", "i8"),
+        ("fun", "i8", (3,)),
+        ("couple", "i8"),  # LINK between the bodies of other and marker
+        ("couple_marker", "i8"),  # between those of marker and axes
+        ("couple_other", "i8"),  # between those of other and axes
+    ],
+    align=True,
+)
+
+
+class ActionReactionLoads(NamedTuple):
+    """Loads in foreign axes or with their opposite on another body."""
+
+    rows: array_of(ACTION_REACTION_LOAD)
+
+
+def lower_action_reaction_loads(lowering: Lowering) -> ActionReactionLoads | None:
+    """ACTION_REACTION_LOAD rows; None if the model has none. Links are filled in later."""
+    rows: list[tuple[object, ...]] = []
+    for name, spec in lowering.forces("force", "torque"):
+        if spec.reaction is None and spec.axes_marker is None:
+            continue
+        k, axes_marker = len(rows), spec.at if spec.axes == "body" else spec.axes_marker
+        marker, other, axes = (
+            -1 if reference is None else lowering.marker(reference)
+            for reference in (spec.at, spec.reaction, axes_marker)
+        )
+        programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
+        rows.append((marker, other, axes, spec.type == "torque", programs, -1, -1, -1))
+        lowering.add_element(name, "action_reaction_loads", k)
+        for a, program in enumerate(programs):
+            for on, end in enumerate((marker, other)):
+                if end >= 0:
+                    lowering.add_action(program, "action_reaction_loads", k, on, a, end)
+    return ActionReactionLoads(np.array(rows, ACTION_REACTION_LOAD)) if rows else None
+
+
+@kernel
+def _add_vector(load, markers, x, y, z, wi, wj):
+    """Add the wrenches of a force or torque (x, y, z) to wj of its marker and wi of the other."""
+    o = 3 * load["torque"]
+    wj[o] += x
+    wj[o + 1] += y
+    wj[o + 2] += z
+    if load["other"] < 0:
+        return
+    if load["torque"] == 0:
+        wi[0] -= x
+        wi[1] -= y
+        wi[2] -= z
+        hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
+        x, y, z = cross(hx, hy, hz, x, y, z)
+    wi[3] -= x
+    wi[4] -= y
+    wi[5] -= z
+
+
+@kernel
+def _put_pair(load, markers, x, y, z, w):
+    """w (12) = the wrench pair of a force or torque (x, y, z)."""
+    for r in range(12):
+        w[r] = 0.0
+    _add_vector(load, markers, x, y, z, w[0:6], w[6:12])
+
+
+@unit
+def add_pair_wrenches(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+    """Forces and torques on their markers, the opposite on the others."""
+    rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
+    for k in range(rows.shape[0]):
+        wj = markers[rows[k]["marker"]]["W"]
+        wi = markers[rows[k]["other"]]["W"] if rows[k]["other"] >= 0 else wj
+        x, y, z = _vector(rows[k], markers, fun)
+        _add_vector(rows[k], markers, x, y, z, wi, wj)
+    return FINE
+
+
+@unit
+def add_pair_powers(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+    """Power of all forces and torques with their opposites."""
+    rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
+    for k in range(rows.shape[0]):
+        load, mj = rows[k], markers[rows[k]["marker"]]
+        x, y, z = _vector(load, markers, fun)
+        u = mj["om"] if load["torque"] == 1 else mj["vx"]
+        out[2] += x * u[0] + y * u[1] + z * u[2]
+        if load["other"] >= 0:
+            mi = markers[load["other"]]
+            if load["torque"] == 0:
+                u = mi["vx"]
+                out[2] -= x * u[0] + y * u[1] + z * u[2]
+                hx, hy, hz = separation(mi, mj)
+                x, y, z = cross(hx, hy, hz, x, y, z)
+            u = mi["om"]
+            out[2] -= x * u[0] + y * u[1] + z * u[2]
+    return FINE
+
+
+@unit
+def put_pair_wrench(run: Run, loads: ActionReactionLoads, at: Point, c: int) -> float:
+    """Wrench pair of the load that channel c reads; without another marker on its own alone."""
+    row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
+    x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
+    _put_pair(row, run.work.now.marker, x, y, z, d.g[1])
+    pair = d.pair
+    pair[0], pair[1] = row["other"] if row["other"] >= 0 else row["marker"], row["marker"]
+    return 0.0
+
+
+@unit
+def put_pair_unit_force(run: Run, loads: ActionReactionLoads, at: Point, part: int) -> float:
+    """Generalised force per unit of one component on one marker, for feedback (`engine.kind`)."""
+    row, on, a = loads.rows[part // 6], part // 3 % 2, part % 3
+    markers = run.work.now.marker
+    x, y, z = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
+    if row["axes"] >= 0:
+        x, y, z = transform(markers[row["axes"]]["R"], x, y, z)
+    _put_pair(row, markers, x, y, z, run.work.dense.g[1])
+    if on == 0:
+        pull_back(run, row["marker"], 6)
+    else:
+        pull_back(run, row["other"], 0)
+    return 0.0
+
+
+@unit
+def add_pair_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp: float) -> int:
+    """−cp ∂Q/∂q of all loads: arms between the markers, moment arms, and turning axes."""
+    if cv == 0.0 and cp == 0.0:
+        return FINE
+    rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
+    H, w = d.H, d.g[1]
+    for k in range(rows.shape[0]):
+        load = rows[k]
+        i, j, axes = load["other"], load["marker"], load["axes"]
+        x, y, z = _vector(load, markers, fun)
+        _put_pair(load, markers, -x, -y, -z, w)
+        if i >= 0:
+            clear(H, 12, 12)
+            if load["torque"] == 0:  # the wrench on I changes with h
+                add_skew(H, 3, 6, -1.0, (x, y, z))
+                add_skew(H, 3, 0, 1.0, (x, y, z))
+            add_pair(run, i, j, load["couple"], cp)
+            add_moment_arms(run, i, j, cp)
+        else:
+            for c in range(6):
+                w[c] = w[6 + c]
+            add_moment_arms(run, j, -1, cp)
+        if axes >= 0:
+            clear(H, 12, 12)
+            add_skew(H, 3 * load["torque"], 9, 1.0, (x, y, z))
+            _add_block(run, j, axes, load["couple_marker"], cp)
+        if axes >= 0 and i >= 0:
+            clear(H, 12, 12)
+            _add_turn_of_other(load, markers, x, y, z, H)
+            _add_block(run, i, axes, load["couple_other"], cp)
+    return FINE
+
+
+@kernel
+def _add_turn_of_other(load, markers, x, y, z, H):
+    """Add minus the change of the wrench on I, rows 0 to 6, with the turn of `axes`, at 9."""
+    add_skew(H, 3 * load["torque"], 9, -1.0, (x, y, z))
+    if load["torque"] == 0:
+        hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
+        # −h̃ F̃ = (h·F) I − F hᵀ
+        dot = hx * x + hy * y + hz * z
+        for k in range(3):
+            h = hx if k == 0 else hy if k == 1 else hz
+            H[3 + k, 9 + k] += dot
+            H[3, 9 + k] -= x * h
+            H[4, 9 + k] -= y * h
+            H[5, 9 + k] -= z * h
+
+
+@unit
+def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
+    """Add f J_iᵀ H[:6, 6:] J_j alone, for two markers that may be on one body."""
+    parts, now, d = run.system.parts, run.work.now, run.work.dense
+    a, b = parts.markers[i]["body"], parts.markers[j]["body"]
+    if a < 0 or b < 0:
+        return FINE
+    B, J, n, m = d.B, d.J, 6 + parts.bodies[a]["m"], 6 + parts.bodies[b]["m"]
+    marker_jacobian(parts, now, i, J[0])
+    marker_jacobian(parts, now, j, J[1])
+    put_product_block(d.H, 0, 1, J[0], n, J[1], m, f, d.T, B)
+    if a == b:
+        add_body_block(run, a, B)
+    else:
+        add_coupling(run, a, b, link, 0, B)
+    return FINE
+
+
+ACTION_REACTION_LOADS = Kind(
+    "action_reaction_loads",
+    ActionReactionLoads,
+    {
+        "wrench": add_pair_wrenches,
+        "matrix": add_pair_tangents,
+        "power": add_pair_powers,
+        "wrenches": put_pair_wrench,
+        "unit_force": put_pair_unit_force,
+    },
+    lower=lower_action_reaction_loads,
+    couples=(
+        ("couple", "other", "marker"),
+        ("couple_marker", "marker", "axes"),
+        ("couple_other", "other", "axes"),
+    ),
+    uses_velocity=True,
+    works=True,
+    stiff=True,
+)

@@ -1,0 +1,115 @@
+"""Normal force of contacts over the depth d and its rate: N = K dⁿ (1 + χ ḋ/ḋ₀), which never pulls.
+
+χ follows from the coefficient of restitution, ḋ₀ is the speed of approach at the onset (Hunt &
+Crossley, J. Appl. Mech. 42 (1975) 440). The stiffness of Hertz' contact of two elastic bodies,
+n = 3/2, follows from their curvatures: with A ≤ B half the principal curvatures of the gap, e the
+eccentricity of the ellipse of contact and K(e), E(e) the complete elliptic integrals,
+
+    K = (2π E*/3) K(e)^(−3/2) ((K(e) − E(e))/(e² A))^(1/2),   B/A = (E/(1 − e²) − K)/(K − E),
+
+which for round contact is (4/3) E* √R. Source: Johnson, Contact Mechanics (1985), ch. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from flexmb.engine.jit import kernel
+
+if TYPE_CHECKING:
+    from flexmb.model.forces.contact import ContactSpec
+    from flexmb.model.model import Model
+
+
+@kernel
+def normal_force(c, history, d, rate):
+    """N and its slopes over d and ḋ; d > 0."""
+    speed = max(history[c["history"]], c["slow"])
+    elastic, factor = c["K"] * d ** c["n"], 1.0 + c["damping"] * rate / speed
+    if factor <= 0.0:
+        return 0.0, 0.0, 0.0
+    return elastic * factor, c["n"] * elastic / d * factor, elastic * c["damping"] / speed
+
+
+def normal_parameters(model: Model, spec: ContactSpec) -> tuple[float, float, float, float]:
+    """K in SI, exponent, damping, least speed."""
+    damping = damping_factor(spec.restitution, spec.damping)
+    if spec.stiffness is not None:  # the number counts depths in units of length of the scene
+        K = spec.stiffness * model.units.length ** (1.0 - spec.exponent)
+        return K, spec.exponent, damping, spec.least_speed
+    assert spec.materials is not None  # one of the two is given
+    first, second = ((material.E, material.nu) for material in spec.materials)
+    K = hertz_stiffness(plane_modulus(first, second), _curvatures(spec))  # type: ignore[arg-type]
+    return K, 1.5, damping, spec.least_speed
+
+
+def _curvatures(spec: ContactSpec) -> tuple[float, float]:
+    """Principal relative curvatures of a sphere and the other side [1/m]."""
+    k = spec.round_side
+    own, other = 1.0 / spec.shapes[k].radius, spec.shapes[1 - k]
+    if other.type == "plane":
+        return own, own
+    curvature = 1.0 / other.radius
+    if other.type == "sphere":
+        return own + curvature, own + curvature
+    return own, own + (-curvature if other.side == "inside" else curvature)
+
+
+def damping_factor(restitution: float, law: str) -> float:
+    """chi of a coefficient of restitution in [0, 1].
+
+    >>> damping_factor(1.0, "exact")
+    0.0
+    """
+    e = restitution
+    if e == 1.0:
+        return 0.0
+    if law == "flores":
+        return 8.0 * (1.0 - e) / (5.0 * e)
+    if law == "lankarani-nikravesh":
+        return 0.75 * (1.0 - e * e)
+    low, high = 0.0, 1.0 / e
+    for _ in range(200):  # bisection: beyond its root the left side grows slower than the right one
+        chi = 0.5 * (low + high)
+        more = math.log1p(chi) - math.log1p(-chi * e) if chi * e < 1.0 else math.inf
+        low, high = (chi, high) if chi * (1.0 + e) > more else (low, chi)
+    return 0.5 * (low + high)
+
+
+_CIRCLE_TOLERANCE = 1e-6  # relative difference of curvatures below which the ellipse is a circle
+
+
+def plane_modulus(first: tuple[float, float], second: tuple[float, float]) -> float:
+    """E* [Pa] of two materials (E [Pa], nu): 1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂."""
+    return 1.0 / sum((1.0 - nu * nu) / E for E, nu in (first, second))
+
+
+def hertz_stiffness(modulus: float, curvatures: tuple[float, float]) -> float:
+    """K [N/m^1.5] of E* and the two principal relative curvatures [1/m], both positive.
+
+    >>> round(hertz_stiffness(3.0, (1.0, 1.0)), 9)
+    4.0
+    """
+    A, B = sorted(0.5 * c for c in curvatures)
+    if B - A <= _CIRCLE_TOLERANCE * B:
+        return 4.0 / 3.0 * modulus / math.sqrt(A + B)
+    low, high = 0.0, 1.0  # of e², by bisection: B/A grows with it from 1 without bound
+    for _ in range(100):
+        m = 0.5 * (low + high)
+        K, E = _elliptic(m)
+        low, high = (m, high) if (E / (1.0 - m) - K) / (K - E) < B / A else (low, m)
+    K, E = _elliptic(m)
+    return 2.0 * math.pi * modulus / 3.0 * K**-1.5 * math.sqrt((K - E) / (m * A))
+
+
+def _elliptic(m: float) -> tuple[float, float]:
+    """Complete elliptic integrals K, E of the parameter m = e², by the arithmetic mean."""
+    a, b, total, power = 1.0, math.sqrt(1.0 - m), 0.5 * m, 0.5
+    while abs(a - b) > 1e-15 * a:
+        c = 0.5 * (a - b)
+        a, b = 0.5 * (a + b), math.sqrt(a * b)
+        power *= 2.0
+        total += power * c * c
+    K = 0.5 * math.pi / a
+    return K, K * (1.0 - total)
