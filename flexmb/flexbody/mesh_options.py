@@ -50,7 +50,7 @@ class NodeOptions:
         """One way to select nodes, with its radius."""
         words = [key for key in _SELECTORS if getattr(self, key) is not None]
         if len(words) != 1:
-            what = f"nodes are selected by {' and '.join(words)}" if words else "has no nodes"
+            what = f"has {' and '.join(words)}" if words else "has no nodes"
             what += "; give one of group, node, nodes, or center with radius"
             return [Problem("", what, _SELECTORS)]
         if (self.center is None) != (self.radius is None):

@@ -90,7 +90,7 @@ WORDS = [
         "sections.all.start.radius: is missing",
     ),
     ((TIP, 'tip = { type = "rbe3" }'), "interfaces.tip: has no nodes; give one of group, node"),
-    ((TIP, 'tip = { group = "x1", node = 3 }'), "tip: nodes are selected by group and node"),
+    ((TIP, 'tip = { group = "x1", node = 3 }'), "interfaces.tip: has group and node"),
     ((TIP, "tip = { center = [0, 0, 0] }"), 'interfaces.tip: "center" and "radius" go together'),
     ((TIP, 'tip = { group = "x1", weights = "area" }'), 'interfaces.tip.weights: are for type = "'),
     ((TIP, 'tip = { group = "x1", type = "rbe" }'), 'interfaces.tip.type: unknown choice "rbe"'),

@@ -132,7 +132,7 @@ def test_nodes_on_a_line_hold_by_their_own_rotations(bar):
         ({"group": "x1", "tpye": "rbe3"}, "interfaces.a.tpye: unknown key; nearest: type"),
         ({"group": "x1", "type": "rbe4"}, 'interfaces.a.type: unknown "rbe4"; nearest: rbe'),
         ({"type": "rbe3"}, "has no nodes; give one of group, node, nodes, or center"),
-        ({"group": "x1", "node": 3}, "selected by group and node; give one of"),
+        ({"group": "x1", "node": 3}, "has group and node; give one of"),
         ({"center": [0, 0, 0]}, '"center" and "radius" go together'),
         ({"center": [0, 0], "radius": 1}, "center: must be three finite numbers"),
         ({"center": [0, 0, 0], "radius": -1}, "radius: must be positive, given -1 m"),
