@@ -46,7 +46,7 @@ from flexmb.engine.state import (
     Trial,
     Work,
 )
-from flexmb.engine.tables import System
+from flexmb.engine.tables import Parts, System
 
 __all__ = [
     "equal_times", "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state",
@@ -168,6 +168,12 @@ def new_state(system: System, channels: int = 0) -> State:
     )  # fmt: skip
 
 
+def _bending_shape(parts: Parts) -> tuple[int, int]:
+    """Shape of Now.Phi."""
+    bends = bool((parts.markers["bend"] >= 0).any())
+    return (len(parts.markers), 3 * int(parts.bodies["m"].max())) if bends else (0, 0)
+
+
 def _nan(*shape: int) -> np.ndarray:
     return np.full(shape, np.nan)
 
@@ -188,6 +194,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum())),
+        _nan(*_bending_shape(system.parts)),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),

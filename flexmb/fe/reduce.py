@@ -43,6 +43,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.reduction.geometric_stiffening import with_geometric_stiffening
 from flexmb.fe.reduction.methods import reduce_model, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -84,6 +85,7 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
+    geometric_stiffening: bool = False,
     inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -127,6 +129,9 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
+    geometric_stiffening : bool
+        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+        when it bends; needs an interface, and takes three static solutions for each and six more.
     inspect : callable, optional
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
@@ -167,6 +172,8 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
+    if geometric_stiffening:
+        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
@@ -174,6 +181,7 @@ def reduce(
     options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
+    options["geometric_stiffening"] = geometric_stiffening
     made = sections_from(sections)
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if not isinstance(mesh, Mesh):

@@ -64,6 +64,9 @@ class FlexBody:
         Modal stiffness.
     D : (m, m) float, optional
         Modal damping; none by default.
+    centrifugal_stiffness : (3, 3, m, m) float, optional
+        Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
+        interfaces the geometric stiffening of the body. None: left out.
     interfaces : tuple of Interface
         Reference points for joints and loads.
     modes : tuple of ModeInfo
@@ -97,6 +100,7 @@ class FlexBody:
     Mab: FloatArray
     K: FloatArray
     D: FloatArray | None = None
+    centrifugal_stiffness: FloatArray | None = None
     interfaces: tuple[Interface, ...] = ()
     modes: tuple[ModeInfo, ...] = ()
     surface: Surface | None = None
@@ -181,6 +185,8 @@ def _convert(body: FlexBody, check: Checker) -> None:
         "K": (m, m),
         "D": (m, m),
     }
+    if body.centrifugal_stiffness is not None:
+        shapes["centrifugal_stiffness"] = (3, 3, m, m)
     for name, shape in shapes.items():
         given = getattr(body, name)
         value = np.zeros(shape) if given is None else given

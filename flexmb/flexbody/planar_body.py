@@ -300,14 +300,22 @@ def _combine_modes(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane:
         Mab=Z.T @ body.Mab @ Z,
         K=_symmetric(Z.T @ body.K @ Z),
         D=None if body.D is None else _symmetric(Z.T @ body.D @ Z),
+        centrifugal_stiffness=_combined(body.centrifugal_stiffness, Z),
         interfaces=tuple(
-            Interface(part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z)
+            Interface(
+                part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z, _combined(part.bend, Z)
+            )
             for part in body.interfaces
         ),
         modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
         loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
         **_combine_recovery(body, Z),
     )
+
+
+def _combined(forms: FloatArray | None, Z: FloatArray) -> FloatArray | None:
+    """Forms (..., m, m) of the modes made by Z (m, k)."""
+    return None if forms is None else np.asarray(Z.T @ forms @ Z)
 
 
 def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
