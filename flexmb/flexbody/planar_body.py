@@ -368,7 +368,8 @@ def _check_interfaces(body: FlexBody, n: FloatArray) -> None:
 
 def _in_plane(part: Interface, n: FloatArray) -> Interface:
     N = np.outer(n, n)
-    return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r)
+    bend = None if part.bend is None else part.bend - np.einsum("ab,bij->aij", N, part.bend)
+    return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r, bend)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
