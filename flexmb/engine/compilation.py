@@ -139,7 +139,7 @@ class _Work:
         return len(self.workers) < _cores() and left > _WORTH_A_PROCESS * len(self.workers)
 
     def _next(self, worker: _Worker | None) -> str:
-        """The unit that a worker has least to do for beside the others; then the longest.
+        """The unit that costs a worker least compared with the others; then the longest.
 
         A process translates a kernel once for all units that it compiles.
         """
@@ -289,10 +289,10 @@ class _Worker:
             self.lock.release()
 
 
-def _cost(name: str, known: Collection[FunctionType] = ()) -> float:
+def _cost(name: str, translated: Collection[FunctionType] = ()) -> float:
     """Bytes of code to compile for a unit, where a process knows some kernels already."""
     kernels = reached(UNITS[name]).kernels
-    again = sum(size for kernel, size in kernels.items() if kernel in known)
+    again = sum(size for kernel, size in kernels.items() if kernel in translated)
     return sum(kernels.values()) - _TRANSLATION * again
 
 

@@ -173,7 +173,7 @@ def _plain(hint: Any) -> Any:
 class KernelType(types.Dispatcher):  # type: ignore[misc]
     """Type of a kernel, which is compiled once for all constants that it is called with.
 
-    Numba by itself compiles a function anew for each integer that stands in a call.
+    Numba by itself compiles a function again for each integer that stands in a call.
     """
 
     def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:

@@ -246,7 +246,7 @@ def _blocks(of: ModelTables) -> Blocks:
         columns=bodies + [[0]] * len(of.lowering.scalars),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
-        group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
+        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in follows],
         couples=[(i, j) for i, j in pairs if i != j],
         group_sliders=_group_curve_points(groups, first),
     )

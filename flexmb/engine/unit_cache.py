@@ -108,7 +108,7 @@ def engine_hash() -> str:
 
 @functools.cache
 def _machine() -> str:
-    """What machine code depends on beside its source: processor, and versions of the compilers."""
+    """What machine code depends on but for its source: processor, versions of the compilers."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()

@@ -86,14 +86,14 @@ def _loader() -> _Loader:
 
 
 def _collect(
-    names: Iterable[str], stored: dict[str, Stored], known: Callable[[str], bool]
+    names: Iterable[str], stored: dict[str, Stored], is_loaded: Callable[[str], bool]
 ) -> list[str]:
     """Add units and all they call to `stored`; returns the names of those that are missing."""
     missing, seen = [], set()
     waiting = list(names)
     while waiting:
         name = waiting.pop()
-        if name in seen or known(name):
+        if name in seen or is_loaded(name):
             continue
         seen.add(name)
         if name not in stored and (file := read_stored(name)) is not None:
