@@ -27,8 +27,6 @@ from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit
 from flexmb.errors import CompilationError
 from flexmb.progress import Progress, silent
 
-__all__ = ["compile_units"]
-
 # A process grows by some 4 MB a unit; after so many a new one takes over.
 _MOST_UNITS = 60
 # Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved

@@ -234,8 +234,7 @@ def _blocks(of: ModelTables) -> Blocks:
     pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
     follows = [
-        {c for row in groups.in_group(k) for c, _ in row.entry.follows}
-        for k in range(len(groups.groups))
+        {c for row in groups.in_group(k) for c, _ in row.follows} for k in range(len(groups.groups))
     ]
     for group, coordinate in of.lowering.reaction_loads:
         follows[group].add(coordinate)

@@ -18,11 +18,6 @@ import numpy as np
 
 from flexmb.engine.jit import Unit
 
-__all__ = [
-    "Array", "Complexes", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector",
-    "array_ndim", "array_of", "is_record", "layout", "pack", "units_in",
-]  # fmt: skip
-
 
 class Array(NamedTuple):
     """An array of a dtype with a number of dimensions."""

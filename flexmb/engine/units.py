@@ -24,11 +24,6 @@ from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
-__all__ = [
-    "call", "call_ready", "hand_over", "interpretation", "interpreted", "load_units",
-    "missing_units", "prepare_units",
-]  # fmt: skip
-
 _in_python = ContextVar("_in_python", default=False)
 _ENGINE = "flexmb.engine."
 
