@@ -45,7 +45,7 @@ def study(
     vary : mapping, optional
         Knob to values: a path such as ``"bodies.rod.modes"``, a parameter, or a field of
         ``[dynamics]``; a list, or a text such as ``"1e-2..1e-6"`` or ``"1e-3..1e-5:5"``. By default
-        what ``[study]`` of the scene says.
+        those of ``[study]`` in the scene.
     output : path, optional
         Folder of the study; ``out/<scene>/study`` by default. Runs that are there already are used
         again.
@@ -55,7 +55,7 @@ def study(
         Runs at the same time, each in a process; 1: one after the other in this process, which
         disturbs the timings least.
     fresh : bool
-        Run anew what is there already.
+        Run again what is there already.
     progress : Progress
         Told the phases `reduce`, `study` and `reference`.
     **criteria
@@ -74,7 +74,12 @@ def study(
     OutputError
         The folder cannot be written.
     """
-    source = _source(scene, overrides, output)
+    if isinstance(scene, str | Path):
+        source = StudySource.of_scene(scene, overrides, output)
+    elif overrides:
+        raise SceneError("overrides are for scene files; change the model itself")
+    else:
+        source = StudySource.of_model(scene, output)
     spec = _spec(source.model, vary, criteria)
     if workers < 1:
         raise SceneError(f"workers: at least one is needed, given {workers}")
@@ -87,18 +92,8 @@ def study(
         return StudyRunner(source, spec, pool, progress).run(settings)
 
 
-def _source(
-    scene: str | Path | Model, overrides: Mapping[str, Any] | None, output: str | Path | None
-) -> StudySource:
-    if isinstance(scene, str | Path):
-        return StudySource.of_scene(scene, overrides, output)
-    if overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    return StudySource.of_model(scene, output)
-
-
 def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, Any]) -> StudySpec:
-    """What the scene says of its study, with what is given here in place of it."""
+    """`[study]` of the scene, with the values given here in place of its own."""
     allowed = tuple(name for name in StudySpec.model_fields if name != "vary")
     unknown = [name for name in criteria if name not in allowed]
     problems = [Problem(name, "unknown", allowed, nearest(name, allowed)) for name in unknown]
