@@ -82,10 +82,7 @@ def reduce(
         typer.Option("--fresh", help="Reduce a scene's meshes again, even if nothing changed."),
     ] = False,
     report: Annotated[
-        bool,
-        typer.Option(
-            "--report", help="Compare with the full model: errors of frequencies, mass, statics."
-        ),
+        bool, typer.Option("--report", help="Compare the bodies with their full models.")
     ] = False,
     up_to: Annotated[
         float | None,

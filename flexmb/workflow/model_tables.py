@@ -45,16 +45,12 @@ def definition_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> tuple
 
 
 def _places(model: Model) -> Titled:
-    length = model.units.label("m")
+    units = model.units
     rows = [
-        (
-            name,
-            model.units.components(spec.position, "m"),
-            model.units.components(spec.orientation, ""),
-        )
+        (name, units.components(spec.position, "m"), units.components(spec.orientation, ""))
         for name, spec in model.bodies.items()
     ]
-    columns = ("body", f"origin r [{length}]", "Euler parameters, scalar first")
+    columns = ("body", f"origin r [{units.label('m')}]", "Euler parameters, scalar first")
     return "bodies: frames in the placed pose, global axes", Table(columns, rows)
 
 
