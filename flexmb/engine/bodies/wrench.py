@@ -236,8 +236,8 @@ def add_moment_arms(run: Run, i: int, j: int, f: float) -> int:
 def add_rates(run: Run, n: int, f: float) -> int:
     """Add f Σ X_r U_rᵀ, r < n, to dense.H (12, 12).
 
-    Of wrench pairs Σ X_r (U_r·V) that follow rates: V (12) holds the velocities of both markers, X_r
-    and U_r are rows of dense.X and dense.U.
+    Of wrench pairs Σ X_r (U_r·V) that follow rates: V (12) holds the velocities of both markers,
+    X_r and U_r are rows of dense.X and dense.U.
     """
     X, U, H = run.work.dense.X, run.work.dense.U, run.work.dense.H
     for r in range(12):
@@ -253,8 +253,9 @@ def add_rates(run: Run, n: int, f: float) -> int:
 def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: float) -> int:
     """Add f Jᵀ Σ X_r ∂(U_r·V)/∂q, r < n; J of markers i and j is in dense.J.
 
-    At constant velocities v of the bodies V changes, while the moment arms do. Rows of dense.T: Jᵀ X_r of the two bodies, from 12 on ∂(U_r·V)/∂q, which is vᵀ times the tangent
-    of the moment arms of U_r.
+    At constant velocities v of the bodies V changes, while the moment arms do. Rows of dense.T:
+    Jᵀ X_r of the two bodies, from 12 on ∂(U_r·V)/∂q, which is vᵀ times the tangent of the moment
+    arms of U_r.
     """
     parts, d = run.system.parts, run.work.dense
     T, B, X = d.T, d.B, d.X
