@@ -61,8 +61,8 @@ def count(model: Model, flexbodies: lookup.Bodies | None = None) -> Counts:
     """Count what a model consists of."""
     flexbodies = flexbodies or {}
     flexible = [name for name, spec in model.bodies.items() if spec.flexible]
-    known = [lookup.flexbody_of(model, name, flexbodies) for name in flexible]
-    bodies = [body for body in known if body is not None]
+    flexbodies_of = [lookup.flexbody_of(model, name, flexbodies) for name in flexible]
+    bodies = [body for body in flexbodies_of if body is not None]
     used = [spec.type for spec in model.joints.values()]
     joints = tuple(
         JointCount(

@@ -20,7 +20,7 @@ from flexmb.model.bodies.markers import GroundSpec, MarkerSpec, PlacedMarker, pl
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 from flexmb.units import UnitSystem
 
 if TYPE_CHECKING:
@@ -62,11 +62,11 @@ class ModelData(Protocol):
     view: Any
 
     @property
-    def terms(self) -> Terms:
+    def context(self) -> ReadContext:
         """What numbers mean that are given to the model."""
         ...
 
-    def check_terms(self, channel: Any) -> Terms:
+    def check_context(self, channel: Any) -> ReadContext:
         """What numbers mean that are compared with a channel."""
         ...
 

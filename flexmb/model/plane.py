@@ -19,7 +19,7 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import given
+from flexmb.model.values.reading import quote
 
 Array = NDArray[np.float64]
 ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
@@ -31,7 +31,7 @@ def read_plane(value: Any) -> tuple[str | None, list[Problem]]:
         return value, []
     names = tuple(PLANES)
     near = nearest(str(value), names)
-    return None, [Problem("plane", f"unknown plane {given(value)}", names, near)]
+    return None, [Problem("plane", f"unknown plane {quote(value)}", names, near)]
 
 
 def plane_axes(plane: str) -> tuple[int, int, int]:

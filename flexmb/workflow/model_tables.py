@@ -127,7 +127,7 @@ def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
 def _drivers(model: Model) -> Titled:
     rows = []
     for name, driver in model.drivers.items():
-        words = driver.model_dump(mode="json", exclude_defaults=True, context=model.terms)
+        words = driver.model_dump(mode="json", exclude_defaults=True, context=model.context)
         rows.append((name, *_word_cells(words, apart=("joint",))))
     return "drivers", Table(("driver", "joint", "coordinate = function of t"), rows)
 
@@ -142,7 +142,7 @@ def _other_elements(model: Model) -> Iterator[Titled]:
         rows = []
         for name, spec in entries.items():
             if isinstance(spec, Spec):
-                words = spec.model_dump(mode="json", exclude_defaults=True, context=model.terms)
+                words = spec.model_dump(mode="json", exclude_defaults=True, context=model.context)
                 rows.append((name, *_word_cells(words, apart=("type",))))
         yield section, Table((section.removesuffix("s"), "type", "values"), rows)
 

@@ -252,7 +252,7 @@ def simulate(
 
     if dynamics:
         spec = model.dynamics
-        fields = {} if spec is None else spec.model_dump(context=model.terms)
+        fields = {} if spec is None else spec.model_dump(context=model.context)
         for new in dynamics:
             fields.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
@@ -293,7 +293,7 @@ def kinematics(
     """
     if fields:
         spec = model.kinematics
-        present = {} if spec is None else spec.model_dump(context=model.terms)
+        present = {} if spec is None else spec.model_dump(context=model.context)
         model = copy.copy(model)
         model.set_kinematics(**{**present, **fields})
     return _run_and_open(model, "kinematics", output, None, progress)

@@ -33,10 +33,10 @@ from flexmb.model.values.reading import (
     Reader,
     Spec,
     Variant,
+    context_of,
     fail,
-    given,
     list_form,
-    names_of,
+    quote,
     read_entry,
     reference,
     under,
@@ -46,14 +46,14 @@ from flexmb.model.values.reading import (
 def _group_name(value: Any, info: ValidationInfo) -> str:
     """The name of a mesh group; a number is the name of a group that a file only numbers."""
     if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
-        raise fail(Problem("", f"the name of a mesh group is expected, given {given(value)}"))
+        raise fail(Problem("", f"the name of a mesh group is expected, given {quote(value)}"))
     return str(value)
 
 
 def _node_or_group(value: Any, info: ValidationInfo) -> str | int:
     if isinstance(value, bool) or not isinstance(value, str | int):
         what = "the name of a mesh group or the number of a node is expected, given "
-        raise fail(Problem("", what + given(value)))
+        raise fail(Problem("", what + quote(value)))
     return value if isinstance(value, str) else Integer(0).read(value, info)
 
 
@@ -62,7 +62,7 @@ def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
     if isinstance(value, str) and value in ("uniform", "area"):
         return value
     if not isinstance(value, list):
-        what = f"unknown choice {given(value)}"
+        what = f"unknown choice {quote(value)}"
         raise fail(Problem("", what, ("uniform", "area", "one number for each node")))
     return tuple(Quantity("", "positive").read(item, info) for item in value)
 
@@ -119,19 +119,19 @@ class InterfaceSpec(NodeChoice):
 def _read_interfaces(value: Any, info: ValidationInfo) -> dict[str, str | InterfaceSpec]:
     if not isinstance(value, Mapping) or not value:
         what = "a table {name = mesh group, ...} of at least one interface is expected"
-        raise fail(Problem("", f"{what}, given {given(value)}"))
+        raise fail(Problem("", f"{what}, given {quote(value)}"))
     problems: list[Problem] = []
     found: dict[str, str | InterfaceSpec] = {}
     for name, chosen in value.items():
         if bad := bad_name(name):
             problems.append(Problem(str(name), bad))
         elif isinstance(chosen, Mapping | InterfaceSpec):
-            spec, wrong = read_entry(InterfaceSpec, chosen, names_of(info))
+            spec, wrong = read_entry(InterfaceSpec, chosen, context_of(info))
             problems += under(name, wrong)
             found |= {name: spec} if spec is not None else {}
         elif isinstance(chosen, bool) or not isinstance(chosen, str | int):
             what = "the name of a mesh group, or a table, is expected, given "
-            problems.append(Problem(name, what + given(chosen)))
+            problems.append(Problem(name, what + quote(chosen)))
         else:
             found[name] = str(chosen)
     if problems:
@@ -190,7 +190,7 @@ def _read_stiffness(value: Any, info: ValidationInfo) -> float | tuple[float, ..
         return Quantity("N/m", "positive").read(value, info)
     if len(value) != len(_UNITS):
         what = "one stiffness, or six along and about the axes are expected, given "
-        raise fail(Problem("", what + given(value)))
+        raise fail(Problem("", what + quote(value)))
     pairs = zip(_UNITS, value, strict=True)
     found = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
     if not any(found):

@@ -16,7 +16,15 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo
 from flexmb.errors import FlexmbError, Problem
 from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial, material
 from flexmb.model.values.quantities import Number, Quantity, plain
-from flexmb.model.values.reading import Reader, Spec, choice, fail, names_of, read_entry, reference
+from flexmb.model.values.reading import (
+    Reader,
+    Spec,
+    choice,
+    context_of,
+    fail,
+    read_entry,
+    reference,
+)
 
 __all__ = ["MATERIAL_KINDS", "MaterialField"]
 
@@ -64,7 +72,7 @@ def _read_material(value: Any, info: ValidationInfo) -> AnyMaterial:
             "G" in value or isinstance(plain(value.get("E")), list)
         )
         kind = OrthotropicSpec if directed else MaterialSpec
-        values, problems = read_entry(kind, value, names_of(info))
+        values, problems = read_entry(kind, value, context_of(info))
         if values is None:
             raise fail(*problems)
         made = OrthotropicMaterial if directed else Material

@@ -32,9 +32,9 @@ from flexmb.model.values.reading import (
     Entry,
     Reader,
     Spec,
+    context_of,
     fail,
-    given,
-    names_of,
+    quote,
     read_entry,
     reference,
 )
@@ -74,14 +74,14 @@ class ModesSpec(Spec):
 
 def _read_modes(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, Mapping | ModesSpec):
-        spec, problems = read_entry(ModesSpec, value, names_of(info))
+        spec, problems = read_entry(ModesSpec, value, context_of(info))
         if spec is None:
             raise fail(*problems)
         return spec
     if isinstance(value, Path) or (isinstance(value, str) and value.strip().endswith(".npz")):
         return Path(value).as_posix()
     if isinstance(value, list | tuple):
-        what = f"a whole number, a table or an .npz file is expected, given {given(value)}"
+        what = f"a whole number, a table or an .npz file is expected, given {quote(value)}"
         raise fail(Problem("", what))
     return Integer(0).read(value, info)
 

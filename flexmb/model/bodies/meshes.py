@@ -18,9 +18,9 @@ from flexmb.model.values.quantities import Angle, Integer, Position, Quantity, S
 from flexmb.model.values.reading import (
     Reader,
     Spec,
+    context_of,
     fail,
-    given,
-    names_of,
+    quote,
     read_variant,
     reference,
     under,
@@ -137,8 +137,8 @@ def _read_source(value: Any, info: ValidationInfo) -> str | MeshTableSpec:
         return str(value)
     if isinstance(value, str | Path) or not hasattr(value, "keys"):
         what = "a mesh file, or a table {type = ...} of a simple shape is expected, given "
-        raise fail(Problem("", what + given(value), tuple(MESH_TYPES)))
-    spec, problems = read_variant("shape of a mesh", MESH_TYPES, value, names_of(info))
+        raise fail(Problem("", what + quote(value), tuple(MESH_TYPES)))
+    spec, problems = read_variant("shape of a mesh", MESH_TYPES, value, context_of(info))
     if spec is None:
         raise fail(*under("", problems))
     return spec

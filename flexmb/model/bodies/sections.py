@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, ValidationInfo, model_validator
 from flexmb.errors import Problem
 from flexmb.model.bodies.material import MaterialField
 from flexmb.model.values.quantities import Angle, Axis, Length, Quantity, Size, plain
-from flexmb.model.values.reading import Entry, Spec, Variant, fail, names_of, units_of
+from flexmb.model.values.reading import Entry, Spec, Variant, context_of, fail
 
 Area = Annotated[float, Quantity("m^2", "positive")]
 Moment = Annotated[float, Quantity("m^4", "positive")]
@@ -78,7 +78,7 @@ class TubeSection(ShapedSpec):
     @model_validator(mode="after")
     def _hollow(self, info: ValidationInfo) -> Self:
         if self.inner >= self.radius:
-            units = units_of(names_of(info))
+            units = context_of(info).units
             radius, inner = units.say(self.radius, "m"), units.say(self.inner, "m")
             what = f"must be less than the outer radius {radius}, is {inner}"
             raise fail(Problem("inner", what))

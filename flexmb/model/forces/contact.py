@@ -295,11 +295,10 @@ def _overlap_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[P
 
 def _positions(scope: Scope, reference: str, side: Any) -> Array:
     """(n, 3) global places of a sphere's centre or of points, in the placed pose."""
-    model, known = scope.model, scope.flexbodies
+    model = scope.model
     if isinstance(side, SphereSide):
-        return np.array(
-            [lookup.global_position(model, lookup.place_marker(model, reference, known))]
-        )
+        marker = lookup.place_marker(model, reference, scope.flexbodies)
+        return np.array([lookup.global_position(model, marker)])
     body = split_reference(reference)[0]
     if side.points is not None:
         return np.array([_global_point(model, body, np.array(p)) for p in side.points])

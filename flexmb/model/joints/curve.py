@@ -36,15 +36,12 @@ from flexmb.model.values.quantities import (
 )
 from flexmb.model.values.reading import (
     NUMBER,
-    Names,
     Reader,
-    fail,
+    context_of,
     fail_if,
-    given,
-    names_of,
     only_one,
+    quote,
     under,
-    units_of,
 )
 from flexmb.units import UnitSystem
 
@@ -66,16 +63,12 @@ class Profile:
 def _profile(value: Any, info: ValidationInfo) -> Profile:
     if isinstance(value, Profile):
         return value
-    names: Names = names_of(info)
-    scale = units_of(names).scale("m")
-    try:
-        if not isinstance(value, str):
-            return Profile(value, (("const", read_number(value, names) * scale),))
-        text, factor = expression_and_factor(value, names, "m", time=True)
-        ops = parse(text, names).ops
-    except SceneError as error:
-        raise fail(*error.problems) from None
-    return Profile(value, (*ops, ("const", factor * scale), ("*", 0.0)))
+    names = context_of(info)
+    scale = names.units.scale("m")
+    if not isinstance(value, str):
+        return Profile(value, (("const", read_number(value, names) * scale),))
+    text, factor = expression_and_factor(value, names, "m", time=True)
+    return Profile(value, (*parse(text, names).ops, ("const", factor * scale), ("*", 0.0)))
 
 
 def _written(value: Profile, info: SerializationInfo) -> float | str:
@@ -143,7 +136,7 @@ class CurveSpec(Component):
         return flat and self.z is None
 
 
-def read_points(path: Path, units: UnitSystem) -> Points:
+def read_curve_file(path: Path, units: UnitSystem) -> Points:
     """Points of a CSV file, two or three columns in the scene's unit of length, in SI.
 
     Values stand apart by commas, semicolons or blanks; the first row may name the columns, and what
@@ -169,7 +162,7 @@ def read_points(path: Path, units: UnitSystem) -> Points:
                 continue  # the names of the columns
             row = (np.nan,)
         if words and (len(row) not in (2, 3) or not np.isfinite(row).all()):
-            what = f"{path}: line {number} is no point of two or three numbers: {given(line)}"
+            what = f"{path}: line {number} is no point of two or three numbers: {quote(line)}"
             raise SceneError.from_problems([Problem("file", what)])
         if words:
             rows.append(row)
@@ -219,7 +212,7 @@ def curve_shape(model: ModelData, name: str) -> CurveShape:
     try:
         points = spec.points
         if spec.file is not None:
-            points = read_points(model.path(spec.file), model.units)
+            points = read_curve_file(model.path(spec.file), model.units)
         return shape_of(spec, points)
     except SceneError as error:
         raise SceneError.from_problems(under(f"curves.{name}", error.problems)) from None

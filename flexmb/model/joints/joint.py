@@ -26,7 +26,7 @@ from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Length, Pair, Size, Text
-from flexmb.model.values.reading import Reader, fail, fail_if, given
+from flexmb.model.values.reading import Reader, fail, fail_if, quote
 
 COORDINATES = ("angle", "second_angle", "stroke")
 """Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
@@ -108,7 +108,7 @@ def _type(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or value not in JOINT_TYPES:
         names = tuple(sorted(JOINT_TYPES))
         near = nearest(str(value), names)
-        raise fail(Problem("", f"unknown joint type {given(value)}", names, near))
+        raise fail(Problem("", f"unknown joint type {quote(value)}", names, near))
     return value
 
 

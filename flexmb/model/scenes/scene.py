@@ -96,11 +96,11 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         message = str(error)
-        found = _PLACE.search(message)
-        reason = message[: found.start()] if found else message
+        match = _PLACE.search(message)
+        reason = message[: match.start()] if match else message
         lines = text.splitlines() or [""]
-        if found and found[1]:
-            line, column = int(found[1]), int(found[2])
+        if match and match[1]:
+            line, column = int(match[1]), int(match[2])
         else:
             line, column = len(lines), len(lines[-1]) + 1
         shown = lines[min(line, len(lines)) - 1].replace("\t", " ")

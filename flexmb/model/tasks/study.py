@@ -20,7 +20,7 @@ from pydantic import SerializationInfo, ValidationInfo
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.tasks.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
 from flexmb.model.values.quantities import Integer, Quantity, Text, plain
-from flexmb.model.values.reading import Reader, Spec, fail, fail_if, given, under
+from flexmb.model.values.reading import Reader, Spec, fail, fail_if, quote, under
 
 _MAKEABLE = (
     "assembly",
@@ -59,7 +59,7 @@ def _value(text: Any) -> Any:
 def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     where = f"override {name}"
     if isinstance(value, Mapping):
-        return Problem(where, f"a single value is expected, given {given(value)}")
+        return Problem(where, f"a single value is expected, given {quote(value)}")
     parts = name.split(".")
     if len(parts) == 1:
         parameters = scene.get("parameters", {})
@@ -259,7 +259,7 @@ def _spaced(piece: str, match: re.Match[str]) -> Iterator[float]:
 
 def _vary(value: Any, info: ValidationInfo) -> dict[str, tuple[Any, ...]]:
     if not isinstance(value, Mapping):
-        raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {given(value)}"))
+        raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {quote(value)}"))
     knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
     for knob, values in _flat("", value):

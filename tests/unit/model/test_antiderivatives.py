@@ -84,6 +84,6 @@ def test_a_value_that_is_missing_is_told():
 
 
 def test_what_never_settles_is_told(monkeypatch):
-    monkeypatch.setattr("flexmb.model.functions.antiderivatives._MOST_PIECES", 20)
+    monkeypatch.setattr("flexmb.model.functions.antiderivatives._MAX_PIECES", 20)
     with pytest.raises(SceneError, match="changes too often"):
         antiderivative(read_function("sin(exp(3*t))").expression.ops, 1, END)

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from flexmb.errors import SceneError
 from flexmb.model.functions.function import FUNCTION_FORMS, read_function
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 from flexmb.units import unit_system
 
 RISES = ("step", "step5", "havsin", "cycloidal", "modified-sine")
@@ -134,7 +134,7 @@ def test_mistakes_of_trapezoids_are_told(fields, place, sentence):
 
 
 def test_numbers_are_in_the_units_of_the_scene():
-    names = Terms({}, unit_system("mm-t-s"))
+    names = ReadContext({}, unit_system("mm-t-s"))
     given = {"type": "trapezoidal", "y1": 500, "speed": 250, "acceleration": "1 m/s^2"}
     function = read_function(given, names, "m")
     assert function.value(0.25 + 1.0)[1] == pytest.approx(0.25)
