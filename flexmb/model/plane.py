@@ -100,7 +100,7 @@ def _body_problems(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
     if np.sort(normal)[1] > ALIGNED:
         what = f"no axis of the body is normal to the plane {plane}; turn it within the plane only"
         yield Problem(f"{where}.orientation", what)
-    for marker, initial in spec.asked_velocities.items():
+    for marker, initial in spec.initial_velocities.items():
         at = where if marker == "origin" and not spec.initial else f"{where}.initial.{marker}"
         if initial.velocity is not None and not keeps_plane(initial.velocity, plane):
             yield Problem(f"{at}.velocity", f"has a component normal to the plane {plane}")

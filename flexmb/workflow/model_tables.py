@@ -168,7 +168,7 @@ def _value_text(value: Any) -> str:
 def _velocities(model: Model) -> Titled:
     units, rows = model.units, []
     for name, spec in model.bodies.items():
-        for marker, initial in spec.asked_velocities.items():
+        for marker, initial in spec.initial_velocities.items():
             pairs = ((initial.velocity, "m/s"), (initial.angular_velocity, "rad/s"))
             cells = (_vector(units, vector or (), unit) for vector, unit in pairs)
             rows.append((f"{name}.{marker}", *cells, initial.axes))

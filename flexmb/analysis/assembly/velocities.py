@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
-from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.system import with_markers
+from flexmb.engine.compile import Compiled, with_markers
 from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
@@ -77,7 +76,7 @@ class InitialVelocities:
                 one,
             )
             for name, spec in model.bodies.items()
-            for marker, one in spec.asked_velocities.items()
+            for marker, one in spec.initial_velocities.items()
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()
