@@ -15,6 +15,7 @@ import numpy as np
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.failure import gaps_at, n_kept, open_joint, reason
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.dynamics.passes import (
     error_statistics,
     limited_by_stability,
@@ -66,15 +67,17 @@ class Sink(Protocol):
 
 @dataclass(frozen=True)
 class _Watched:
-    """A sink that shows its rows to those who look for singular poses and for growth."""
+    """A sink that shows its rows to the monitors."""
 
     sink: Sink
     poses: SingularOrientationMonitor
     growth: GrowthMonitor
+    elasticity: LinearElasticityMonitor
 
     def append(self, block: OutputBlock) -> None:
         self.poses.add(block)
         self.growth.add(block)
+        self.elasticity.add(block)
         self.sink.append(block)
 
     def save_state(self, state: dict[str, np.ndarray]) -> None:
@@ -218,7 +221,9 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
         lifts = ContactLossMonitor(run.compiled)
         poses = SingularOrientationMonitor(run.compiled.layout, prepared.model)
         growth = GrowthMonitor(run.compiled, prepared.model)
-        status, message = _integrate(prepared, _Watched(sink, poses, growth), progress, lifts)
+        elasticity = LinearElasticityMonitor(run.compiled, prepared.model, prepared.first.q)
+        watched = _Watched(sink, poses, growth, elasticity)
+        status, message = _integrate(prepared, watched, progress, lifts)
         if status == _STIFF:
             # what the explicit method can't do is said by the other one
             units = integration_units(run.compiled.system, chosen_method(spec, STIFF_METHOD))
@@ -234,7 +239,7 @@ def integrate(prepared: Prepared, sink: Sink, *, progress: Progress = silent) ->
             finished, again = prepared, prepared.stricter(tolerance)
         sink.restart()
         prepared = again
-    notes += [*lifts.notes(), *poses.notes()]
+    notes += [*lifts.notes(), *poses.notes(), *elasticity.notes()]
     if growth.sentence and growth.sentence != message:
         notes.append(growth.sentence)
     clock.lap("integrate")
