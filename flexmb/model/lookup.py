@@ -18,9 +18,8 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec
 from flexmb.model.bodies.markers import GroundSpec, MarkerSpec, PlacedMarker, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad
-from flexmb.model.values.reading import ReadContext
+from flexmb.model.values.reading import GROUND, ReadContext, split_reference
 from flexmb.units import UnitSystem
 
 if TYPE_CHECKING:

@@ -27,17 +27,22 @@ from flexmb.model.plane import read_plane
 from flexmb.model.references import Component
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, scene_dict
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.scenes.sections import read_named
+from flexmb.model.scenes.study import StudySpec
 from flexmb.model.sensors.control import ControllerSpec, StateSpec
 from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
-from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
-from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.tasks.study import StudySpec
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import plain
-from flexmb.model.values.reading import ReadContext, Spec, read_entry, under
+from flexmb.model.values.reading import (
+    GROUND,
+    ReadContext,
+    Spec,
+    read_entry,
+    split_reference,
+    under,
+)
 from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from flexmb.errors import FlexmbError, SceneError
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.tasks.study import StudySpec
+from flexmb.model.scenes.study import StudySpec
 from flexmb.progress import Progress
 from flexmb.studies.channel_errors import Reading, difference, own_errors, read_run
 from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch

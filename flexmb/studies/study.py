@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.folders import writable_folder
-from flexmb.model.tasks.study import StudySpec, sweep_values
+from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import check_sensors
 from flexmb.studies.report import Study

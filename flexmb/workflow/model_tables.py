@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from flexmb.model.values.names import GROUND
+from flexmb.model.values.reading import GROUND
 from flexmb.workflow.listings import Table
 
 if TYPE_CHECKING:

@@ -247,7 +247,7 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.model.tasks.dynamics import INSTEAD, drop_idle_options
+    from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
 
     if dynamics:
         spec = model.dynamics

@@ -29,7 +29,6 @@ from flexmb.flexbody.mesh_options import (
 from flexmb.flexbody.section_options import SECTIONS
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
 from flexmb.model.bodies.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.values.names import bad_name
 from flexmb.model.values.quantities import Integer, Quantity
 from flexmb.model.values.reading import (
     NAME,
@@ -37,6 +36,7 @@ from flexmb.model.values.reading import (
     Reader,
     Spec,
     Variant,
+    bad_name,
     context_of,
     fail,
     quote,

@@ -30,9 +30,16 @@ from flexmb.model.forces.friction import Friction
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
-from flexmb.model.values.reading import Spec, Variant, fail, fail_if, only_one, under
+from flexmb.model.values.reading import (
+    Spec,
+    Variant,
+    fail,
+    fail_if,
+    only_one,
+    split_reference,
+    under,
+)
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody

@@ -18,7 +18,6 @@ from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Number, Quantity, Text, plain
 from flexmb.model.values.reading import (
     Reader,
@@ -28,6 +27,7 @@ from flexmb.model.values.reading import (
     quote,
     read_entry,
     reference,
+    split_reference,
 )
 
 Key = tuple[str, str]

@@ -24,9 +24,9 @@ from flexmb.model.joints.joint import COORDINATES
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number, read_numbers
 from flexmb.model.values.reading import (
+    GROUND,
     NUMBER,
     Reader,
     context_of,
@@ -34,6 +34,7 @@ from flexmb.model.values.reading import (
     fail_if,
     list_form,
     quote,
+    split_reference,
 )
 
 DRIVEN: dict[str, tuple[str, ...]] = {

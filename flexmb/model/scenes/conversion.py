@@ -21,17 +21,16 @@ from flexmb.model.joints.curve import CurveSpec, read_curve_file
 from flexmb.model.lookup import ModelData
 from flexmb.model.plane import read_plane
 from flexmb.model.scenes.consistency import model_problems
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.scenes.sections import SECTIONS, read_named
-from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
-from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.tasks.study import StudySpec, resolve_knob
-from flexmb.model.values.names import bad_name
+from flexmb.model.scenes.study import StudySpec, resolve_knob
 from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import Acceleration, plain, read_axis
 from flexmb.model.values.reading import (
     ReadContext,
     Spec,
+    bad_name,
     quote,
     read_entry,
     under,

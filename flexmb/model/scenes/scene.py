@@ -12,7 +12,7 @@ from typing import Any
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.model import Model, Source
 from flexmb.model.scenes.conversion import build
-from flexmb.model.tasks.study import override
+from flexmb.model.scenes.study import override
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 

@@ -30,10 +30,11 @@ from flexmb.model.joints.joint import JointSpec
 from flexmb.model.references import Component
 from flexmb.model.sensors.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.values.names import GROUND, bad_name
 from flexmb.model.values.reading import (
+    GROUND,
     ReadContext,
     Spec,
+    bad_name,
     quote,
     read_entry,
     read_variant,

@@ -1,4 +1,4 @@
-"""How a scene is run in time: span, step, outputs, method and its numbers.
+"""How a scene is run: dynamics with its method and numbers, kinematics, assembly.
 
 What a method does stands in the files of `flexmb.engine.integrators`.
 """
@@ -13,9 +13,19 @@ from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.values.points import check_order
-from flexmb.model.values.quantities import Integer, Quantity, Time, plain, read_numbers
+from flexmb.model.values.quantities import (
+    Angle,
+    Integer,
+    Length,
+    Quantity,
+    Time,
+    WordOr,
+    plain,
+    read_numbers,
+)
 from flexmb.model.values.reading import (
     NUMBER,
+    Entry,
     Form,
     Reader,
     Spec,
@@ -273,3 +283,48 @@ class DynamicsSpec(Spec):
     def n_rows(self) -> int:
         """Number of rows that are recorded."""
         return len(self.outputs) if isinstance(self.outputs, tuple) else self.outputs + 1
+
+
+class KinematicsSpec(Spec):
+    """Motion that joints and drivers fix alone, without integration.
+
+    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, each with positions,
+    velocities, accelerations and the reactions of that motion, to round-off whatever their number.
+    """
+
+    duration: Time
+    outputs: Annotated[int, Integer(1)] = 200
+
+
+class GuessSpec(Spec):
+    """Coordinates of a joint to begin near: ``angle``, ``stroke`` or both."""
+
+    angle: Angle | None = None
+    stroke: Length | None = None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.angle is None and self.stroke is None:
+            raise fail(Problem("", 'give "angle", "stroke" or both'))
+        return self
+
+    @property
+    def coordinates(self) -> dict[str, float]:
+        """What is guessed, by the name of the coordinate."""
+        values = {"angle": self.angle, "stroke": self.stroke}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+class AssemblySpec(Spec):
+    """How the first pose is computed.
+
+    ``weights`` by body: bodies move as little as the gaps allow, one of weight 10 as if it had ten
+    times its mass, a ``"fixed"`` one not at all; 1 by default. ``guess`` by joint: coordinates near
+    which the mechanism begins; of several ways to assemble it, the nearest is taken.
+    """
+
+    weights: dict[
+        str,
+        Annotated[float | Literal["fixed"], WordOr("fixed", "a positive number", "", "positive")],
+    ] = {}
+    guess: dict[str, Annotated[GuessSpec, Entry()]] = {}
