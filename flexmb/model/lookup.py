@@ -61,25 +61,15 @@ class ModelData(Protocol):
     view: Any
 
     @property
-    def context(self) -> ReadContext:
-        """What numbers mean that are given to the model."""
-        ...
+    def context(self) -> ReadContext: ...
 
-    def check_context(self, channel: Any) -> ReadContext:
-        """What numbers mean that are compared with a channel."""
-        ...
+    def check_context(self, channel: Any) -> ReadContext: ...
 
-    def channels(self) -> tuple[str, ...]:
-        """Names of all channels."""
-        ...
+    def channels(self) -> tuple[str, ...]: ...
 
-    def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a channel."""
-        ...
+    def channel_unit(self, channel: str) -> str | None: ...
 
-    def path(self, name: str) -> Path:
-        """A path of the scene, made absolute."""
-        ...
+    def path(self, name: str) -> Path: ...
 
 
 class NamedMarker(NamedTuple):
@@ -107,7 +97,7 @@ def has_all_markers(model: ModelData, body: str, flexbodies: Bodies) -> bool:
 
 
 def automatic_markers(model: ModelData, body: str, flexbodies: Bodies) -> tuple[str, ...]:
-    """Names of the markers a body has without being told."""
+    """Names of the markers a body has automatically."""
     center = () if _center(model, body, flexbodies) is None else ("center",)
     return tuple(dict.fromkeys(("origin", *center, *_interfaces(model, body, flexbodies))))
 
@@ -152,7 +142,7 @@ def has_marker(model: ModelData, body: str, name: str, flexbodies: Bodies | None
 
 
 def _automatic(model: ModelData, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
-    """A marker that a body has without being told; of another name, an interface to come."""
+    """An automatic marker of a body; of another name, an interface of the reduced body."""
     if name not in _interfaces(model, body, flexbodies):
         center = _center(model, body, flexbodies)
         if name == "origin":

@@ -86,7 +86,7 @@ class Function:
                 yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
                 return
 
-    def kinks(self, end: float) -> tuple[float, ...]:
+    def derivative_jumps(self, end: float) -> tuple[float, ...]:
         """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
         return derivative_jumps(self.expression.ops, end)
 

@@ -154,7 +154,7 @@ class CubicSpline(Tabulated):
 
 
 class AkimaSpline(Tabulated):
-    """cubics through points that do not overshoot beside corners, one continuous derivative.
+    """cubics through points that do not overshoot at corners, one continuous derivative.
 
     Points, file and what is beyond them as for a spline.
     """

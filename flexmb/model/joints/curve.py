@@ -24,6 +24,7 @@ from flexmb.model.functions.derivatives import evaluate
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.lookup import ModelData
 from flexmb.model.references import Component, Scope
+from flexmb.model.values.points import number_in, read_lines
 from flexmb.model.values.quantities import (
     Angle,
     Length,
@@ -40,7 +41,6 @@ from flexmb.model.values.reading import (
     context_of,
     fail_if,
     only_one,
-    quote,
     under,
 )
 from flexmb.units import UnitSystem
@@ -139,34 +139,25 @@ class CurveSpec(Component):
 def read_curve_file(path: Path, units: UnitSystem) -> Points:
     """Points of a CSV file, two or three columns in the scene's unit of length, in SI.
 
-    Values stand apart by commas, semicolons or blanks; the first row may name the columns, and what
-    follows # is left out.
+    The first rows may name the columns.
 
     Raises
     ------
     SceneError
         The file cannot be read, or a row holds no numbers.
     """
+    points: list[tuple[float, ...]] = []
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        what = f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise SceneError.from_problems([Problem("file", what)]) from None
-    rows: list[tuple[float, ...]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].replace(";", " ").replace(",", " ").split()
-        try:
-            row = tuple(float(word) * units.scale("m") for word in words)
-        except ValueError:
-            if not rows:
-                continue  # the names of the columns
-            row = (np.nan,)
-        if words and (len(row) not in (2, 3) or not np.isfinite(row).all()):
-            what = f"{path}: line {number} is no point of two or three numbers: {quote(line)}"
-            raise SceneError.from_problems([Problem("file", what)])
-        if words:
-            rows.append(row)
-    return tuple(rows)
+        for number, cells in read_lines(path):
+            row = [number_in(cell) for cell in cells]
+            x = tuple(value * units.scale("m") for value in row if value is not None)
+            if len(x) == len(row) in (2, 3):
+                points.append(x)
+            elif points or len(x) == len(row):
+                raise SceneError(f"{path}: line {number} is no point of two or three numbers")
+    except SceneError as error:
+        raise SceneError.from_problems(under("file", error.problems)) from None
+    return tuple(points)
 
 
 _SAME = 1e-9  # of the size of a curve: points closer than this are one

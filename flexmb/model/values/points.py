@@ -1,7 +1,7 @@
 """Points (x, y) of a curve: lists in the scene, or columns of a text file of numbers.
 
-In a file comma, semicolon, tab or blanks stand between the columns; empty lines and those that
-begin with # are skipped; a first line without numbers names the columns. Out: pairs in SI, x
+In a file comma, semicolon, tab or blanks stand between the columns; empty lines and what
+follows # are skipped; a first line without numbers names the columns. Out: pairs in SI, x
 increasing; or a problem with the point or the line that is wrong.
 """
 
@@ -80,10 +80,10 @@ def read_columns(
     SceneError
         No such file or column, no number, or a first column that does not increase.
     """
-    lines = list(_lines(path))
+    lines = list(read_lines(path))
     if not lines:
         raise SceneError(f"{path.name} holds no numbers")
-    has_header = not any(_number(cell) is not None for cell in lines[0][1])
+    has_header = not any(number_in(cell) is not None for cell in lines[0][1])
     header = lines.pop(0)[1] if has_header else []
     places = [_place(path, name, header) for name in columns.names]
     scales = _scales(columns.units, units, (first[0], unit))
@@ -97,8 +97,8 @@ def read_columns(
     return tuple(points)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of every line that is not empty."""
+def read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of every line of a text file that is not empty."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -106,14 +106,15 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is no text"
         raise SceneError(f'the file "{path}" cannot be read: {why}') from None
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
+    lines = (line.partition("#")[0] for line in text.splitlines())
+    for number, line in enumerate(lines, start=1):
+        if line.strip():
             mark = next((c for c in ";\t," if c in line), None)
             cells = line.split(mark) if mark else re.split(r"\s+", line.strip())
             yield number, [cell.strip().strip('"') for cell in cells]
 
 
-def _number(cell: str) -> float | None:
+def number_in(cell: str) -> float | None:
     try:
         value = float(cell)
     except ValueError:
@@ -138,7 +139,7 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
     where = f"{path.name}, line {line}"
     if place >= len(cells):
         raise SceneError(f"{where}: there are {len(cells)} columns, no number {place + 1}")
-    value = _number(cells[place])
+    value = number_in(cells[place])
     if value is None:
         raise SceneError(f'{where}: "{cells[place]}" is no finite number')
     return value

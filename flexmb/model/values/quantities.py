@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
@@ -207,8 +208,11 @@ class Quantity(FieldType):
         unit = self.unit_in(names)
         number = read_number(value, names, unit)
         units = names.units
-        if self._wrong_sign(number):
-            raise fail(self._sign_problem(number, value, units.label(unit or "")))
+        if (self.sign == "positive" and number <= 0) or (self.sign != "any" and number < 0):
+            sign = "positive" if self.sign == "positive" else "zero or positive"
+            source = f" (given {quote(value)})" if isinstance(value, str) else ""
+            what = f"must be {sign}, is {number:g} {units.label(unit or '')}".rstrip() + source
+            raise fail(Problem("", what))
         if self.limits is not None and not self.limits[0] <= number <= self.limits[1]:
             low, high = self.limits
             what = f"must lie between {low:.4g} and {high:.4g}, is {number:g}"
@@ -229,16 +233,6 @@ class Quantity(FieldType):
         if self.limits is not None:
             form["minimum"], form["maximum"] = self.limits
         return {**form, "description": f"[{self.unit}]"} if self.unit else form
-
-    def _wrong_sign(self, number: float) -> bool:
-        return (self.sign == "positive" and number <= 0) or (
-            self.sign == "not negative" and number < 0
-        )
-
-    def _sign_problem(self, number: float, value: Any, label: str) -> Problem:
-        wanted = "positive" if self.sign == "positive" else "zero or positive"
-        origin = f" (given {quote(value)})" if isinstance(value, str) else ""
-        return Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin)
 
 
 @dataclass(frozen=True)
@@ -271,7 +265,7 @@ class WordOr(FieldType):
 
 @dataclass(frozen=True)
 class Measured(Quantity):
-    """Annotation of a float whose SI unit depends on where it is used: that of the slot."""
+    """Annotation of a float whose SI unit depends on where it is used: the expected one."""
 
     def unit_in(self, names: ReadContext) -> str | None:
         return names.expected_unit
@@ -303,15 +297,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, Real) and not isinstance(value, int | float | np.generic):
-        return _number(value)
+        with suppress(OverflowError):  # refused where it is read
+            return float(value)
     return _as_list(value)
-
-
-def _number(value: Real) -> Any:
-    try:
-        return float(value)
-    except OverflowError:
-        return value  # refused where it is read
 
 
 def _as_list(value: Any) -> Any:
