@@ -148,7 +148,7 @@ def _entry_rows(model: Model, entries: Mapping[str, Any], field: str) -> list[tu
 def _velocities(model: Model) -> Titled:
     units, rows = model.units, []
     for name, spec in model.bodies.items():
-        for marker, initial in spec.asked_velocities.items():
+        for marker, initial in spec.initial_velocities.items():
             pairs = ((initial.velocity, "m/s"), (initial.angular_velocity, "rad/s"))
             cells = (units.components(vector or (), unit) for vector, unit in pairs)
             rows.append((f"{name}.{marker}", *cells, initial.axes))
