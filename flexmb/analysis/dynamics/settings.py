@@ -1,4 +1,4 @@
-"""What the loop is told: method, grid of outputs and steps, tolerances."""
+"""Settings of the time loop: grid of outputs and steps, tolerances of a run and of its scout."""
 
 from __future__ import annotations
 
@@ -12,21 +12,15 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.work import kinds_of
 from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
-__all__ = [
-    "Steps", "compared_times", "damps_vibrations", "kept_settings", "local_tolerance",
-    "loop_settings", "output_times", "refinement", "scout_rows", "scout_settings", "time_grid",
-    "with_tolerance",
-]  # fmt: skip
-
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-# Local error over what is asked for in the end; of vibrations that are damped, whose measured error
+# Local error over the requested error in the end; of vibrations that are damped, whose measured error
 # is a cautious one.
 _LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
 _HIGH_ORDER = 5
 _SLACK = 4.0
-_COMPARED = 51  # times beside listed outputs
-_OF_SCOUT = 128  # outputs from which on a scout has fewer than the run
+_COMPARED = 51  # times in addition to listed outputs
+_SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
 _AT_REST = 1e-6  # motion over the size of the model
 
 
@@ -39,7 +33,7 @@ class Steps:
 
 
 def time_grid(spec: DynamicsSpec) -> Steps:
-    """The largest step not above the one asked for that divides the interval of equal outputs.
+    """The largest step not above the requested one that divides the interval of equal outputs.
 
     Where output times are listed, it divides the run.
     """
@@ -71,46 +65,48 @@ def compared_times(spec: DynamicsSpec) -> np.ndarray:
 def scout_rows(n: int) -> np.ndarray:
     """Which of n compared times a scout has rows at: of many every second, third, ...; (n,)."""
     rows = np.zeros(n, dtype=bool)
-    rows[:: max(1, n // _OF_SCOUT)] = True
+    rows[:: max(1, n // _SCOUT_ROWS)] = True
     rows[-1:] = True
     return rows
 
 
-def damps_vibrations(compiled: Compiled, chosen: method.Method) -> bool:
+def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
     """Whether there are flexible bodies, and a method that damps what it does not resolve."""
-    return chosen.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+    return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
 
 
-def local_tolerance(spec: DynamicsSpec, chosen: method.Method, compiled: Compiled) -> float:
-    """First guess of the local error of a step, over the motion, for the accuracy asked for.
+def local_tolerance(spec: DynamicsSpec, integrator: method.Method, compiled: Compiled) -> float:
+    """First guess of the local error of a step, over the motion, for the requested accuracy.
 
     n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
     estimate of the method is of order hᵉ, and so are outputs inside a step where e < p. It is never
     so large that errors do not fall with the steps as the order says.
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
-    power = max(chosen.error_order / chosen.order, 1.0)
-    damped = chosen.order >= _HIGH_ORDER and damps_vibrations(compiled, chosen)
+    power = max(integrator.error_order / integrator.order, 1.0)
+    damped = integrator.order >= _HIGH_ORDER and damps_vibrations(compiled, integrator)
     share = _LOCAL_OF_VIBRATIONS if damped else _LOCAL
-    return float(min(share * accuracy**power, chosen.loosest))
+    return float(min(share * accuracy**power, integrator.loosest))
 
 
 def with_tolerance(
-    settings: method.Settings, spec: DynamicsSpec, chosen: method.Method, compiled: Compiled,
+    settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, compiled: Compiled,
     tolerance: float,
 ) -> method.Settings:  # fmt: skip
     """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
-    finer = (tolerance / local_tolerance(spec, chosen, compiled)) ** (1.0 / chosen.error_order)
+    finer = (tolerance / local_tolerance(spec, integrator, compiled)) ** (
+        1.0 / integrator.error_order
+    )
     return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
 
 
-def refinement(chosen: method.Method) -> float:
+def refinement(integrator: method.Method) -> float:
     """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
-    return 2.0 if chosen.order < _HIGH_ORDER else 1.6
+    return 2.0 if integrator.order < _HIGH_ORDER else 1.6
 
 
 def loop_settings(
-    compiled: Compiled, spec: DynamicsSpec, chosen: method.Method, determined: bool
+    compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determined: bool
 ) -> method.Settings:
     """Of a run without scout; `determined` if the constraints alone fix the motion."""
     system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
@@ -120,13 +116,13 @@ def loop_settings(
         or np.any(system.parts.bodies["damped"])
     )
     stiff = any(kind.stiff for kind in kinds)
-    newton = _NEWTON if chosen.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
+    newton = _NEWTON if integrator.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,
         end=spec.duration,
         interval=grid.interval,
         step=grid.step,
-        tolerance=0.0 if grid.step else local_tolerance(spec, chosen, compiled),
+        tolerance=0.0 if grid.step else local_tolerance(spec, integrator, compiled),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
         slack=1.0,
         turn=1.0,
@@ -140,14 +136,14 @@ def loop_settings(
     )
 
 
-def scout_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
+def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
     """Of the scout of a run: the tolerance that its longer steps leave."""
-    factor = refinement(chosen) ** chosen.error_order
+    factor = refinement(integrator) ** integrator.error_order
     return settings._replace(tolerance=settings.tolerance * factor)
 
 
-def kept_settings(settings: method.Settings, chosen: method.Method) -> method.Settings:
+def fine_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
     """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
-    finer = refinement(chosen)
-    rings = finer**chosen.error_order if chosen.order < _HIGH_ORDER else 1.0
+    finer = refinement(integrator)
+    rings = finer**integrator.error_order if integrator.order < _HIGH_ORDER else 1.0
     return settings._replace(refinement=finer, slack=_SLACK * rings)
