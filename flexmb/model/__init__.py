@@ -4,7 +4,7 @@ No numerics live here: the engine compiles a :class:`Model` together with its fl
 """
 
 from flexmb.model.model import Model
-from flexmb.model.scenes.description import scene_schema
+from flexmb.model.scenes.description import describe, scene_schema
 from flexmb.model.scenes.scene import load_scene
 
-__all__ = ["Model", "load_scene", "scene_schema"]
+__all__ = ["Model", "describe", "load_scene", "scene_schema"]

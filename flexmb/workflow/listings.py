@@ -100,22 +100,23 @@ def _listing(
     title: str, kinds: Mapping[str, Any], about: str = "", table: Table | None = None
 ) -> Listing:
     """A text and a table, then one table of fields for each specification."""
-    from flexmb.model.scenes.description import described, fields_of, words
+    from flexmb.model import describe
 
     tables = [(about, table or Table((), []))] if about or table else []
     for spec in dict.fromkeys(kinds.values()):
         names = [name for name, kind in kinds.items() if kind is spec]
+        text, fields = describe(spec)
         rows = [
             (
                 field.name,
-                words(field.form),
+                field.words,
                 "required" if field.required else _default_text(field.default),
             )
-            for field in fields_of(spec)
+            for field in fields
             if field.name != "type" or field.form.get("enum", [None])[0] not in kinds
         ]
         columns = ("field", "holds", "default")
-        tables.append((f"{', '.join(names)}: {described(spec)}", Table(columns, rows)))
+        tables.append((f"{', '.join(names)}: {text}", Table(columns, rows)))
     return Listing(title, tuple(tables))
 
 

@@ -151,11 +151,12 @@ def call(*words):
 folder = Path(sys.argv[1])
 import os
 os.chdir(folder)
-call("new", "flexible-beam")
+call("new", "beam", "--template", "flexible-beam")
 threading.setprofile(profile)
 sys.setprofile(profile)
 call("run", *map(str, folder.rglob("*.toml")), "--output", str(folder / "out"))
 sys.setprofile(None)
+assert any(file.startswith("fe") for file in seen), "no mesh was reduced"
 json.dump({file: sorted(names) for file, names in seen.items()}, open(folder / "seen.json", "w"))
 """
 

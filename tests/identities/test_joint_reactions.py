@@ -30,7 +30,7 @@ BODIES = {"rigid-rigid": (0, 0), "rigid-flexible": (0, 3), "flexible-flexible": 
 PLANE = [0, 1, 5]
 
 # Components that a joint cannot carry, on marker J in its axes, then on marker I in its axes
-# (README, "Reactions"). F, M: force, moment. What is not named here carries all.
+# (flexmb help joints). F, M: force, moment. What is not named here carries all.
 NONE = {
     "revolute": ("Mz", "Mz"),
     "prismatic": ("Fz", "Fz"),

@@ -23,8 +23,8 @@ from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
 from flexmb.model.bodies.material import MaterialField
 from flexmb.model.values.orientation import Orientation
 from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
-from flexmb.model.values.reading import Entry, Reader, Spec, fail, given, names_of, units_of
-from flexmb.units import unit_system
+from flexmb.model.values.reading import Entry, Reader, Spec, choice, fail, given, names_of, units_of
+from flexmb.units import UNIT_SYSTEMS, unit_system
 
 
 def _read_units(value: Any, info: ValidationInfo) -> str:
@@ -37,7 +37,7 @@ def _read_units(value: Any, info: ValidationInfo) -> str:
         raise fail(Problem("", first.what, first.allowed, first.nearest)) from None
 
 
-UnitsName = Annotated[str, Reader(_read_units)]
+UnitsName = Annotated[str, Reader(_read_units, form=choice(UNIT_SYSTEMS))]
 """Name of a unit system; ``"scene"`` for the scene's own."""
 
 
@@ -51,7 +51,7 @@ def _read_source(value: Any, info: ValidationInfo) -> Any:
     raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
 
 
-FlexibleSource = Annotated[Any, Reader(_read_source)]
+FlexibleSource = Annotated[Any, Reader(_read_source, form={"type": "string"})]
 """Path of a flexible-body file, or a FlexBody."""
 
 
@@ -113,7 +113,7 @@ class BodySpec(Spec):
     angular_velocity: AngularVelocity | None = None
     initial: dict[str, Annotated[InitialVelocity, Entry()]] = {}
     markers: dict[str, Marker] = {}
-    color: Annotated[str, Reader(_color)] | None = None
+    color: Annotated[str, Reader(_color, form=choice(COLORS))] | None = None
 
     @model_validator(mode="after")
     def _origin_is_told_once(self) -> Self:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,9 @@ from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.bodies.meshes import MeshTableSpec
+from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
 from flexmb.model.values.names import GROUND
-
-if TYPE_CHECKING:
-    from flexmb.model.model import Model
 
 __all__ = ["body_problems", "far_markers"]
 
@@ -102,7 +99,7 @@ def _carrier(scope: Scope, at: str, body: str, marker: MarkerSpec) -> Iterator[P
             yield from (Problem(at, p.what, p.allowed, p.nearest) for p in error.problems)
 
 
-def far_markers(model: Model, flexbodies: lookup.Bodies) -> Iterator[str]:
+def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
     """Sentences about markers that lie far away from the flexible body they are on."""
     for body, flexbody in flexbodies.items():
         spec = model.bodies.get(body)

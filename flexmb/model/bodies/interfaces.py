@@ -28,13 +28,17 @@ from flexmb.model.values.quantities import (
     plain,
 )
 from flexmb.model.values.reading import (
+    NAME,
+    NUMBER,
     Reader,
     Spec,
     Variant,
     fail,
     given,
+    list_form,
     names_of,
     read_entry,
+    reference,
     under,
 )
 
@@ -63,12 +67,13 @@ def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
     return tuple(Quantity("", "positive").read(item, info) for item in value)
 
 
-GroupName = Annotated[str, Reader(_group_name)]
-NodeOrGroup = Annotated[str | int, Reader(_node_or_group)]
+GroupName = Annotated[str, Reader(_group_name, form=NAME)]
+NodeOrGroup = Annotated[str | int, Reader(_node_or_group, form=NAME)]
 """A group of the mesh, or the number of a node."""
 
 Nodes = Annotated[tuple[Annotated[int, Integer(0)], ...], BeforeValidator(plain)]
-Weights = Annotated[Any, Reader(_weights)]
+_WEIGHTS = {"anyOf": [{"enum": ["uniform", "area"]}, list_form(NUMBER)]}
+Weights = Annotated[Any, Reader(_weights, form=_WEIGHTS)]
 
 
 class NodeChoice(Spec):
@@ -143,7 +148,12 @@ def _write_interfaces(value: Mapping[str, Any], info: SerializationInfo) -> dict
     }
 
 
-Interfaces = Annotated[dict[str, Any], Reader(_read_interfaces, _write_interfaces)]
+_INTERFACES = {
+    "type": "object",
+    "additionalProperties": {"anyOf": [NAME, reference(InterfaceSpec)]},
+    "minProperties": 1,
+}
+Interfaces = Annotated[dict[str, Any], Reader(_read_interfaces, _write_interfaces, _INTERFACES)]
 """Name of a marker to the mesh group that carries it, or to an :class:`InterfaceSpec`."""
 
 
@@ -194,7 +204,8 @@ def _write_stiffness(value: Any, info: SerializationInfo) -> Any:
     return [Quantity(u).write(k, info) for u, k in zip(_UNITS, value, strict=True)]
 
 
-Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness)]
+_STIFFNESS = {"anyOf": [NUMBER, list_form(NUMBER, 6)], "description": "[N/m, N m/rad]"}
+Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness, _STIFFNESS)]
 """One number [N/m], or six [N/m, N m/rad]."""
 
 

@@ -23,12 +23,14 @@ from pydantic import SerializationInfo, ValidationInfo
 from flexmb.errors import Problem, SceneError
 from flexmb.model.values.quantities import Size, Sizes, read_number
 from flexmb.model.values.reading import (
+    NUMBER,
     Names,
     Reader,
     Spec,
     Variant,
     fail,
     given,
+    list_form,
     names_of,
     units_of,
     unknown_key,
@@ -225,4 +227,18 @@ def _write_inertia(value: Rows, info: SerializationInfo) -> list[list[float]]:
     return [[units.written(item, _UNIT) for item in row] for row in value]
 
 
-Inertia = Annotated[Rows, Reader(_read_inertia_field, _write_inertia)]
+_MOMENTS, _PRODUCTS = ("xx", "yy", "zz"), ("xy", "xz", "yz")
+_INERTIA = {
+    "anyOf": [
+        list_form(NUMBER, 3),
+        list_form(list_form(NUMBER, 3), 3),
+        {
+            "type": "object",
+            "properties": {key: NUMBER for key in (*_MOMENTS, *_PRODUCTS)},
+            "required": list(_MOMENTS),
+            "additionalProperties": False,
+        },
+    ],
+    "description": "[kg m^2]",
+}
+Inertia = Annotated[Rows, Reader(_read_inertia_field, _write_inertia, _INERTIA)]

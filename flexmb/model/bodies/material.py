@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo
 from flexmb.errors import FlexmbError, Problem
 from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial, material
 from flexmb.model.values.quantities import Number, Quantity, plain
-from flexmb.model.values.reading import Reader, Spec, fail, names_of, read_entry
+from flexmb.model.values.reading import Reader, Spec, choice, fail, names_of, read_entry, reference
 
 __all__ = ["MATERIAL_KINDS", "MaterialField"]
 
@@ -82,5 +82,6 @@ def _write_material(value: AnyMaterial, info: SerializationInfo) -> Any:
     return kind.model_construct(**asdict(value)).model_dump(mode="json", context=info.context)
 
 
-MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material)]
+_MATERIAL = {"anyOf": [*choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]}
+MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material, _MATERIAL)]
 """A name of the library, or a table of values in the scene's units."""

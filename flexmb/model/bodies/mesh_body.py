@@ -28,7 +28,16 @@ from flexmb.model.bodies.material import MaterialField
 from flexmb.model.bodies.meshes import MeshSource, MeshTableSpec
 from flexmb.model.bodies.sections import Sections
 from flexmb.model.values.quantities import Integer, Quantity
-from flexmb.model.values.reading import Entry, Reader, Spec, fail, given, names_of, read_entry
+from flexmb.model.values.reading import (
+    Entry,
+    Reader,
+    Spec,
+    fail,
+    given,
+    names_of,
+    read_entry,
+    reference,
+)
 
 Method = Literal["craig-bampton", "free-interface", "guyan", "user"]
 
@@ -83,7 +92,8 @@ def _write_modes(value: Any, info: SerializationInfo) -> Any:
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
-Modes = Annotated[Any, Reader(_read_modes, _write_modes)]
+_MODES = {"anyOf": [{"type": ["integer", "string"], "minimum": 0}, reference(ModesSpec)]}
+Modes = Annotated[Any, Reader(_read_modes, _write_modes, _MODES)]
 """A number of modes, a :class:`ModesSpec`, or the .npz file of the user's own."""
 
 

@@ -15,7 +15,16 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 
 from flexmb.errors import Problem
 from flexmb.model.values.quantities import Angle, Integer, Position, Quantity, Size, Sizes, plain
-from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, read_variant, under
+from flexmb.model.values.reading import (
+    Reader,
+    Spec,
+    fail,
+    given,
+    names_of,
+    read_variant,
+    reference,
+    under,
+)
 
 __all__ = ["MESH_TYPES", "Divisions", "MeshSource", "MeshTableSpec"]
 
@@ -141,5 +150,6 @@ def _write_source(value: Any, info: SerializationInfo) -> Any:
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
-MeshSource = Annotated[Any, Reader(_read_source, _write_source)]
+_MESH = {"anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]}
+MeshSource = Annotated[Any, Reader(_read_source, _write_source, _MESH)]
 """Path of a mesh file, or the table of a simple shape."""

@@ -17,8 +17,8 @@ from flexmb.errors import Problem
 from flexmb.materials import Material
 from flexmb.model.bodies.material import MaterialField
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import NUMBER, Axis, Pair, Quantity, Size, plain
-from flexmb.model.values.reading import Reader, fail, fail_if, given
+from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, plain
+from flexmb.model.values.reading import NUMBER, Reader, fail, fail_if, given, list_form
 
 _PARALLEL = 1e-6  # sine of the angle below which a direction says nothing about the axis across
 _ROUND_OFF = 1e-12  # of the entries of a matrix that should be symmetric
@@ -71,9 +71,9 @@ def _three(unit: str) -> Reader:
             for item in value
         ]
 
-    vector = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3}
-    matrix = {"type": "array", "items": vector, "minItems": 3, "maxItems": 3}
-    return Reader(read, write, {"anyOf": [NUMBER, vector, matrix], "description": f"[{unit}]"})
+    vector = list_form(NUMBER, 3)
+    forms = [NUMBER, vector, list_form(vector, 3)]
+    return Reader(read, write, {"anyOf": forms, "description": f"[{unit}]"})
 
 
 def _six_units(force: str, couple: str, moment: str) -> tuple[tuple[str, ...], ...]:
@@ -93,9 +93,8 @@ def _six(units: tuple[tuple[str, ...], ...]) -> Reader:
             for row, names in zip(value, units, strict=True)
         ]
 
-    row = {"type": "array", "items": NUMBER, "minItems": 6, "maxItems": 6}
     names = ", ".join(dict.fromkeys(unit for row in units for unit in row))
-    matrix = {"type": "array", "items": row, "minItems": 6, "maxItems": 6}
+    matrix = list_form(list_form(NUMBER, 6), 6)
     return Reader(read, write, {**matrix, "description": f"[{names}]"})
 
 

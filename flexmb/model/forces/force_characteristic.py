@@ -13,8 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from pydantic import GetCoreSchemaHandler, ValidationInfo
-from pydantic_core import core_schema
+from pydantic import SerializationInfo, ValidationInfo
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.expression import Expression, Ops, parse
@@ -29,13 +28,18 @@ from flexmb.model.functions.piecewise import (
 from flexmb.model.values.columns import Columns, read_columns
 from flexmb.model.values.quantities import expression_and_factor, plain, read_number
 from flexmb.model.values.reading import (
+    NUMBER,
+    FieldType,
+    Form,
     Names,
     Spec,
     fail,
     folder_of,
     given,
+    list_form,
     names_of,
     read_entry,
+    reference,
     units_of,
 )
 
@@ -75,26 +79,28 @@ class ForceCharacteristic:
 
 
 @dataclass(frozen=True)
-class CharacteristicOf:
+class CharacteristicOf(FieldType):
     """Annotation of a :class:`ForceCharacteristic`: variable, its SI unit, that of the force."""
 
     variable: str
     unit: str
     force: str
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        def read(value: Any, info: ValidationInfo) -> ForceCharacteristic:
-            try:
-                return self.read(value, names_of(info))
-            except SceneError as error:
-                raise fail(*error.problems) from None
+    def read(self, value: Any, info: ValidationInfo) -> ForceCharacteristic:
+        try:
+            return self.read_characteristic(value, names_of(info))
+        except SceneError as error:
+            raise fail(*error.problems) from None
 
-        written = core_schema.plain_serializer_function_ser_schema(lambda value: value.source)
-        return core_schema.with_info_plain_validator_function(read, serialization=written)
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        return value.source
 
-    def read(self, value: Any, names: Names) -> ForceCharacteristic:
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        points = list_form(list_form(NUMBER, 2))
+        forms = [{"type": "string"}, points, reference(CharacteristicTable)]
+        return {"anyOf": forms, "description": "or an expression"}
+
+    def read_characteristic(self, value: Any, names: Names) -> ForceCharacteristic:
         """The characteristic from any of its notations.
 
         Raises

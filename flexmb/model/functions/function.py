@@ -9,13 +9,12 @@ form lowers to the same operations, so that one small kernel evaluates them all.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, get_args
 
-from pydantic import GetCoreSchemaHandler, ValidationInfo
-from pydantic_core import core_schema
+from pydantic import SerializationInfo, ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.functions.derivatives import Jet, derivative_jumps
@@ -36,6 +35,9 @@ from flexmb.model.functions.forms import (
 from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
 from flexmb.model.values.quantities import expression_and_factor, plain, read_number
 from flexmb.model.values.reading import (
+    NUMBER,
+    FieldType,
+    Form,
     Names,
     Reader,
     Terms,
@@ -44,6 +46,7 @@ from flexmb.model.values.reading import (
     given,
     names_of,
     read_variant,
+    reference,
     units_of,
 )
 from flexmb.units import UnitSystem, parse_unit
@@ -91,7 +94,7 @@ class Function:
 
 
 @dataclass(frozen=True)
-class FunctionOf:
+class FunctionOf(FieldType):
     """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
 
     unit: str
@@ -101,17 +104,19 @@ class FunctionOf:
         """The SI unit of the value, which may depend on other fields."""
         return self.unit
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        def read(value: Any, info: ValidationInfo) -> Function:
-            try:
-                return read_function(value, names_of(info), self.unit_here(info), self.channels)
-            except SceneError as error:
-                raise fail(*error.problems) from None
+    def read(self, value: Any, info: ValidationInfo) -> Function:
+        try:
+            return read_function(value, names_of(info), self.unit_here(info), self.channels)
+        except SceneError as error:
+            raise fail(*error.problems) from None
 
-        written = core_schema.plain_serializer_function_ser_schema(lambda f: f.source)
-        return core_schema.with_info_plain_validator_function(read, serialization=written)
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        return value.source
+
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        variables = "t and channels" if self.channels else "t"
+        forms = [NUMBER, *(reference(form) for form in FUNCTION_FORMS.values())]
+        return {"anyOf": forms, "description": f"as a function of {variables}"}
 
 
 def per_second(unit: str) -> str:

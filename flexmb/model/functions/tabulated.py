@@ -23,11 +23,13 @@ from flexmb.model.functions.piecewise import (
 from flexmb.model.values.columns import Columns, read_columns
 from flexmb.model.values.quantities import Text, plain, read_number
 from flexmb.model.values.reading import (
+    NAME,
     Names,
     Reader,
     fail,
     folder_of,
     given,
+    list_form,
     names_of,
     slot_of,
     under,
@@ -105,9 +107,13 @@ class Tabulated(FunctionForm):
     """Base of the forms through points."""
 
     points: Annotated[Points | None, Reader(_points, _write_points)] = None
-    columns: Annotated[tuple[str | int, str | int] | None, Reader(_column_names)] = None
+    columns: Annotated[
+        tuple[str | int, str | int] | None, Reader(_column_names, form=list_form(NAME, 2))
+    ] = None
     units: tuple[Text, Text] | None = None
-    file: Annotated[tuple[str, Points] | None, Reader(_file, _write_file)] = None
+    file: Annotated[tuple[str, Points] | None, Reader(_file, _write_file, {"type": "string"})] = (
+        None
+    )
     beyond: Literal["error", "hold", "extrapolate", "repeat"] = "error"
 
     @model_validator(mode="after")

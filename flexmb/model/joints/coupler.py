@@ -20,7 +20,7 @@ from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Number, Quantity, Text, plain
-from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, read_entry
+from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, read_entry, reference
 
 Key = tuple[str, str]
 """A joint and its coordinate."""
@@ -146,6 +146,9 @@ def _as_table(value: AngleTerm | StrokeTerm, info: SerializationInfo) -> dict[st
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
+_TERM_FORM = {"anyOf": [reference(AngleTerm), reference(StrokeTerm)]}
+
+
 class LinearCouplerSpec(Coupler):
     """a1 x1 + a2 x2 (+ a3 x3) = ``constant``, x angles [rad] and strokes of joints.
 
@@ -154,7 +157,7 @@ class LinearCouplerSpec(Coupler):
 
     type: Literal["linear"]
     terms: Annotated[
-        tuple[Annotated[AngleTerm | StrokeTerm, Reader(_term, _as_table)], ...],
+        tuple[Annotated[AngleTerm | StrokeTerm, Reader(_term, _as_table, _TERM_FORM)], ...],
         BeforeValidator(plain),
     ]
     constant: Number = 0.0

@@ -35,6 +35,7 @@ from flexmb.model.values.quantities import (
     read_number,
 )
 from flexmb.model.values.reading import (
+    NUMBER,
     Names,
     Reader,
     fail,
@@ -81,7 +82,9 @@ def _written(value: Profile, info: SerializationInfo) -> float | str:
     return value.source
 
 
-Coordinate = Annotated[Profile, Reader(_profile, _written)]
+Coordinate = Annotated[
+    Profile, Reader(_profile, _written, {**NUMBER, "description": "[m], over t"})
+]
 Points = Annotated[tuple[tuple[Length, ...], ...], BeforeValidator(plain)]
 _SHAPES = ("points", "file", "polar", "polar_points", "x", "circle")
 

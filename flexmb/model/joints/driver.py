@@ -25,7 +25,17 @@ from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number
-from flexmb.model.values.reading import Reader, fail, fail_if, given, names_of, under, units_of
+from flexmb.model.values.reading import (
+    NUMBER,
+    Reader,
+    fail,
+    fail_if,
+    given,
+    list_form,
+    names_of,
+    under,
+    units_of,
+)
 
 DRIVEN: dict[str, tuple[str, ...]] = {
     "joint": COORDINATES,
@@ -91,7 +101,9 @@ def _write_start(start: Start, info: SerializationInfo) -> Any:
     return written if len(written) > 1 else written[0]
 
 
-_First = Annotated[Start | None, Reader(_start, _write_start)]
+_First = Annotated[
+    Start | None, Reader(_start, _write_start, {"anyOf": [NUMBER, list_form(NUMBER)]})
+]
 _Angle = Annotated[Function, _Driven("rad")]
 _Length = Annotated[Function, _Driven("m")]
 

@@ -122,7 +122,7 @@ class JointSpec(Component):
     ``radius`` of a roller.
     """
 
-    type: Annotated[str, Reader(_type)]
+    type: Annotated[str, Reader(_type, form={"enum": list(JOINT_TYPES)})]
     between: Pair
     axis: Axis | None = None
     second_axis: Axis | None = None

@@ -12,7 +12,18 @@ from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.values.quantities import Integer, Quantity, Time, plain, read_number
-from flexmb.model.values.reading import Reader, Spec, fail, fail_if, names_of, under, units_of
+from flexmb.model.values.reading import (
+    NUMBER,
+    Form,
+    Reader,
+    Spec,
+    fail,
+    fail_if,
+    list_form,
+    names_of,
+    under,
+    units_of,
+)
 
 METHODS: dict[str, str] = {
     "auto": "explicit-rk, or radau for flexible bodies and where stiffness limits its steps; "
@@ -162,6 +173,15 @@ def _write_outputs(value: int | tuple[float, ...], info: SerializationInfo) -> A
     return [units.written(time, "s") for time in value]
 
 
+_OUTPUTS: Form = {
+    "anyOf": [
+        {"type": ["integer", "string"], "minimum": 1},
+        {**list_form(NUMBER), "minItems": 1},
+    ],
+    "description": "or times [s]",
+}
+
+
 class DynamicsSpec(Spec):
     """Run in time.
 
@@ -188,7 +208,7 @@ class DynamicsSpec(Spec):
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
     verify: bool | None = None
     step: Time | None = None
-    outputs: Annotated[int | tuple[float, ...], Reader(_outputs, _write_outputs)] = 200
+    outputs: Annotated[int | tuple[float, ...], Reader(_outputs, _write_outputs, _OUTPUTS)] = 200
     method: MethodName = "auto"
     order: Literal[5, 8] | None = None
     spectral_radius: Annotated[float, Quantity(limits=(0.0, 1.0))] | None = None

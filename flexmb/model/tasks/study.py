@@ -304,7 +304,7 @@ class StudySpec(Spec):
     all by default.
     """
 
-    vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, _as_lists)]
+    vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, _as_lists, {"type": "object"})]
     repeats: Annotated[int, Integer(1)] = 3
     target: Annotated[float, Reader(_target)] = 0.01
     sensors: tuple[Text, ...] = ()

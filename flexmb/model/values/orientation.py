@@ -21,7 +21,17 @@ from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.values.quantities import read_axis, read_number, unit_vector
-from flexmb.model.values.reading import Names, Reader, fail, given, names_of, under, unknown_key
+from flexmb.model.values.reading import (
+    NUMBER,
+    Names,
+    Reader,
+    fail,
+    given,
+    list_form,
+    names_of,
+    under,
+    unknown_key,
+)
 
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -256,4 +266,6 @@ def _orientation(value: Any, info: ValidationInfo) -> Quaternion:
         raise fail(*error.problems) from None
 
 
-Orientation = Annotated[Quaternion, Reader(_orientation)]
+_ROWS = list_form(list_form(NUMBER, 3), 3)
+_FORM = {"anyOf": [list_form(NUMBER, 4), _ROWS, {"type": "object"}]}
+Orientation = Annotated[Quaternion, Reader(_orientation, form=_FORM)]

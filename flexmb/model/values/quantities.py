@@ -13,18 +13,30 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, GetCoreSchemaHandler, SerializationInfo, ValidationInfo
-from pydantic_core import core_schema
+from pydantic import BeforeValidator, SerializationInfo, ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.functions.expression import parse
-from flexmb.model.values.reading import Names, Reader, fail, given, names_of, slot_of, units_of
+from flexmb.model.values.reading import (
+    NUMBER,
+    FieldType,
+    Form,
+    Names,
+    Reader,
+    choice,
+    fail,
+    given,
+    list_form,
+    names_of,
+    slot_of,
+    units_of,
+)
 from flexmb.units import UNITS, parse_unit
 
 _ENDS_A_VALUE = re.compile(r"[\w.)]$")
@@ -118,9 +130,12 @@ def _refuse_unknown(text: str, names: Names, time: bool) -> None:
 
 
 _LAST_DIGITS = 4e-16  # what scaling to unit length leaves
-NUMBER: dict[str, Any] = {"type": ["number", "string"]}
-"""JSON schema of a number; a string is an expression."""
 Sign = Literal["any", "positive", "not negative"]
+_SIGN_FORMS: dict[str, Form] = {
+    "any": {},
+    "positive": {"minimum": 0, "exclusiveMinimum": True},
+    "not negative": {"minimum": 0},
+}
 
 
 def read_number(value: Any, names: Names, unit: str | None = "") -> float:
@@ -162,18 +177,12 @@ def _finite(number: float, value: Any) -> float:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(FieldType):
     """Annotation of a float: its SI unit, the sign it must have, and the limits of a number."""
 
     unit: str = ""
     sign: Sign = "any"
     limits: tuple[float, float] | None = None
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        written = core_schema.plain_serializer_function_ser_schema(self.write, info_arg=True)
-        return core_schema.with_info_plain_validator_function(self.read, serialization=written)
 
     def unit_in(self, names: Names) -> str | None:
         """The SI unit in this place; None where it is not known."""
@@ -205,6 +214,12 @@ class Quantity:
         unit = self.unit_in(names) or ""
         return units_of(names).written(value, unit) if isinstance(value, float) else value
 
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        form = {**NUMBER, **_SIGN_FORMS[self.sign]}
+        if self.limits is not None:
+            form["minimum"], form["maximum"] = self.limits
+        return {**form, "description": f"[{self.unit}]"} if self.unit else form
+
     def _wrong_sign(self, number: float) -> bool:
         return (self.sign == "positive" and number <= 0) or (
             self.sign == "not negative" and number < 0
@@ -217,7 +232,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class WordOr:
+class WordOr(FieldType):
     """Annotation of a float or a word that stands for one; ``noun`` is what a number is."""
 
     word: str
@@ -225,23 +240,23 @@ class WordOr:
     unit: str = ""
     sign: Sign = "any"
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        quantity = Quantity(self.unit, self.sign)
+    def read(self, value: Any, info: ValidationInfo) -> float | str:
+        """The word, or the number in SI."""
+        names = names_of(info)
+        if value == self.word:
+            return self.word
+        if isinstance(value, str) and value.isalpha() and value not in names:
+            label = f" [{units_of(names).label(self.unit)}]" if self.unit else ""
+            what = f"{self.noun}{label} is expected, given {given(value)}"
+            raise fail(Problem("", what, (self.word, "a number or an expression")))
+        return Quantity(self.unit, self.sign).read(value, info)
 
-        def read(value: Any, info: ValidationInfo) -> float | str:
-            names = names_of(info)
-            if value == self.word:
-                return self.word
-            if isinstance(value, str) and value.isalpha() and value not in names:
-                label = f" [{units_of(names).label(self.unit)}]" if self.unit else ""
-                what = f"{self.noun}{label} is expected, given {given(value)}"
-                raise fail(Problem("", what, (self.word, "a number or an expression")))
-            return quantity.read(value, info)
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        return Quantity(self.unit, self.sign).write(value, info)
 
-        written = core_schema.plain_serializer_function_ser_schema(quantity.write, info_arg=True)
-        return core_schema.with_info_plain_validator_function(read, serialization=written)
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        number = Quantity(self.unit, self.sign).form(source, form_of)
+        return {"anyOf": [{"enum": [self.word]}, number]}
 
 
 @dataclass(frozen=True)
@@ -253,15 +268,10 @@ class Measured(Quantity):
 
 
 @dataclass(frozen=True)
-class Integer:
+class Integer(FieldType):
     """Annotation of an int: the smallest value it may have."""
 
     minimum: int = 0
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        return core_schema.with_info_plain_validator_function(self.read)
 
     def read(self, value: Any, info: ValidationInfo) -> int:
         """The whole number."""
@@ -271,6 +281,9 @@ class Integer:
                 Problem("", f"a whole number from {self.minimum} on is expected, is {number:g}")
             )
         return round(number)
+
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        return {"type": ["integer", "string"], "minimum": self.minimum}
 
 
 def plain(value: Any) -> Any:
@@ -368,7 +381,7 @@ def unit_vector(values: Iterable[float]) -> tuple[float, ...]:
 
 def _bad_axis(value: Any) -> SceneError:
     what = f"an axis is a direction, given {given(value)}"
-    allowed = ("x", "y", "z", "-x", "-y", "-z", "[x, y, z]")
+    allowed = (*_SIGNED_AXES, "[x, y, z]")
     return SceneError.from_problems([Problem("", what, allowed)])
 
 
@@ -379,4 +392,8 @@ def _axis(value: Any, info: ValidationInfo) -> tuple[float, ...]:
         raise fail(*error.problems) from None
 
 
-Axis = Annotated[tuple[float, float, float], Reader(_axis)]
+_SIGNED_AXES = ("x", "y", "z", "-x", "-y", "-z")
+Axis = Annotated[
+    tuple[float, float, float],
+    Reader(_axis, form={"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]}),
+]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,7 +17,9 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     SerializationInfo,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
 )
@@ -29,7 +31,7 @@ from flexmb.units import SI, UnitSystem
 S = TypeVar("S", bound="Spec")
 Names = Mapping[str, float]
 _HERE = Path()
-_LONGEST = 60  # characters of a value shown in a message
+_MAX_LENGTH = 60  # characters of a value shown in a message
 
 
 class Spec(BaseModel):
@@ -113,7 +115,7 @@ def given(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     text = f'"{value}"' if isinstance(value, str) else str(value)
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    return text if len(text) <= _MAX_LENGTH else text[: _MAX_LENGTH - 3] + "..."
 
 
 def under(where: str, problems: Iterable[Problem]) -> list[Problem]:
@@ -194,56 +196,130 @@ def _plain(where: str, detail: Any) -> Problem:
     return Problem(where, f"{detail['msg']}, given {given(value)}")
 
 
-@dataclass(frozen=True)
-class Reader:
-    """Marks a field that is read, and perhaps written, by functions of ours alone."""
+Form = dict[str, Any]
+"""A part of a JSON schema."""
 
-    read: Callable[[Any, ValidationInfo], Any]
-    write: Callable[[Any, SerializationInfo], Any] | None = None
-    form: dict[str, Any] | None = field(default=None, hash=False, compare=False)
+NUMBER: Form = {"type": ["number", "string"]}  # a string is an expression
+NAME: Form = {"type": ["string", "integer"]}
+
+
+def choice(names: Iterable[str]) -> Form:
+    """One of these names, which an editor offers; other spellings of them pass as well."""
+    return {"anyOf": [{"enum": list(names)}, {"type": "string"}]}
+
+
+def list_form(items: Form, count: int = 0) -> Form:
+    """A list of `count` items; of any number by default."""
+    return {"type": "array", "items": items} | (
+        {"minItems": count, "maxItems": count} if count else {}
+    )
+
+
+def reference(spec: type[Spec]) -> Form:
+    """A reference to the definition of a specification in the schema of the scene."""
+    return {"$ref": f"#/definitions/{spec.__name__.removesuffix('Spec')}"}
+
+
+class FieldType:
+    """Base of annotations of fields that are read, written and described by functions of ours."""
+
+    def read(self, value: Any, info: ValidationInfo) -> Any:
+        """The value of the field, from what a scene says."""
+        raise NotImplementedError
+
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        """What a scene says, from the value of the field."""
+        return value
+
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        """JSON schema of what a scene may say; ``form_of`` gives that of another annotation."""
+        return form_of(source)
+
+    def reader(self, source: Any) -> Callable[[Any, ValidationInfo], Any]:
+        """The function that reads a field whose annotated type is ``source``."""
+        return self.read
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        written = _writer(self.write) if self.write else None
-        return core_schema.with_info_plain_validator_function(self.read, serialization=written)
+        return core_schema.with_info_plain_validator_function(
+            self.reader(source),
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self.write, info_arg=True
+            ),
+            metadata={"source": source},
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Form:
+        def form_of(annotation: Any) -> Form:
+            return dict(handler(TypeAdapter(annotation).core_schema))
+
+        return self.form(schema["metadata"]["source"], form_of)
 
 
-@dataclass(frozen=True)
-class Entry:
-    """Marks a field that is a table of its own, so that its problems carry its path."""
+class Reader(FieldType):
+    """A field that functions read and perhaps write; its form by default that of its type."""
 
-    def __get_pydantic_core_schema__(
-        self, source: type[Spec], handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
+    def __init__(
+        self,
+        read: Callable[[Any, ValidationInfo], Any],
+        write: Callable[[Any, SerializationInfo], Any] | None = None,
+        form: Form | Callable[[], Form] | None = None,
+    ) -> None:
+        self._read, self._write, self._form = read, write, form
+
+    def read(self, value: Any, info: ValidationInfo) -> Any:
+        return self._read(value, info)
+
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        return self._write(value, info) if self._write else value
+
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        if self._form is None:
+            return form_of(source)
+        return self._form() if callable(self._form) else self._form
+
+
+class _Table(FieldType):
+    """A field that is a table of its own, so that its problems carry its path."""
+
+    def write(self, value: Any, info: SerializationInfo) -> Any:
+        return value.model_dump(mode="json", exclude_none=True, context=info.context)
+
+
+class Entry(_Table):
+    """Marks a field that is a table of the annotated specification."""
+
+    def reader(self, source: Any) -> Callable[[Any, ValidationInfo], Any]:
         def read(value: Any, info: ValidationInfo) -> Spec:
             spec, problems = read_entry(source, value, names_of(info))
             if spec is None:
                 raise fail(*problems)
-            return spec
+            return spec  # type: ignore[no-any-return]
 
-        return core_schema.with_info_plain_validator_function(read, serialization=_as_table())
+        return read
 
 
 @dataclass(frozen=True)
-class Variant:
+class Variant(_Table):
     """Marks a field whose table says by ``type`` which of several specifications it is."""
 
     noun: str
     kinds: Callable[[], Mapping[str, type[Spec]]]
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        def read(value: Any, info: ValidationInfo) -> Spec:
-            if isinstance(value, Spec):
-                return value
-            spec, problems = read_variant(self.noun, self.kinds(), value, names_of(info))
-            if spec is None:
-                raise fail(*problems)
-            return spec
+    def read(self, value: Any, info: ValidationInfo) -> Spec:
+        if isinstance(value, Spec):
+            return value
+        spec, problems = read_variant(self.noun, self.kinds(), value, names_of(info))
+        if spec is None:
+            raise fail(*problems)
+        return spec
 
-        return core_schema.with_info_plain_validator_function(read, serialization=_as_table())
+    def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
+        kinds = dict.fromkeys(self.kinds().values())
+        return {"anyOf": [reference(kind) for kind in kinds], "required": ["type"]}
 
 
 def read_variant(
@@ -256,16 +332,5 @@ def read_variant(
         what = f"unknown {noun} {given(data['type'])}"
         near = nearest(str(data["type"]), kinds)
         return None, [Problem("type", what, tuple(kinds), near)]
-    chosen = next(iter(kinds.values())) if not isinstance(data, Mapping) else kinds[data["type"]]
-    return read_entry(chosen, data, names)
-
-
-def _writer(write: Callable[[Any, SerializationInfo], Any]) -> core_schema.SerSchema:
-    return core_schema.plain_serializer_function_ser_schema(write, info_arg=True)
-
-
-def _as_table() -> core_schema.SerSchema:
-    def write(value: Spec, info: SerializationInfo) -> dict[str, Any]:
-        return value.model_dump(mode="json", exclude_none=True, context=info.context)
-
-    return _writer(write)
+    kind = kinds[data["type"]] if isinstance(data, Mapping) else next(iter(kinds.values()))
+    return read_entry(kind, data, names)

@@ -52,7 +52,9 @@ def found():
 
 def read(points, name, places):
     """(places, 3) force, slope and energy of a tabulated law."""
-    made = CharacteristicOf("x", "m", "N").read({"points": points, "interpolation": name}, {})
+    made = CharacteristicOf("x", "m", "N").read_characteristic(
+        {"points": points, "interpolation": name}, {}
+    )
     table = lower([made.expression, made.stored])
     stack = stack_for(table)
     rows = []

@@ -14,6 +14,7 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbError
 from flexmb.manual.pages import FOLDER
 
+PATH = re.compile(r"`((?:cases|meshes|tests|fe|flexbody|model|engine|results|templates)/[\w/.-]*)`")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -34,6 +35,23 @@ def test_a_page_has_a_title_a_sentence_and_links_that_lead_somewhere(name: str) 
     for target in LINK.findall(re.sub(r"```.*?```", "", page.text, flags=re.DOTALL)):
         if not target.startswith("http"):
             assert (FOLDER / target.partition("#")[0]).is_file(), target
+
+
+def test_the_readme_is_short_and_its_links_lead_somewhere(project: Path) -> None:
+    text = (project / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 250
+    targets = [target for target in LINK.findall(text) if not target.startswith("http")]
+    assert len(targets) > 20
+    assert [target for target in targets if not (project / target).exists()] == []
+
+
+def test_files_that_pages_name_exist(project: Path) -> None:
+    texts = [manual.page(name).text for name in manual.PAGES]
+    texts.append((project / "README.md").read_text(encoding="utf-8"))
+    named = {path for text in texts for path in PATH.findall(text)}
+    assert len(named) > 30
+    homes = (project, project / "flexmb")
+    assert {path for path in named if not any((home / path).exists() for home in homes)} == set()
 
 
 def test_tables_are_filled_from_the_descriptions_of_the_model() -> None:

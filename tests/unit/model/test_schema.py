@@ -12,7 +12,7 @@ from goodscene import GOOD
 
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.scenes.conversion import TOP_KEYS
-from flexmb.model.scenes.description import fields_of, scene_schema, words
+from flexmb.model.scenes.description import describe, scene_schema
 from flexmb.model.values.reading import Spec
 
 SCHEMA = scene_schema()
@@ -113,7 +113,7 @@ def test_it_names_every_key_joint_and_field() -> None:
 def test_fields_in_words() -> None:
     from flexmb.model.bodies.body import RigidBodySpec
 
-    told = {field.name: words(field.form) for field in fields_of(RigidBodySpec)}
+    told = {field.name: field.words for field in describe(RigidBodySpec).fields}
     assert told["mass"] == "number [kg], positive"
     assert told["position"].startswith("3 x number")
 
