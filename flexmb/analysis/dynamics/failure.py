@@ -103,7 +103,7 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
-    """The sentence for constraints that are no longer satisfied; `C` are their gaps at that time."""
+    """The sentence for open constraints; `C` (nc,) are their gaps at that time."""
     worst = int(np.argmax(np.abs(C)))
     where, gap = compiled.layout.rows[worst], abs(C[worst])
     return (

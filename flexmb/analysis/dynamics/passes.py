@@ -200,7 +200,7 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
-    """The local tolerance that leaves the requested accuracy, where the measured error is larger."""
+    """The local tolerance for the requested accuracy, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
     if verified is None or prepared.passes[0]["count"] >= MAX_PASSES:
         return None

@@ -14,8 +14,8 @@ from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-# Local error over the requested error in the end; of vibrations that are damped, whose measured error
-# is a cautious one.
+# Local error over the requested error in the end; of vibrations that are damped, whose measured
+# error is a cautious one.
 _LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
 _HIGH_ORDER = 5
 _SLACK = 4.0
