@@ -29,68 +29,33 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     )
 
 __version__ = "0.1.0"
+__all__ = [
+    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "check_scene",
+    "history_figure", "kinematics", "load_result", "load_scene", "mobility", "new_scene",
+    "plot_history", "reduce", "render", "render_modes", "resume", "rigid_body", "run_scene",
+    "save_figure", "scene_schema", "simulate", "study", "warmup",
+]  # fmt: skip
 
 _HOMES = {
-    "FlexBody": "flexmb.flexbody",
-    "rigid_body": "flexmb.flexbody",
-    "FlexmbError": "flexmb.errors",
-    "FlexmbWarning": "flexmb.errors",
-    "Model": "flexmb.model",
-    "load_scene": "flexmb.model",
-    "Result": "flexmb.results",
-    "load_result": "flexmb.results",
-    "reduce": "flexmb.fe",
-    "render": "flexmb.view",
-    "render_modes": "flexmb.view",
-    "plot_history": "flexmb.view",
-    "history_figure": "flexmb.view",
-    "save_figure": "flexmb.view",
-    "run_scene": "flexmb.workflow",
-    "check_scene": "flexmb.workflow",
-    "mobility": "flexmb.workflow",
-    "simulate": "flexmb.workflow",
-    "kinematics": "flexmb.workflow",
-    "Study": "flexmb.studies",
-    "study": "flexmb.studies",
-    "resume": "flexmb.workflow",
-    "new_scene": "flexmb.workflow",
-    "scene_schema": "flexmb.model",
-    "warmup": "flexmb.workflow",
-}
-
-__all__ = [
-    "FlexBody",
-    "FlexmbError",
-    "FlexmbWarning",
-    "Model",
-    "Result",
-    "Study",
-    "check_scene",
-    "history_figure",
-    "kinematics",
-    "load_result",
-    "load_scene",
-    "mobility",
-    "new_scene",
-    "plot_history",
-    "reduce",
-    "render",
-    "render_modes",
-    "resume",
-    "rigid_body",
-    "run_scene",
-    "save_figure",
-    "scene_schema",
-    "simulate",
-    "study",
-    "warmup",
-]
+    "errors": ("FlexmbError", "FlexmbWarning"),
+    "fe": ("reduce",),
+    "flexbody": ("FlexBody", "rigid_body"),
+    "model": ("Model", "load_scene", "scene_schema"),
+    "results": ("Result", "load_result"),
+    "studies": ("Study", "study"),
+    "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
+    "workflow": (
+        "check_scene", "kinematics", "mobility", "new_scene", "resume", "run_scene", "simulate",
+        "warmup",
+    ),
+}  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'flexmb' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"flexmb.{home}"), name)
+    raise AttributeError(f"module 'flexmb' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

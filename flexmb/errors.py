@@ -12,25 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-__all__ = [
-    "AssemblyError",
-    "BodyFileError",
-    "FlexmbError",
-    "FlexmbWarning",
-    "MaterialError",
-    "MeshError",
-    "OutputError",
-    "Problem",
-    "ReductionError",
-    "ResultFileError",
-    "SceneError",
-    "SolverError",
-    "ViewError",
-    "nearest",
-]
-
-_ALIKE = 0.65  # share of common letters; below it names only look alike by chance
-_MOST_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
+_MIN_LIKENESS = 0.65  # share of common letters; below it names only look alike by chance
+_MAX_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
 
 
 @dataclass(frozen=True)
@@ -65,8 +48,8 @@ class Problem:
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_MOST_NAMES])
-    more = len(names) - _MOST_NAMES
+    shown = ", ".join(names[:_MAX_NAMES])
+    more = len(names) - _MAX_NAMES
     return f"{shown} and {more} more" if more > 0 else shown
 
 
@@ -79,9 +62,16 @@ class FlexmbError(Exception):
 
     @classmethod
     def from_problems(cls, problems: Iterable[Problem]) -> Self:
-        """Build the error from all mistakes found; its text has one line for each."""
-        found = tuple(problems)
-        return cls("\n".join(str(problem) for problem in found), found)
+        """Build the error from a list of mistakes; its text has one line for each."""
+        problems = tuple(problems)
+        return cls("\n".join(str(problem) for problem in problems), problems)
+
+    @classmethod
+    def unknown_name(cls, kind: str, name: str, names: Iterable[str], where: str = "") -> Self:
+        """The error ``unknown <kind> "<name>"`` with the nearest and all allowed names."""
+        names = tuple(names)
+        problem = Problem(where, f'unknown {kind} "{name}"', names, nearest(name, names))
+        return cls.from_problems([problem])
 
     @classmethod
     def unknown(cls, what: str, name: str, allowed: Iterable[str]) -> Self:
@@ -122,7 +112,7 @@ class AssemblyError(FlexmbError):
 
 
 class SolverError(FlexmbError):
-    """The run cannot go on; names the time, the joint or body, and the likely cause."""
+    """The run cannot continue; names the time, the joint or body, and the likely cause."""
 
 
 class OutputError(FlexmbError):
@@ -160,4 +150,4 @@ def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
         matcher.set_seq1(candidate.casefold())
         scored.append((matcher.ratio(), candidate))
     scored.sort(key=lambda pair: -pair[0])
-    return tuple(candidate for score, candidate in scored if score >= _ALIKE)[:n]
+    return tuple(candidate for score, candidate in scored if score >= _MIN_LIKENESS)[:n]

@@ -14,19 +14,16 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import MaterialError, Problem, nearest
-
-__all__ = [
-    "COLUMNS",
-    "LIBRARY",
-    "AnyMaterial",
-    "Material",
-    "OrthotropicMaterial",
-    "material",
-    "table",
-]
+from flexmb.errors import MaterialError, Problem
 
 FloatArray = NDArray[np.float64]
+
+
+def _positive(name: str, value: float, unit: str) -> list[Problem]:
+    """The problem of a value that is not positive and finite."""
+    if isfinite(value) and value > 0:
+        return []
+    return [Problem(f"material.{name}", f"must be positive, given {value:g} {unit}")]
 
 
 @dataclass(frozen=True)
@@ -40,17 +37,11 @@ class Material:
     source: str = "given by the user"
 
     def __post_init__(self) -> None:
-        problems = []
-        if not (isfinite(self.E) and self.E > 0):
-            problems.append(Problem("material.E", f"must be positive, given {self.E:g} Pa"))
+        problems = _positive("E", self.E, "Pa")
         if not -1.0 < self.nu < 0.5:
-            problems.append(
-                Problem("material.nu", f"must lie between -1 and 0.5, given {self.nu:g}")
-            )
-        if not (isfinite(self.density) and self.density > 0):
-            problems.append(
-                Problem("material.density", f"must be positive, given {self.density:g} kg/m^3")
-            )
+            what = f"must lie between -1 and 0.5, given {self.nu:g}"
+            problems.append(Problem("material.nu", what))
+        problems += _positive("density", self.density, "kg/m^3")
         if problems:
             raise MaterialError.from_problems(problems)
 
@@ -99,15 +90,9 @@ class OrthotropicMaterial:
     source: str = "given by the user"
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem(f"material.{word}", f"must be positive, given {value:g} Pa")
-            for word in ("E", "G")
-            for value in getattr(self, word)
-            if not (isfinite(value) and value > 0)
-        ]
-        if not (isfinite(self.density) and self.density > 0):
-            what = f"must be positive, given {self.density:g} kg/m^3"
-            problems.append(Problem("material.density", what))
+        moduli = [("E", value) for value in self.E] + [("G", value) for value in self.G]
+        problems = [problem for name, value in moduli for problem in _positive(name, value, "Pa")]
+        problems += _positive("density", self.density, "kg/m^3")
         if not problems and not np.linalg.eigvalsh(_compliance(self.E, self.nu))[0] > 0:
             what = f"are impossible with E = {self.E}: strain energy would be negative"
             problems.append(Problem("material.nu", f"{what}, given {self.nu}"))
@@ -224,6 +209,4 @@ def material(name: str | Material) -> Material:
     key = _ALIASES.get(key, key)
     if key in LIBRARY:
         return LIBRARY[key]
-    names = tuple(LIBRARY)
-    problem = Problem("material", f'unknown material "{name}"', names, nearest(key, names))
-    raise MaterialError.from_problems([problem])
+    raise MaterialError.unknown_name("material", key, LIBRARY, "material")

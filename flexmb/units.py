@@ -15,18 +15,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from flexmb.errors import FlexmbError, Problem, nearest
-
-__all__ = [
-    "SI",
-    "UNITS",
-    "UNIT_SYSTEMS",
-    "Dimension",
-    "Unit",
-    "UnitSystem",
-    "parse_unit",
-    "unit_system",
-]
+from flexmb.errors import FlexmbError
 
 _INCH = 0.0254  # m, exact
 _FOOT = 0.3048  # m, exact
@@ -98,20 +87,18 @@ def parse_unit(text: str) -> Unit:
     factor, dimension, at = 1.0, Dimension(), 0
     text = text.strip()
     while at < len(text):
-        found = _FACTOR.match(text, at)
-        if found is None or (at == 0 and found["sign"]):
+        match = _FACTOR.match(text, at)
+        if match is None or (at == 0 and match["sign"]):
             raise FlexmbError(f'"{text}" is no unit; write units as in "N s/m" or "kg m^2"')
-        if found["symbol"] != "1":
-            unit = UNITS.get(found["symbol"])
+        if match["symbol"] != "1":
+            unit = UNITS.get(match["symbol"])
             if unit is None:
-                near = nearest(found["symbol"], UNITS)
-                problem = Problem("", f'unknown unit "{found["symbol"]}"', tuple(UNITS), near)
-                raise FlexmbError.from_problems([problem])
-            power = int(found["power"] or _RAISED.get(found["raised"], 1))
-            power = -power if found["sign"] == "/" else power
+                raise FlexmbError.unknown_name("unit", match["symbol"], UNITS)
+            power = int(match["power"] or _RAISED.get(match["raised"], 1))
+            power = -power if match["sign"] == "/" else power
             factor *= unit.factor**power
             dimension = dimension.times(unit.dimension, power)
-        at = found.end()
+        at = match.end()
     return Unit(_rounded(factor), dimension)
 
 
@@ -236,9 +223,7 @@ def unit_system(name: str | UnitSystem) -> UnitSystem:
     """
     if isinstance(name, UnitSystem):
         return name
-    for known, system in UNIT_SYSTEMS.items():
-        if known.casefold() == str(name).casefold():
+    for key, system in UNIT_SYSTEMS.items():
+        if key.casefold() == str(name).casefold():
             return system
-    names = tuple(UNIT_SYSTEMS)
-    problem = Problem("units", f'unknown unit system "{name}"', names, nearest(str(name), names))
-    raise FlexmbError.from_problems([problem])
+    raise FlexmbError.unknown_name("unit system", str(name), UNIT_SYSTEMS, "units")

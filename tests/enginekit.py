@@ -15,8 +15,7 @@ import numpy as np
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
-from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.system import with_markers
+from flexmb.engine.compile import compile_system, with_markers
 from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels import stages

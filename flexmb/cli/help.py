@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markdown import Markdown
 
 from flexmb.cli import screen
 from flexmb.cli.app import command
@@ -53,6 +52,8 @@ def help_pages(
 
 
 def _show_page(page: Page) -> None:
+    from rich.markdown import Markdown
+
     text = _PICTURE.sub(r"(picture: \1)", page.text)
     text = _LINK.sub(lambda link: f"{link[1]} (`flexmb help {link[2]}`)", text)
     screen.console().print(Markdown(text, hyperlinks=False))

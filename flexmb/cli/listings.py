@@ -32,7 +32,7 @@ def list_topic(
     from flexmb import workflow
 
     if topic is None:
-        rows = [(name, about) for name, (about, _) in workflow.TOPICS.items()]
+        rows = [(name, topic.words) for name, topic in workflow.TOPICS.items()]
         screen.table(("flexmb list", "what"), rows)
         return
     listing = workflow.listing(topic)

@@ -139,73 +139,22 @@ def _indirect(result: types.Type) -> Any:
     return generate
 
 
-def _put_calls() -> None:
+def _define_calls() -> None:
     """How compiled code calls units that stand in tables."""
-    status, value = _indirect(types.int64), _indirect(types.float64)
+    for call in _CALLS:
+        names = ", ".join(inspect.signature(call).parameters)
+        result = numba_type(get_type_hints(call)["return"])
+        scope: dict[str, Any] = {"result": result, "generate": _indirect(result)}
+        exec(f"def typing(_, {names}): return result({names}), generate", scope)
+        scope["call"] = intrinsic(scope["typing"])
+        exec(f"def compiled({names}): return lambda {names}: call({names})", scope)
+        overload(call)(scope["compiled"])
 
-    @intrinsic
-    def stage(_, unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return types.int64(unit, run, tables, at), status
 
-    @intrinsic
-    def number(_, unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return types.float64(unit, run, tables, at), value
-
-    @intrinsic
-    def matrix(_, unit, run, tables, at, cv, cp):  # type: ignore[no-untyped-def]
-        return types.int64(unit, run, tables, at, cv, cp), status
-
-    @intrinsic
-    def step(_, unit, run, tables, h):  # type: ignore[no-untyped-def]
-        return types.int64(unit, run, tables, h), status
-
-    @intrinsic
-    def channel(_, unit, run, tables, at, k):  # type: ignore[no-untyped-def]
-        return types.float64(unit, run, tables, at, k), value
-
-    @intrinsic
-    def row(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
-        return types.int64(unit, at, a, b, i, j), status
-
-    @intrinsic
-    def row_value(_, unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
-        return types.float64(unit, at, a, b, i, j), value
-
-    @intrinsic
-    def row_tangent(_, unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
-        return types.int64(unit, at, a, b, i, j, f), status
-
-    @overload(jit.call_stage)
-    def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at: stage(unit, run, tables, at)  # noqa: PLW0108
-
-    @overload(jit.call_value)
-    def _(unit, run, tables, at):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at: number(unit, run, tables, at)  # noqa: PLW0108
-
-    @overload(jit.call_matrix)
-    def _(unit, run, tables, at, cv, cp):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at, cv, cp: matrix(unit, run, tables, at, cv, cp)  # noqa: PLW0108
-
-    @overload(jit.call_step)
-    def _(unit, run, tables, h):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, h: step(unit, run, tables, h)  # noqa: PLW0108
-
-    @overload(jit.call_channel)
-    def _(unit, run, tables, at, k):  # type: ignore[no-untyped-def]
-        return lambda unit, run, tables, at, k: channel(unit, run, tables, at, k)  # noqa: PLW0108
-
-    @overload(jit.call_row)
-    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
-        return lambda unit, at, a, b, i, j: row(unit, at, a, b, i, j)  # noqa: PLW0108
-
-    @overload(jit.call_row_value)
-    def _(unit, at, a, b, i, j):  # type: ignore[no-untyped-def]
-        return lambda unit, at, a, b, i, j: row_value(unit, at, a, b, i, j)  # noqa: PLW0108
-
-    @overload(jit.call_row_tangent)
-    def _(unit, at, a, b, i, j, f):  # type: ignore[no-untyped-def]
-        return lambda unit, at, a, b, i, j, f: row_tangent(unit, at, a, b, i, j, f)  # noqa: PLW0108
+_CALLS = (
+    jit.call_stage, jit.call_value, jit.call_matrix, jit.call_step, jit.call_channel,
+    jit.call_row, jit.call_row_value, jit.call_row_tangent,
+)  # fmt: skip
 
 
 def signature_of(function: Callable[..., Any]) -> Any:
@@ -329,7 +278,7 @@ def main(arguments: list[str]) -> int:
     folder = Path(arguments[0])
     sys.modules["scipy"] = None  # type: ignore[assignment]  # else Numba loads its linear algebra
     jit.compile_with(_mark_kernel, _mark_unit)
-    _put_calls()
+    _define_calls()
     gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them
     for line in sys.stdin:
         name, file = line.rstrip("\n").split("\t")

@@ -85,7 +85,7 @@ class Kind:
         Its units by stage.
     lower : callable, optional
         Makes its tables from the model (`engine.lowering`), None if the model has none;
-        those of the kinds that every model has are made elsewhere (`engine.compile.core`).
+        those of the kinds that every model has are made elsewhere (`engine.compile`).
     place : callable, optional
         Tells its tables where they stand in the iteration matrix (`engine.lowering`).
     couples : tuple of Couple

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import iter_modules
+
+from flexmb.engine import forces
 from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
 from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
-from flexmb.engine.forces.bushing import SIX_COMPONENT_FORCES
-from flexmb.engine.forces.contact import CONTACTS
-from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
-from flexmb.engine.forces.joint_friction import JOINT_FRICTIONS
-from flexmb.engine.forces.load import ACTION_REACTION_LOADS, LOADS
-from flexmb.engine.forces.spring_damper import SPRINGS
 from flexmb.engine.functions.function import TIME_FUNCTIONS
 from flexmb.engine.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.joints.coordinate import COORDINATES
@@ -20,6 +19,15 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.sensors.feedback import FEEDBACK
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLES
 from flexmb.engine.sensors.orientation_angles import TURNING_ANGLES
+
+
+def _force_kinds() -> Iterator[Kind]:
+    """All kinds of forces: those that the modules of `engine.forces` define."""
+    for module in iter_modules(forces.__path__, f"{forces.__name__}."):
+        for value in vars(import_module(module.name)).values():
+            if isinstance(value, Kind):
+                yield value
+
 
 KINDS: tuple[Kind, ...] = (
     TIME_FUNCTIONS,
@@ -34,13 +42,7 @@ KINDS: tuple[Kind, ...] = (
     JOINTS,
     CONSTRAINT_ROWS,
     POINT_JOINTS,
-    SPRINGS,
-    LOADS,
-    ACTION_REACTION_LOADS,
-    SIX_COMPONENT_FORCES,
-    FORCE_CHARACTERISTICS,
-    CONTACTS,
-    JOINT_FRICTIONS,
+    *_force_kinds(),
     JOINT_ANGLES,
     TURNING_ANGLES,
     FEEDBACK,

@@ -1,4 +1,4 @@
-"""Results: written while a run goes on, readable at any moment, also after a kill."""
+"""Results: written during a run, readable at any moment, also after a kill."""
 
 from __future__ import annotations
 

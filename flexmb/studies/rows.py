@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.errors import FlexmbError
 from flexmb.studies.channel_errors import COMPARED
 from flexmb.studies.settings import headings
 
@@ -161,9 +161,7 @@ class StudyRows:
             worst: Array = np.max([self.errors(name) for name in self.compared], axis=0)
             return worst
         if quantity not in self.quantities:
-            names = (*self.quantities, ALL)
-            what = f'the study has no errors of "{quantity}"'
-            raise FlexmbError.from_problems([Problem("", what, names, nearest(quantity, names))])
+            raise FlexmbError.unknown_name("quantity", quantity, (*self.quantities, ALL))
         missing = float("nan")
         return np.array(
             [row.errors[quantity].bound if quantity in row.errors else missing for row in self.rows]

@@ -73,7 +73,7 @@ def _draw_panel(cell: Any, content: Content, rows: int) -> None:
         bar.outline.set_visible(False)
 
 
-def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
+def _shaded(content: Content, view: Array) -> tuple[Any, Array]:
     """Corners of all triangles in the picture plane (t, 3, 2), far ones first, and RGBA (t, 4)."""
     from matplotlib import colormaps
     from matplotlib.colors import to_rgba
@@ -85,30 +85,30 @@ def _shaded(content: Content, view: Array) -> tuple[Array, Array]:
         colors.append(np.broadcast_to(rgba, (len(faces), 4)))
 
     for solid in content.solids:
-        rgba = to_rgba(solid.color, solid.opacity)
-        add(solid.triangles.points, solid.triangles.faces, rgba)
+        shape = solid.triangles
+        add(shape.points, shape.faces, to_rgba(solid.color, solid.opacity))
     for body in content.deformed:
-        rgba = to_rgba(body.color)
+        color: Any = to_rgba(body.color)
         if content.scale is not None and body.values is not None and len(body.faces):
             share = body.values[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
-            rgba = colormaps[COLORMAP].with_extremes(bad=to_rgba(body.color))(share)
-        add(body.points, body.faces, rgba)
+            color = colormaps[COLORMAP].with_extremes(bad=color)(share)
+        add(body.points, body.faces, color)
     for center in content.joints:
         ball = sphere(content.joint_radius, center)
         add(ball.points, ball.faces, to_rgba(JOINT))
     seen = np.concatenate(corners) @ view.T
     rgba = np.concatenate(colors).copy()
-    lit = np.abs(_normals(*seen.transpose(1, 0, 2)) @ (_LAMP / np.linalg.norm(_LAMP)))
+    lit = np.abs(_normals(*seen.transpose(1, 0, 2)) @ (np.array(_LAMP) / np.linalg.norm(_LAMP)))
     rgba[:, :3] *= _AMBIENT + (1.0 - _AMBIENT) * lit[:, None]
     order = np.argsort(seen[:, :, 2].mean(axis=1))
     return seen[order, :, :2], np.clip(rgba[order], 0.0, 1.0)
 
 
-def _segments(content: Content, view: Array) -> list[tuple[Array, Any, float]]:
+def _segments(content: Content, view: Array) -> list[tuple[Any, Any, float]]:
     """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
     from matplotlib import colormaps
 
-    drawn: list[tuple[Array, Any, float]] = []
+    drawn: list[tuple[Any, Any, float]] = []
     for body in content.deformed:
         ghost = _outline(body.undeformed, body.faces, body.lines)
         drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))

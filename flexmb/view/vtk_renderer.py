@@ -110,7 +110,7 @@ def draw(
 
     rows = -(-len(panels) // columns)
     cell = (size[0] // columns, size[1] // rows)
-    plotter = pyvista.Plotter(
+    plotter: Any = pyvista.Plotter(
         off_screen=True,
         window_size=list(size),
         lighting="light kit",

@@ -11,7 +11,38 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flexmb.errors import FlexmbError, OutputError, Problem, nearest
+from flexmb.errors import FlexmbError, OutputError
+from flexmb.materials import COLUMNS
+from flexmb.materials import table as material_rows
+from flexmb.model import describe
+from flexmb.model.bodies.interfaces import (
+    LOAD_TYPES,
+    InterfaceSpec,
+    MassSpec,
+    NodeSpringSpec,
+    TieSpec,
+)
+from flexmb.model.bodies.mass_properties import SHAPES
+from flexmb.model.bodies.material import MATERIAL_KINDS
+from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
+from flexmb.model.bodies.mesh_body import MeshBodySpec, ModesSpec
+from flexmb.model.bodies.meshes import MESH_TYPES
+from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
+from flexmb.model.forces.contact import CONTACT_SHAPES
+from flexmb.model.forces.friction import FrictionSpec
+from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
+from flexmb.model.functions.function import FUNCTION_FORMS
+from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
+from flexmb.model.joints.curve import CurveSpec
+from flexmb.model.joints.driver import DRIVEN, DriverSpec
+from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.sensors.control import StateSpec
+from flexmb.model.sensors.sensor import SENSOR_TYPES
+from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
+from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
+from flexmb.model.values.reading import Spec
+from flexmb.units import UNIT_SYSTEMS
 
 _SCENE = "scene.toml"
 _TEMPLATES = Path(__file__).parents[1] / "templates"
@@ -32,8 +63,18 @@ class Listing(NamedTuple):
     tables: tuple[tuple[str, Table], ...]
 
 
+class Topic(NamedTuple):
+    """What can be listed: a few words on it, the specifications, a text and a table above them."""
+
+    words: str
+    title: str
+    kinds: Mapping[str, type[Spec]]
+    about: str = ""
+    table: Callable[[], Table] = lambda: Table((), [])
+
+
 def listing(topic: str) -> Listing:
-    """All entries of a topic of ``TOPICS``.
+    """All entries of a topic of ``TOPICS``: its own table, a table of fields of each kind.
 
     Raises
     ------
@@ -41,10 +82,20 @@ def listing(topic: str) -> Listing:
         No such topic; lists those there are, nearest first.
     """
     if topic not in TOPICS:
-        names = tuple(TOPICS)
-        what = f'there is nothing called "{topic}" to list'
-        raise FlexmbError.from_problems([Problem("", what, names, nearest(topic, names))])
-    return TOPICS[topic][1]()
+        raise FlexmbError.unknown_name("topic of a list", topic, TOPICS)
+    _, title, kinds, about, table = TOPICS[topic]
+    own = table()
+    tables = [(about, own)] if about or own.rows else []
+    for spec in dict.fromkeys(kinds.values()):
+        names = [name for name, kind in kinds.items() if kind is spec]
+        text, fields = describe(spec)
+        rows = [
+            (f.name, f.words, "required" if f.required else _default_text(f.default))
+            for f in fields
+            if f.name != "type" or f.form.get("enum", [None])[0] not in kinds
+        ]
+        tables.append((f"{', '.join(names)}: {text}", Table(("field", "holds", "default"), rows)))
+    return Listing(title, tuple(tables))
 
 
 def templates() -> dict[str, str]:
@@ -71,8 +122,7 @@ def new_scene(folder: str | Path, template: str | None = None) -> Path:
     """
     names, template = tuple(templates()), template or _SIMPLEST_TEMPLATE
     if template not in names:
-        what = f'unknown template "{template}"'
-        raise FlexmbError.from_problems([Problem("", what, names, nearest(template, names))])
+        raise FlexmbError.unknown_name("template", template, names)
     target = Path(folder)
     sources = sorted(path for path in (_TEMPLATES / template).iterdir() if path.is_file())
     present = [str(target / path.name) for path in sources if (target / path.name).exists()]
@@ -96,30 +146,6 @@ def _title(path: Path) -> str:
         return "cannot be read"
 
 
-def _listing(
-    title: str, kinds: Mapping[str, Any], about: str = "", table: Table | None = None
-) -> Listing:
-    """A text and a table, then one table of fields for each specification."""
-    from flexmb.model import describe
-
-    tables = [(about, table or Table((), []))] if about or table else []
-    for spec in dict.fromkeys(kinds.values()):
-        names = [name for name, kind in kinds.items() if kind is spec]
-        text, fields = describe(spec)
-        rows = [
-            (
-                field.name,
-                field.words,
-                "required" if field.required else _default_text(field.default),
-            )
-            for field in fields
-            if field.name != "type" or field.form.get("enum", [None])[0] not in kinds
-        ]
-        columns = ("field", "holds", "default")
-        tables.append((f"{', '.join(names)}: {text}", Table(columns, rows)))
-    return Listing(title, tuple(tables))
-
-
 def _default_text(default: Any) -> str:
     """A default as a scene writes it; empty for an optional entry without default."""
     if default is None or default == {} or default == ():
@@ -131,9 +157,7 @@ def _default_text(default: Any) -> str:
     return f"{default:g}" if isinstance(default, int | float) else str(default)
 
 
-def _joints() -> Listing:
-    from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
-
+def _joint_table() -> Table:
     rows = [
         (
             row.name,
@@ -146,8 +170,7 @@ def _joints() -> Listing:
         for row in JOINT_TYPES.values()
     ]
     columns = ("joint", "equations", "in a plane", "leaves free", "driver", "what it does")
-    about = "z is the joint's axis, driver the coordinates that a driver can prescribe:"
-    return _listing("joints: [joints.name]", {"a joint": JointSpec}, about, Table(columns, rows))
+    return Table(columns, rows)
 
 
 def _free_motions(joint: str, count: int) -> str:
@@ -168,52 +191,6 @@ def _free_motions(joint: str, count: int) -> str:
     return "; ".join(motions) or "nothing"
 
 
-def _curves() -> Listing:
-    from flexmb.model.joints.curve import CurveSpec
-
-    kinds = {"a curve, in the axes of the marker that carries it": CurveSpec}
-    return _listing("curves that joints slide along: [curves.name]", kinds)
-
-
-def _couplers() -> Listing:
-    from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
-    from flexmb.model.scenes.sections import COUPLER_TYPES
-
-    terms = {"an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm}
-    about = "Each relates the coordinates of two or three joints by one equation:"
-    return _listing("couplers: [couplers.name]", {**COUPLER_TYPES, **terms}, about)
-
-
-def _forces() -> Listing:
-    from flexmb.model.forces.contact import CONTACT_SHAPES
-    from flexmb.model.forces.friction import FrictionSpec
-    from flexmb.model.scenes.sections import FORCE_TYPES
-
-    parts = {f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()}
-    parts["friction of a contact"] = FrictionSpec
-    return _listing("forces: [forces.name]", {**FORCE_TYPES, **parts})
-
-
-def _sensors() -> Listing:
-    from flexmb.model.sensors.sensor import SENSOR_TYPES
-
-    return _listing("sensors: [sensors.name]", SENSOR_TYPES)
-
-
-def _controllers() -> Listing:
-    from flexmb.model.scenes.sections import CONTROLLER_TYPES
-    from flexmb.model.sensors.control import StateSpec
-
-    kinds = {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES}
-    return _listing("states and controllers: [states.name], [controllers.name]", kinds)
-
-
-def _shapes() -> Listing:
-    from flexmb.model.bodies.mass_properties import SHAPES
-
-    return _listing("shapes of rigid bodies: [bodies.name] shape = { ... }", SHAPES)
-
-
 _MARKER_COORDINATES = {
     "x": "place of the marker along x, global or of relative_to",
     "y": "place along y",
@@ -224,115 +201,31 @@ _MARKER_COORDINATES = {
 }
 
 
-def _drivers() -> Listing:
-    from flexmb.model.joints.driver import DRIVEN, DriverSpec
-    from flexmb.model.joints.joint import JOINT_TYPES
-
+def _driver_table() -> Table:
     rows = []
     for target, coordinates in DRIVEN.items():
         for name in coordinates:
             joints = ", ".join(j.name for j in JOINT_TYPES.values() if name in j.coordinates)
             rows.append((target, name, joints if target == "joint" else _MARKER_COORDINATES[name]))
-    about = "Coordinates as functions of time; the multiplier is the actuator's force or torque:"
-    table = Table(("driver of", "coordinate", "what it is, or joints that have it"), rows)
-    return _listing("drivers: [drivers.name]", {"a driver": DriverSpec}, about, table)
+    return Table(("driver of", "coordinate", "what it is, or joints that have it"), rows)
 
 
-def _functions() -> Listing:
-    from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
-    from flexmb.model.functions.function import FUNCTION_FORMS
-
+def _expression_table() -> Table:
     rows = [
         ("functions", ", ".join(text for _, text in FUNCTIONS.values())),
         ("constants", ", ".join(f"{name} = {value:.10g}" for name, value in CONSTANTS.items())),
         ("operators", "+ - * / ** and parentheses"),
     ]
-    about = "A number, an expression in t and the parameters, or a named form. In expressions:"
-    forms = 'Named forms, such as { type = "harmonic", amplitude = 2, frequency = 50 }:'
-    tables = _listing("", FUNCTION_FORMS, forms).tables
-    return Listing("functions of time t", ((about, Table(("", "in expressions"), rows)), *tables))
+    return Table(("", "in expressions"), rows)
 
 
-def _elements() -> Listing:
+def _element_table() -> Table:
     from flexmb.fe import ELEMENTS
 
-    about = (
-        "Elements that make up a flexible body: solids always, surfaces and lines where a section "
-        "names them (flexmb list sections); others only name groups:"
-    )
-    table = Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
-    return _listing("elements of flexible bodies", {}, about, table)
+    return Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
 
 
-def _meshes() -> Listing:
-    from flexmb.model.bodies.meshes import MESH_TYPES
-
-    about = (
-        'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
-        '{ type = "box", size = [1, 0.1, 0.1] }. Without divisions: along the longest edge 10 '
-        "elements (20 of first order), along the others as many as make their edges as long, at "
-        "least 2; around circles 16 (32):"
-    )
-    return _listing("meshes: [bodies.name] mesh = ...", MESH_TYPES, about)
-
-
-def _sections() -> Listing:
-    from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
-
-    kinds = {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec}
-    about = "The section of each element group of a mesh; all takes what no other names:"
-    return _listing("sections: [bodies.name] sections.group = { ... }", kinds, about)
-
-
-def _reductions() -> Listing:
-    from flexmb.model.bodies.interfaces import (
-        LOAD_TYPES,
-        InterfaceSpec,
-        MassSpec,
-        NodeSpringSpec,
-        TieSpec,
-    )
-    from flexmb.model.bodies.mesh_body import METHODS, MeshBodySpec, ModesSpec
-
-    kinds = {
-        "a body": MeshBodySpec,
-        "modes": ModesSpec,
-        "an interface": InterfaceSpec,
-        "a tie": TieSpec,
-        "a mass": MassSpec,
-        "a spring": NodeSpringSpec,
-        **LOAD_TYPES,
-    }
-    table = Table(("reduction", "what it keeps"), list(METHODS.items()))
-    about = "How the mesh of a flexible body becomes modes:"
-    return _listing("flexible bodies: [bodies.name]", kinds, about, table)
-
-
-def _methods() -> Listing:
-    from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
-    from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
-
-    kinds = {
-        "[dynamics]": DynamicsSpec,
-        "[kinematics]": KinematicsSpec,
-        "[assembly]": AssemblySpec,
-        "assembly.guess.joint": GuessSpec,
-    }
-    rows = [(str(name), about) for name, about in METHODS.items()]
-    return _listing("methods: dynamics.method", kinds, "", Table(("method", "what it is"), rows))
-
-
-def _materials() -> Listing:
-    from flexmb.materials import COLUMNS, table
-    from flexmb.model.bodies.material import MATERIAL_KINDS
-
-    about = "Linear elastic and isotropic; typical values, give your own where grades matter:"
-    return _listing("materials", MATERIAL_KINDS, about, Table(COLUMNS, table()))
-
-
-def _units() -> Listing:
-    from flexmb.units import UNIT_SYSTEMS
-
+def _unit_table() -> Table:
     rows = [
         (
             system.name,
@@ -343,44 +236,140 @@ def _units() -> Listing:
         for system in UNIT_SYSTEMS.values()
     ]
     columns = ("system", "length [m]", "mass [kg]", "time [s]", "force [N]", "stress [Pa]")
-    return _listing("unit systems", {}, "One unit of each, in SI:", Table(columns, rows))
+    return Table(columns, rows)
 
 
-def _cases() -> Listing:
+def _case_table() -> Table:
     here = Path("cases")
     folder = here if here.is_dir() else Path(__file__).parents[2] / "cases"
     rows = [(path.as_posix(), _title(path)) for path in sorted(folder.glob(f"*/{_SCENE}"))]
-    if not rows:
-        about = "None here: the cases are in the folder cases of the sources. See flexmb new."
-        return _listing("cases", {}, about)
-    about = "Scenes with known answers; flexmb run runs one, flexmb reduce one without [dynamics]:"
-    return _listing("cases", {}, about, Table(("scene", "title"), rows))
+    return Table(("scene", "title"), rows)
 
 
-def _templates() -> Listing:
-    about = "Scenes to start from, written by flexmb new NAME --template TEMPLATE:"
-    table = Table(("template", "title"), list(templates().items()))
-    return _listing("templates", {}, about, table)
-
-
-TOPICS: dict[str, tuple[str, Callable[[], Listing]]] = {
-    "joints": ("what they constrain and leave free, which drivers they take", _joints),
-    "couplers": ("gears, racks and linear relations of joint coordinates", _couplers),
-    "curves": ("shapes that pins and cam followers slide along", _curves),
-    "forces": ("forces, torques, springs and dampers", _forces),
-    "drivers": ("coordinates of joints and markers as functions of time", _drivers),
-    "functions": ("functions of time and of measures, and expressions", _functions),
-    "elements": ("finite elements of flexible bodies", _elements),
-    "meshes": ("simple shapes that need no mesh file", _meshes),
-    "sections": ("sections of beams, shells and solids", _sections),
-    "reductions": ("how meshes become modes: methods, interfaces, ties, loads", _reductions),
-    "methods": ("integrators and the settings of a run", _methods),
-    "sensors": ("what a run can record", _sensors),
-    "controllers": ("states with a rate, PID controllers, transfer functions", _controllers),
-    "materials": ("built-in materials, their values and sources", _materials),
-    "units": ("unit systems", _units),
-    "shapes": ("shapes of rigid bodies", _shapes),
-    "cases": ("example scenes with known answers", _cases),
-    "templates": ("scenes to start from", _templates),
+TOPICS = {
+    "joints": Topic(
+        "what they constrain and leave free, which drivers they take",
+        "joints: [joints.name]",
+        {"a joint": JointSpec},
+        "z is the joint's axis, driver the coordinates that a driver can prescribe:",
+        _joint_table,
+    ),
+    "couplers": Topic(
+        "gears, racks and linear relations of joint coordinates",
+        "couplers: [couplers.name]",
+        {**COUPLER_TYPES, "an angle in terms": AngleTerm, "a stroke in terms": StrokeTerm},
+        "Each relates the coordinates of two or three joints by one equation:",
+    ),
+    "curves": Topic(
+        "shapes that pins and cam followers slide along",
+        "curves that joints slide along: [curves.name]",
+        {"a curve, in the axes of the marker that carries it": CurveSpec},
+    ),
+    "forces": Topic(
+        "forces, torques, springs and dampers",
+        "forces: [forces.name]",
+        {
+            **FORCE_TYPES,
+            **{f"shape {name} of a contact": spec for name, spec in CONTACT_SHAPES.items()},
+            "friction of a contact": FrictionSpec,
+        },
+    ),
+    "drivers": Topic(
+        "coordinates of joints and markers as functions of time",
+        "drivers: [drivers.name]",
+        {"a driver": DriverSpec},
+        "Coordinates as functions of time; the multiplier is the actuator's force or torque:",
+        _driver_table,
+    ),
+    "functions": Topic(
+        "functions of time and of measures, and expressions",
+        "functions of time t",
+        FUNCTION_FORMS,
+        "A number, an expression in t and the parameters, or a named form such as "
+        '{ type = "harmonic", amplitude = 2, frequency = 50 }. In expressions:',
+        _expression_table,
+    ),
+    "elements": Topic(
+        "finite elements of flexible bodies",
+        "elements of flexible bodies",
+        {},
+        "Elements that make up a flexible body: solids always, surfaces and lines where a section "
+        "names them (flexmb list sections); others only name groups:",
+        _element_table,
+    ),
+    "meshes": Topic(
+        "simple shapes that need no mesh file",
+        "meshes: [bodies.name] mesh = ...",
+        MESH_TYPES,
+        'A mesh is a file, "rod.msh", or the table of a simple shape, such as '
+        '{ type = "box", size = [1, 0.1, 0.1] }. Without divisions: along the longest edge 10 '
+        "elements (20 of first order), along the others as many as make their edges as long, at "
+        "least 2; around circles 16 (32):",
+    ),
+    "sections": Topic(
+        "sections of beams, shells and solids",
+        "sections: [bodies.name] sections.group = { ... }",
+        {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec},
+        "The section of each element group of a mesh; all takes what no other names:",
+    ),
+    "reductions": Topic(
+        "how meshes become modes: methods, interfaces, ties, loads",
+        "flexible bodies: [bodies.name]",
+        {
+            "a body": MeshBodySpec,
+            "modes": ModesSpec,
+            "an interface": InterfaceSpec,
+            "a tie": TieSpec,
+            "a mass": MassSpec,
+            "a spring": NodeSpringSpec,
+            **LOAD_TYPES,
+        },
+        "How the mesh of a flexible body becomes modes:",
+        lambda: Table(("reduction", "what it keeps"), list(REDUCTIONS.items())),
+    ),
+    "methods": Topic(
+        "integrators and the settings of a run",
+        "methods: dynamics.method",
+        {
+            "[dynamics]": DynamicsSpec,
+            "[kinematics]": KinematicsSpec,
+            "[assembly]": AssemblySpec,
+            "assembly.guess.joint": GuessSpec,
+        },
+        "",
+        lambda: Table(("method", "what it is"), [(str(k), v) for k, v in METHODS.items()]),
+    ),
+    "sensors": Topic("what a run can record", "sensors: [sensors.name]", SENSOR_TYPES),
+    "controllers": Topic(
+        "states with a rate, PID controllers, transfer functions",
+        "states and controllers: [states.name], [controllers.name]",
+        {"a state: [states.name]": StateSpec, **CONTROLLER_TYPES},
+    ),
+    "materials": Topic(
+        "built-in materials, their values and sources",
+        "materials",
+        MATERIAL_KINDS,
+        "Linear elastic and isotropic; typical values, give your own where grades matter:",
+        lambda: Table(COLUMNS, material_rows()),
+    ),
+    "units": Topic("unit systems", "unit systems", {}, "One unit of each, in SI:", _unit_table),
+    "shapes": Topic(
+        "shapes of rigid bodies", "shapes of rigid bodies: [bodies.name] shape = { ... }", SHAPES
+    ),
+    "cases": Topic(
+        "example scenes with known answers",
+        "cases",
+        {},
+        "Scenes with known answers, in the folder cases of the sources; flexmb run runs one, "
+        "flexmb reduce one without [dynamics]:",
+        _case_table,
+    ),
+    "templates": Topic(
+        "scenes to start from",
+        "templates",
+        {},
+        "Scenes to start from, written by flexmb new NAME --template TEMPLATE:",
+        lambda: Table(("template", "title"), list(templates().items())),
+    ),
 }
-"""Topics: a few words on each, and the function that makes its listing."""
+"""All that can be listed."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import FlexmbWarning, Problem, SceneError, SolverError, nearest
+from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
@@ -150,8 +150,7 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
     """
     available = [section for section in ANALYSES if getattr(model, section) is not None]
     if name is not None and name not in ANALYSES:
-        what = f'unknown analysis "{name}"'
-        raise SceneError.from_problems([Problem("", what, ANALYSES, nearest(name, ANALYSES))])
+        raise SceneError.unknown_name("analysis", name, ANALYSES)
     if not available and name is None:
         raise SceneError("the scene has no [dynamics] and no [kinematics]: give its duration")
     if name is not None and name not in available:

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from truthkit import order, run
 
-from flexmb.engine.compile import ordering
+from flexmb.engine import ordering
 from flexmb.engine.joints import coordinate
 from flexmb.errors import SceneError
 from flexmb.model import Model

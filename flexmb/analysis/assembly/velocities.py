@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
-from flexmb.engine.compile import Compiled
-from flexmb.engine.compile.system import with_markers
+from flexmb.engine.compile import Compiled, with_markers
 from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System

@@ -242,7 +242,6 @@ def _prepare(table, marker_now, rows):
             if mk["body"] < 0:
                 mn["x"][a] = mk["rho"][a]
                 mn["vx"][a] = 0.0
-                mn["bx"][a] = 0.0
 
 
 @unit
@@ -286,25 +285,6 @@ def move_points(run: Run, markers: Markers, at: Point) -> int:
 
 
 @unit
-def bias_points(run: Run, markers: Markers, at: Point) -> int:
-    """Acceleration of the markers at zero v̇, global axes."""
-    parts, now, v = run.system.parts, run.work.now, at.v
-    rows, bodies, table = markers.rows, parts.bodies, parts.markers
-    for n in range(rows.shape[0]):
-        mk, mn = table[rows[n]], now.marker[rows[n]]
-        b = mk["body"]
-        put(mn["bom"], 0, 0.0, 0.0, 0.0)
-        if b >= 0:
-            s, iv = mk["rho"], bodies[b]["iv"]
-            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
-            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
-            ax, ay, az = transform(now.body[b]["A"], ax, ay, az)
-            put(mn["bx"], 0, ax, ay, az)
-    return FINE
-
-
-@unit
 def complete_points(run: Run, markers: Markers, at: Point) -> int:
     """Axes and angular velocities of the markers too, as those of rigid markers."""
     place_rigid(run, markers, at)
@@ -318,7 +298,7 @@ POINT_MARKERS = Kind(
         "constants": prepare_points,
         "position": place_points,
         "velocity": move_points,
-        "bias": bias_points,
+        "bias": bias_rigid,
         "axes": complete_points,
     },
 )

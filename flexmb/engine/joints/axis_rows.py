@@ -16,10 +16,9 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.rotation import cross
-from flexmb.engine.algebra.vector import put
+from flexmb.engine.algebra.vector import column, inner, outer, plus, put_part, times, triple
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.row import add_dot, clear_gradient, dot_columns, dot_rates, put_pair
+from flexmb.engine.joints.row import add_dot, dot_columns, dot_rates, put_pair
 from flexmb.engine.kind import RowKind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import RowWork
@@ -36,10 +35,7 @@ def dot1_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 @unit
 def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of a·b."""
-    g, Ri, Rj = at.g, at.marker[i]["R"], at.marker[j]["R"]
-    clear_gradient(g)
-    x, y, z = cross(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b])
-    put_pair(g, 3, -x, -y, -z)
+    put_pair(at.g, 3, outer(column(at.marker[j]["R"], b), column(at.marker[i]["R"], a)))
     return FINE
 
 
@@ -47,8 +43,7 @@ def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 def dot1_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """Second derivative of a·b."""
     mi, mj = at.marker[i], at.marker[j]
-    R, S = mi["R"], mj["R"]
-    _, second = dot_rates(R[0, a], R[1, a], R[2, a], mi["om"], S[0, b], S[1, b], S[2, b], mj["om"])
+    _, second = dot_rates(column(mi["R"], a), mi["om"], column(mj["R"], b), mj["om"])
     return second  # type: ignore[no-any-return]
 
 
@@ -81,25 +76,16 @@ def _across_and_along(Ri, Rj, b):
     """
     s, c = dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b)
     n = 1.0 / (s * s + c * c)
-    s, c = n * s, n * c
-    return (
-        c * Ri[0, _Y] - s * Ri[0, _X],
-        c * Ri[1, _Y] - s * Ri[1, _X],
-        c * Ri[2, _Y] - s * Ri[2, _X],
-        c * Ri[0, _X] + s * Ri[0, _Y],
-        c * Ri[1, _X] + s * Ri[1, _Y],
-        c * Ri[2, _X] + s * Ri[2, _Y],
-    )
+    x, y = column(Ri, _X), column(Ri, _Y)
+    return plus(times(n * c, y), -n * s, x), plus(times(n * c, x), n * s, y)
 
 
 @unit
 def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of θ, b × u."""
-    g, Rj = at.g, at.marker[j]["R"]
-    clear_gradient(g)
-    ux, uy, uz, _, _, _ = _across_and_along(at.marker[i]["R"], Rj, b)
-    x, y, z = cross(Rj[0, b], Rj[1, b], Rj[2, b], ux, uy, uz)
-    put_pair(g, 3, x, y, z)
+    Rj = at.marker[j]["R"]
+    u, _ = _across_and_along(at.marker[i]["R"], Rj, b)
+    put_pair(at.g, 3, outer(column(Rj, b), u))
     return FINE
 
 
@@ -107,12 +93,10 @@ def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """Second derivative of θ: (u·b)¨ − 2 (u·b)˙ (v·b)˙, with u and v fixed to I."""
     mi, mj = at.marker[i], at.marker[j]
-    Rj, p, q = mj["R"], mi["om"], mj["om"]
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    ux, uy, uz, vx, vy, vz = _across_and_along(mi["R"], Rj, b)
-    first, second = dot_rates(ux, uy, uz, p, bx, by, bz, q)
-    x, y, z = cross(bx, by, bz, vx, vy, vz)
-    growth = (q[0] - p[0]) * x + (q[1] - p[1]) * y + (q[2] - p[2]) * z
+    axis, p, q = column(mj["R"], b), triple(mi["om"]), triple(mj["om"])
+    u, v = _across_and_along(mi["R"], mj["R"], b)
+    first, second = dot_rates(u, p, axis, q)
+    growth = inner(plus(q, -1.0, p), outer(axis, v))
     return second - 2.0 * first * growth  # type: ignore[no-any-return]
 
 
@@ -120,13 +104,11 @@ def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
     """f times the tangent of θ: that of u·b with u fixed to I, less that of its length and turn."""
     g, H, Rj = at.g, at.H, at.marker[j]["R"]
-    bx, by, bz = Rj[0, b], Rj[1, b], Rj[2, b]
-    ux, uy, uz, vx, vy, vz = _across_and_along(at.marker[i]["R"], Rj, b)
-    add_dot(ux, uy, uz, bx, by, bz, f, H)
-    x, y, z = cross(bx, by, bz, ux, uy, uz)
-    put(g, 0, x, y, z)
-    x, y, z = cross(bx, by, bz, vx, vy, vz)
-    put(g, 3, x, y, z)
+    axis = column(Rj, b)
+    u, v = _across_and_along(at.marker[i]["R"], Rj, b)
+    add_dot(u[0], u[1], u[2], axis[0], axis[1], axis[2], f, H)
+    put_part(g, 0, outer(axis, u))
+    put_part(g, 3, outer(axis, v))
     for k in range(3):
         for m in range(3):
             e = f * (g[k] * g[3 + m] + g[3 + k] * g[m])
@@ -138,14 +120,9 @@ def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
 
 
 ANGLE = RowKind(
-    "angle",
-    angle_value,
-    angle_gradient,
-    angle_curvature,
-    angle_tangent,
-    angular=True,
-    period=2.0 * math.pi,
-)
+    "angle", angle_value, angle_gradient, angle_curvature, angle_tangent,
+    angular=True, period=2.0 * math.pi,
+)  # fmt: skip
 
 
 @unit
@@ -158,11 +135,9 @@ def twist_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 @unit
 def twist_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of x_I·y_J − y_I·x_J."""
-    g, Ri, Rj = at.g, at.marker[i]["R"], at.marker[j]["R"]
-    clear_gradient(g)
-    x, y, z = cross(Ri[0, _X], Ri[1, _X], Ri[2, _X], Rj[0, _Y], Rj[1, _Y], Rj[2, _Y])
-    u, v, w = cross(Ri[0, _Y], Ri[1, _Y], Ri[2, _Y], Rj[0, _X], Rj[1, _X], Rj[2, _X])
-    put_pair(g, 3, u - x, v - y, w - z)
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    first = outer(column(Ri, _Y), column(Rj, _X))
+    put_pair(at.g, 3, plus(first, -1.0, outer(column(Ri, _X), column(Rj, _Y))))
     return FINE
 
 
@@ -171,14 +146,9 @@ def twist_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """Second derivative of x_I·y_J − y_I·x_J."""
     mi, mj = at.marker[i], at.marker[j]
     R, S = mi["R"], mj["R"]
-    total = 0.0
-    for k in range(2):
-        m, sign = 1 - k, 1.0 - 2.0 * k
-        _, second = dot_rates(
-            R[0, k], R[1, k], R[2, k], mi["om"], S[0, m], S[1, m], S[2, m], mj["om"]
-        )
-        total += sign * second
-    return total  # type: ignore[no-any-return]
+    _, first = dot_rates(column(R, _X), mi["om"], column(S, _Y), mj["om"])
+    _, second = dot_rates(column(R, _Y), mi["om"], column(S, _X), mj["om"])
+    return first - second  # type: ignore[no-any-return]
 
 
 @unit

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from flexmb.engine.algebra.rotation import cross
-from flexmb.engine.algebra.vector import put
+from flexmb.engine.algebra.blocks import add_column, add_skew
+from flexmb.engine.algebra.vector import inner, outer, put_part, times, triple
 from flexmb.engine.jit import call_row, call_row_tangent, call_row_value, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix
@@ -91,67 +91,36 @@ def relative_velocity(mi, mj):
 
 
 @kernel
-def clear_gradient(g):
-    """g (12) = 0."""
+def put_pair(g, o, a):
+    """g (12) = 0 but for a, of marker J at o + 6, and the opposite, of marker I at o."""
     for k in range(12):
         g[k] = 0.0
+    put_part(g, o, times(-1.0, a))
+    put_part(g, o + 6, a)
 
 
 @kernel
-def put_pair(g, o, x, y, z):
-    """(x, y, z) for marker J at o + 6, the opposite for marker I at o."""
-    put(g, o, -x, -y, -z)
-    put(g, o + 6, x, y, z)
-
-
-@kernel
-def vector_rates(x, y, z, om):
+def vector_rates(a, om):
     """First derivative of a vector fixed to a marker, and second at zero angular acceleration."""
-    x, y, z = cross(om[0], om[1], om[2], x, y, z)
-    u, v, w = cross(om[0], om[1], om[2], x, y, z)
-    return x, y, z, u, v, w
+    first = outer(triple(om), a)
+    return first, outer(triple(om), first)
 
 
 @kernel
-def column_rates(R, a, om):
-    """The same of column a of R."""
-    return vector_rates(R[0, a], R[1, a], R[2, a], om)
-
-
-@kernel
-def dot_rates(ax, ay, az, omi, bx, by, bz, omj):
+def dot_rates(a, omi, b, omj):
     """a·b: first derivative, and second at zero angular accelerations."""
-    px, py, pz, qx, qy, qz = vector_rates(ax, ay, az, omi)
-    rx, ry, rz, sx, sy, sz = vector_rates(bx, by, bz, omj)
-    first = px * bx + py * by + pz * bz + ax * rx + ay * ry + az * rz
-    second = qx * bx + qy * by + qz * bz + ax * sx + ay * sy + az * sz
-    return first, second + 2.0 * (px * rx + py * ry + pz * rz)
+    a1, a2 = vector_rates(a, omi)
+    b1, b2 = vector_rates(b, omj)
+    return inner(a1, b) + inner(a, b1), inner(a2, b) + inner(a, b2) + 2.0 * inner(a1, b1)
 
 
 @kernel
-def _add_skew(H, i, j, f, x, y, z):
-    """Add f (x, y, z)~ to the 3 × 3 block at (i, j)."""
-    H[i, j + 1] -= f * z
-    H[i, j + 2] += f * y
-    H[i + 1, j] += f * z
-    H[i + 1, j + 2] -= f * x
-    H[i + 2, j] -= f * y
-    H[i + 2, j + 1] += f * x
-
-
-@kernel
-def _add_skew_product(H, i, j, f, px, py, pz, qx, qy, qz):
+def _add_skew_product(H, i, j, f, p, q):
     """Add f p~ q~ = f (q pᵀ − (p·q) I) to the 3 × 3 block at (i, j)."""
-    dot = px * qx + py * qy + pz * qz
-    H[i, j] += f * (qx * px - dot)
-    H[i, j + 1] += f * qx * py
-    H[i, j + 2] += f * qx * pz
-    H[i + 1, j] += f * qy * px
-    H[i + 1, j + 1] += f * (qy * py - dot)
-    H[i + 1, j + 2] += f * qy * pz
-    H[i + 2, j] += f * qz * px
-    H[i + 2, j + 1] += f * qz * py
-    H[i + 2, j + 2] += f * (qz * pz - dot)
+    dot = f * inner(p, q)
+    for k in range(3):
+        add_column(H, i, j + k, f * p[k], q)
+        H[i + k, j + k] -= dot
 
 
 @unit
@@ -159,18 +128,37 @@ def add_dot(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, f: float, H: Matrix
 ) -> int:
     """f times the tangent of a·b."""
-    _add_skew_product(H, 3, 3, f, bx, by, bz, ax, ay, az)
-    _add_skew_product(H, 3, 9, -f, ax, ay, az, bx, by, bz)
-    _add_skew_product(H, 9, 9, f, ax, ay, az, bx, by, bz)
-    _add_skew_product(H, 9, 3, -f, bx, by, bz, ax, ay, az)
+    a, b = (ax, ay, az), (bx, by, bz)
+    _add_skew_product(H, 3, 3, f, b, a)
+    _add_skew_product(H, 3, 9, -f, a, b)
+    _add_skew_product(H, 9, 9, f, a, b)
+    _add_skew_product(H, 9, 3, -f, b, a)
     return FINE
 
 
 @kernel
-def add_dot2(ax, ay, az, hx, hy, hz, f, H):
+def add_dot2(a, h, f, H):
     """f times the tangent of a·h."""
-    _add_skew(H, 0, 3, f, ax, ay, az)
-    _add_skew(H, 6, 3, -f, ax, ay, az)
-    _add_skew_product(H, 3, 3, f, hx, hy, hz, ax, ay, az)
-    _add_skew(H, 3, 6, f, ax, ay, az)
-    _add_skew(H, 3, 0, -f, ax, ay, az)
+    add_skew(H, 0, 3, f, a)
+    add_skew(H, 6, 3, -f, a)
+    _add_skew_product(H, 3, 3, f, h, a)
+    add_skew(H, 3, 6, f, a)
+    add_skew(H, 3, 0, -f, a)
+
+
+@kernel
+def subtract_square(g, f, H):
+    """H −= f g gᵀ."""
+    for k in range(12):
+        for m in range(12):
+            H[k, m] -= f * g[k] * g[m]
+
+
+@kernel
+def add_distance(f, H):
+    """Add f (I, −I; −I, I) to the blocks of the two places."""
+    for k in range(3):
+        H[k, k] += f
+        H[6 + k, 6 + k] += f
+        H[k, 6 + k] -= f
+        H[6 + k, k] -= f

@@ -133,7 +133,7 @@ def turning_angle_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> flo
     put_angles(run, t, term["channel"] - term["b"])
     Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
     x, y, z = _gradient(term["a"], term["b"], Ri, Rj, g[_ANGLES, 0])
-    put_pair(g[0], 3, x, y, z)
+    put_pair(g[0], 3, (x, y, z))
     return 0.0
 
 

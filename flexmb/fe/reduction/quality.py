@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import linear_sum_assignment
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -61,6 +60,8 @@ class FrequencyCheck:
         One to one, with the largest sum of the modal assurance criterion: equal frequencies share
         their partners otherwise.
         """
+        from scipy.optimize import linear_sum_assignment  # slow to load
+
         found = np.full(len(self.full), -1)
         rows, columns = linear_sum_assignment(self.mac, maximize=True)
         found[rows] = columns

@@ -37,7 +37,9 @@ _MAX_LENGTH = 60  # characters of a value shown in a message
 class Spec(BaseModel):
     """Base of all specifications: frozen, and unknown keys are mistakes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True
+    )
 
 
 class Terms(dict[str, float]):

@@ -8,8 +8,7 @@ from enginekit import Bench
 from generators import ROWS, Mechanism, cloud, interface
 
 from flexmb.engine.bodies.flexible_body import modal_block
-from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.system import fingerprint
+from flexmb.engine.compile import compile_system, fingerprint
 from flexmb.engine.row_kinds import ANGLE, DOT2, POINT
 from flexmb.engine.tables import FLEX_LAYOUT
 from flexmb.errors import SceneError

@@ -9,8 +9,7 @@ import pytest
 from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics
-from flexmb.engine.compile import compile_system
-from flexmb.engine.compile.system import fingerprint
+from flexmb.engine.compile import compile_system, fingerprint
 from flexmb.engine.kinds import KINDS
 from flexmb.model import Model
 

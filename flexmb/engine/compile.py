@@ -12,13 +12,6 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
-from flexmb.engine.compile.ordering import (
-    EquationOrder,
-    ModelTables,
-    build_tables,
-    normal_axis,
-    order_equations,
-)
 from flexmb.engine.functions.function import PIECEWISE, TimeFunctions, lower
 from flexmb.engine.geometry import body_weights, initial_positions, model_length
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
@@ -27,6 +20,13 @@ from flexmb.engine.joints.coordinate import Coordinates, unit_weight
 from flexmb.engine.joints.curve_marker import Contact, CurveMarkers
 from flexmb.engine.joints.point_joint import PointJoints
 from flexmb.engine.lowering import Element
+from flexmb.engine.ordering import (
+    EquationOrder,
+    ModelTables,
+    build_tables,
+    normal_axis,
+    order_equations,
+)
 from flexmb.engine.row_kinds import POINT
 from flexmb.engine.sensor_kinds import CHANNEL_KINDS
 from flexmb.engine.sensors.feedback import Start
