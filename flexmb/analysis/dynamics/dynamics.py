@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, n_closed, open_joint
-from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -25,7 +25,6 @@ from flexmb.analysis.dynamics.passes import (
     stricter_tolerance,
     unstable_step,
 )
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_problems
 from flexmb.analysis.monitors import (

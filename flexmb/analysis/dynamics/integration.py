@@ -1,8 +1,9 @@
-"""One integration under way: tables, state, and room for the rows of a chunk."""
+"""One integration: its settings (grid of outputs and steps, tolerances), tables, state and rows."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,9 +13,20 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.control import round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
-from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
+from flexmb.engine.work import equal_times, kinds_of, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
+from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
 
+_MAX_ITERATIONS = 15
+_NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
+# Local error over the requested error in the end; of vibrations that are damped, whose measured
+# error is a cautious one.
+_LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
+_HIGH_ORDER = 5
+_SLACK = 4.0
+_COMPARED = 51  # times in addition to listed outputs
+_SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
+_AT_REST = 1e-6  # motion over the size of the model
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
 # Steps of a chunk at least: after each the state is saved.
@@ -25,6 +37,131 @@ _CHECK_EVERY = 5_000
 _MAX_STEPS, _MAX_STABLE_STEPS = 1e9, 1e7
 # Share of steps at the limit of stability that makes a run one that stability limits.
 _STIFF_SHARE = 0.35
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The grid of a run: mean interval of outputs, and fixed step, 0 for error control [s]."""
+
+    interval: float
+    step: float
+
+
+def time_grid(spec: DynamicsSpec) -> Steps:
+    """The largest step not above the requested one that divides the interval of equal outputs.
+
+    Where output times are listed, it divides the run.
+    """
+    listed = isinstance(spec.outputs, tuple)
+    interval = spec.duration / (spec.n_rows if listed else spec.n_rows - 1)
+    if spec.step is None:
+        return Steps(interval, 0.0)
+    whole = spec.duration if listed else interval
+    every = max(1, math.ceil(whole / spec.step * (1.0 - 1e-12)))
+    return Steps(interval, whole / every)
+
+
+def output_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times of all outputs (n,) [s]."""
+    if isinstance(spec.outputs, tuple):
+        return np.array(spec.outputs)
+    return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
+
+
+def compared_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times at which a run and its scout are compared: of outputs, and where these are listed of
+    so many others that the peak-to-peak is known."""
+    times = output_times(spec)
+    if isinstance(spec.outputs, int):
+        return times
+    return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
+
+
+def scout_rows(n: int) -> np.ndarray:
+    """Which of n compared times a scout has rows at: of many every second, third, ...; (n,)."""
+    rows = np.zeros(n, dtype=bool)
+    rows[:: max(1, n // _SCOUT_ROWS)] = True
+    rows[-1:] = True
+    return rows
+
+
+def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
+    """Whether there are flexible bodies, and a method that damps what it does not resolve."""
+    return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+
+
+def local_tolerance(spec: DynamicsSpec, integrator: method.Method, compiled: Compiled) -> float:
+    """First guess of the local error of a step, over the motion, for the requested accuracy.
+
+    n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
+    estimate of the method is of order hᵉ, and so are outputs inside a step where e < p. It is never
+    so large that errors do not fall with the steps as the order says.
+    """
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
+    power = max(integrator.error_order / integrator.order, 1.0)
+    damped = integrator.order >= _HIGH_ORDER and damps_vibrations(compiled, integrator)
+    share = _LOCAL_OF_VIBRATIONS if damped else _LOCAL
+    return float(min(share * accuracy**power, integrator.loosest))
+
+
+def with_tolerance(
+    settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, compiled: Compiled,
+    tolerance: float,
+) -> method.Settings:  # fmt: skip
+    """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
+    finer = (tolerance / local_tolerance(spec, integrator, compiled)) ** (
+        1.0 / integrator.error_order
+    )
+    return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
+
+
+def refinement(integrator: method.Method) -> float:
+    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
+    return 2.0 if integrator.order < _HIGH_ORDER else 1.6
+
+
+def loop_settings(
+    compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determined: bool
+) -> method.Settings:
+    """Of a run without scout; `determined` if the constraints alone fix the motion."""
+    system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
+    works = bool(
+        any(kind.works for kind in kinds)
+        or np.any(system.rows["fun"] >= 0)
+        or np.any(system.parts.bodies["damped"])
+    )
+    stiff = any(kind.stiff for kind in kinds)
+    newton = _NEWTON if integrator.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
+    return method.Settings(
+        start=0.0,
+        end=spec.duration,
+        interval=grid.interval,
+        step=grid.step,
+        tolerance=0.0 if grid.step else local_tolerance(spec, integrator, compiled),
+        accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
+        slack=1.0,
+        turn=1.0,
+        refinement=0.0,
+        least_motion=_AT_REST,
+        newton_tolerance=spec.newton_tolerance or (newton if grid.step else 0.0),
+        max_iterations=_MAX_ITERATIONS,
+        works=int(works),
+        stiff=int(stiff),
+        determined=int(determined),
+    )
+
+
+def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
+    """Of the scout of a run: the tolerance that its longer steps leave."""
+    factor = refinement(integrator) ** integrator.error_order
+    return settings._replace(tolerance=settings.tolerance * factor)
+
+
+def fine_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
+    """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
+    finer = refinement(integrator)
+    rings = finer**integrator.error_order if integrator.order < _HIGH_ORDER else 1.0
+    return settings._replace(refinement=finer, slack=_SLACK * rings)
 
 
 class Integration:

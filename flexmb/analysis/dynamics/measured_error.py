@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.integration import Integration
-from flexmb.analysis.dynamics.settings import (
+from flexmb.analysis.dynamics.integration import (
+    Integration,
     damps_vibrations,
     fine_settings,
     scout_rows,

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.dynamics.integration import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
-from flexmb.analysis.dynamics.settings import loop_settings, with_tolerance
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine.compile import Compiled

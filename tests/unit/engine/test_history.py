@@ -6,8 +6,7 @@ import numpy as np
 from enginekit import Bench
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.integration import Integration
-from flexmb.analysis.dynamics.settings import loop_settings
+from flexmb.analysis.dynamics.integration import Integration, loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE
