@@ -69,15 +69,13 @@ class FlexmbError(Exception):
     @classmethod
     def unknown_name(cls, kind: str, name: str, names: Iterable[str], where: str = "") -> Self:
         """The error ``unknown <kind> "<name>"`` with the nearest and all allowed names."""
-        names = tuple(names)
-        problem = Problem(where, f'unknown {kind} "{name}"', names, nearest(name, names))
-        return cls.from_problems([problem])
+        return cls.unknown(f'unknown {kind} "{name}"', name, names, where)
 
     @classmethod
-    def unknown(cls, what: str, name: str, allowed: Iterable[str]) -> Self:
-        """The error `what` for a name that is none of the allowed ones, the nearest named."""
-        names = tuple(allowed)
-        return cls.from_problems([Problem("", what, names, nearest(name, names))])
+    def unknown(cls, what: str, name: str, names: Iterable[str], where: str = "") -> Self:
+        """The error `what` for a name that is none of `names`, with the nearest and all of them."""
+        names = tuple(names)
+        return cls.from_problems([Problem(where, what, names, nearest(name, names))])
 
     def __reduce__(self) -> tuple[type[Self], tuple[str, tuple[Problem, ...]]]:
         return type(self), (str(self), self.problems)

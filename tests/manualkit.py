@@ -7,7 +7,8 @@ the ``text`` block right after a ``python`` block; a line ``...`` stands for any
 
 A comment before a block, ``<!-- test: ... -->``, says more: ``varies``: numbers are not compared;
 ``quiet``: its output is not shown; ``slow``: runs with the slow tests only; ``none``: never runs.
-``python -m tests.manualkit [--slow] [PAGES]`` writes what is printed now into the pages.
+``python -m tests.manualkit [--slow] [--all] [PAGES]`` writes what is printed now into the pages
+where it differs, or everywhere (times, say).
 """
 
 from __future__ import annotations
@@ -220,12 +221,13 @@ def _matches(pattern: list[list[str]], words: list[str]) -> bool:
     return not last or (len(words) - at >= len(last) and words[-len(last) :] == last)
 
 
-def update(path: Path, *, slow: bool) -> int:
-    """Write into a page what its blocks print now, where that differs; returns how many did."""
+def update(path: Path, *, slow: bool, all_blocks: bool) -> int:
+    """Write into a page what its blocks print now, if it differs; returns how many were written."""
     with tempfile.TemporaryDirectory() as folder:
         printed = list(run_page(path, Path(folder), slow=slow))
     lines = path.read_text(encoding="utf-8").splitlines()
-    changed = [each for each in printed if not each.agrees and "..." not in each.expected]
+    fixed = [each for each in printed if "..." not in each.expected]
+    changed = [each for each in fixed if all_blocks or not each.agrees]
     for each in reversed(changed):
         lines[each.begin : each.begin + len(each.expected)] = each.actual
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -234,7 +236,9 @@ def update(path: Path, *, slow: bool) -> int:
 
 if __name__ == "__main__":
     arguments = set(sys.argv[1:])
-    slow = "--slow" in arguments
+    names = arguments - {"--slow", "--all"} or set(pages())
     for name, path in pages().items():
-        if name in arguments or not arguments - {"--slow"}:
-            print(f"{name}: {update(path, slow=slow)} blocks changed", flush=True)
+        if name in names:
+            slow, all_blocks = "--slow" in arguments, "--all" in arguments
+            count = update(path, slow=slow, all_blocks=all_blocks)
+            print(f"{name}: {count} blocks written", flush=True)

@@ -11,11 +11,11 @@ from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.reduce import make_body, reduce
+from flexmb.fe.model_checks import Survey
+from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
 from flexmb.fe.reduction.free_interface import free_interface
 from flexmb.fe.reduction.methods import METHODS, reduce_model
-from flexmb.fe.reduction.mode_selection import ModeSelection
 from flexmb.fe.reduction.quality_report import (
     QualityReport,
     Stopwatch,
@@ -45,7 +45,7 @@ from flexmb.fe.sections.shell_section import (
 from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 from flexmb.fe.stress import SectionForces, section_force_modes
-from flexmb.fe.survey import Survey, mesh_problems, survey
+from flexmb.flexbody.mesh_options import ModesOptions
 
 __all__ = [
     "ELEMENTS",
@@ -58,7 +58,7 @@ __all__ = [
     "Layer",
     "LoadPattern",
     "Mesh",
-    "ModeSelection",
+    "ModesOptions",
     "QualityReport",
     "ReducedBasis",
     "ReducedModes",

@@ -8,20 +8,21 @@ or stiffness. The nominal mass is the sum of volumes (areas, lengths) times dens
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem
-from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.errors import MeshError, Problem, ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
+from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.blocks import Block
 from flexmb.fe.material import plausibility
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
-from flexmb.fe.reduction.reduced_basis import STATIC, ReducedBasis, ReducedModes
+from flexmb.fe.reduction.fixed_interface import read_modes
+from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.flexbody.parts import ModeInfo
 
 _NO_STIFFNESS = 1e-12  # smallest over largest stiffness of what moves without any
 
@@ -129,82 +130,102 @@ def _mean_line_mass(section: Any, start: float, end: float) -> float:
     )
 
 
-_RIGID_MOTIONS = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
-
-
-def suspicions(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], points: float = 0.0
+def model_findings(
+    model: MeshModel | FEMatrices, interfaces: tuple[ModelInterface, ...]
 ) -> list[Finding]:
-    """What is worth telling of a model: notes, and what hints at a slip in mesh, units or mass.
+    """What is worth reporting of a model: notes, and what hints at a slip in mesh or units; errors
+    where the mesh falls into parts that neither nodes nor an interface, a tie or a spring join."""
+    linked = [part.nodes for part in (*interfaces, *model.springs)]
+    linked += [np.append(tie.nodes, tie.reference) for tie in model.ties]
+    sentences = [] if model.material is None else plausibility(model.material)
+    sentences.append(size_sentence(model.mesh.points[model.numbering.nodes]))
+    return [
+        *(Finding("warning", sentence) for sentence in sentences if sentence),
+        *mesh_report(model.mesh, model.blocks, linked),
+    ]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of a body before it is reduced.
 
     Parameters
     ----------
-    fe, interfaces
-        The model.
-    points : float
-        Masses at its nodes [kg].
+    problems : list of Problem
+        What keeps it from being reduced; where there are some, the rest is missing.
+    findings : list of Finding
+        Notes and warnings.
+    elements : dict of str to int
+        Elements of the body by kind.
+    dofs : int
+        Degrees of freedom of the finite-element model.
+    coordinates : str
+        Kept coordinates and how they are counted.
+    mass : float
+        kg.
+    interfaces : dict of str to (3,) float
+        Places of the interfaces, mesh frame [m].
+    points : (n, 3) float
+        Nodes of the mesh [m].
+    groups : dict of str to (g,) int
+        Nodes of its named groups.
+    """
+
+    problems: list[Problem]
+    findings: list[Finding] = field(default_factory=list)
+    elements: dict[str, int] = field(default_factory=dict)
+    dofs: int = 0
+    coordinates: str = ""
+    mass: float = 0.0
+    interfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    groups: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def check_mode_count(
+    model: MeshModel, ends: tuple[ModelInterface, ...], modes: Any, reduction: str
+) -> None:
+    """Refuse more modes than there are degrees of freedom that the interfaces leave free.
 
     Raises
     ------
-    MeshError
-        The mesh falls into parts that are joined neither by nodes nor by an interface, a tie or a
-        spring.
+    ReductionError
+        Both numbers.
     """
-    linked = [part.nodes for part in (*interfaces, *fe.springs)]
-    linked += [np.append(tie.nodes, tie.reference) for tie in fe.ties]
-    found = mesh_report(fe.mesh, fe.blocks, linked)
-    errors = [finding.sentence for finding in found if finding.level == "error"]
-    if errors:
-        raise MeshError.from_problems([Problem(fe.mesh.source, sentence) for sentence in errors])
-    told = plausibility(fe.material)
-    told.append(size_sentence(fe.mesh.points[fe.numbering.nodes]))
-    told.append(mass_sentence(fe, points))
-    return [*(Finding("warning", sentence) for sentence in told if sentence), *found]
+    if reduction == "user":
+        read_user_modes(modes)
+    if reduction not in ("craig-bampton", "free-interface"):
+        return
+    count = read_modes(modes).count
+    fixed = sum(len(part.dofs) if isinstance(part, RigidInterface) else 6 for part in ends)
+    free = model.numbering.n - fixed
+    if not ends or reduction == "free-interface":
+        free += 6 * len(ends) - 6
+    if count is not None and count > free:
+        what = f"{count} requested, but the model has only {free}"
+        raise ReductionError.from_problems([Problem("modes", what)])
 
 
-def orphans(fe: FEMatrices) -> int:
-    """How many nodes of the mesh belong to no element of the body (they are left out)."""
-    return len(fe.mesh.points) - len(fe.numbering.nodes)
-
-
-def mode_infos(
-    fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
-) -> tuple[ModeInfo, ...]:
-    """The six rigid motions, dropped, then the modal coordinates with their energy shares.
-
-    Parameters
-    ----------
-    fe, reduced, modes
-        The model, the reduced basis and the modes made of it.
-    Mab : (3, 3, m, m) float
-        Mass components reduced onto the modes.
-    """
-    R = fe.rigid
-    energy, mass = np.sum(R * (fe.K @ R), axis=0), np.sum(R * (fe.M @ R), axis=0)
-    residual = np.sqrt(np.maximum(energy / mass, 0.0)) / (2 * np.pi)
-    why = "rigid motion"
-    rigid = [
-        ModeInfo(-1, "rigid", float(f), False, why, name)
-        for f, name in zip(residual, _RIGID_MOTIONS, strict=True)
-    ]
-    return (*rigid, *_elastic_infos(reduced, modes, Mab))
-
-
-def _elastic_infos(reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
-    static = reduced.columns(*STATIC)
-    strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
-    largest = np.argmax(strain, axis=0)
-    kinetic = np.einsum("bbjj->jb", Mab)
-    return [
-        ModeInfo(
-            j,
-            "elastic",
-            float(frequency),
-            True,
-            "",
-            reduced.labels[largest[j]],
-            float(strain[static, j].sum()),
-            tuple(kinetic[j]),
-        )
-        for j, frequency in enumerate(modes.frequencies)
-    ]
+def coordinates_text(
+    freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Mapping[str, Any]
+) -> str:
+    """Kept coordinates, in words; loads add at most that many residual vectors."""
+    if reduction == "user":
+        return "those of the given modes"
+    selection = read_modes(modes)
+    count = 0 if reduction == "guyan" else selection.count
+    static = freedoms * interfaces
+    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
+    more *= 2 if interfaces and reduction != "free-interface" else 1
+    extra = f" + up to {more} for loads" if more else ""
+    if count is None:
+        by = "frequency" if selection.frequency is not None else "effective mass"
+        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
+    if not interfaces:
+        return f"{count} free modes{extra}"
+    text = f"{freedoms}*{interfaces} interfaces + {count} modes"
+    if reduction == "free-interface":
+        return f"up to {static + count + more} = {text}{extra}"
+    least = static + count - freedoms
+    most = f" to {least + more}" if more else ""
+    return f"{least}{most} = {text} - {freedoms}{extra}"

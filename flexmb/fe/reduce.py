@@ -18,30 +18,50 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.errors import FlexmbWarning, Problem, ReductionError
-from flexmb.fe.assembly.assemble import FEMatrices, assemble
-from flexmb.fe.assembly.interfaces import InterfaceLike, RigidInterface, make_interfaces
-from flexmb.fe.assembly.loads import make_loads
+from flexmb.errors import FlexmbWarning, MeshError, Problem, ReductionError
+from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
+from flexmb.fe.assembly.interfaces import (
+    InterfaceLike,
+    ModelInterface,
+    RigidInterface,
+    make_interfaces,
+    select_interface,
+)
+from flexmb.fe.assembly.loads import load_options, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
-from flexmb.fe.model_checks import check_releases, mode_infos, orphans, point_mass, suspicions
+from flexmb.fe.model_checks import (
+    Survey,
+    check_mode_count,
+    check_releases,
+    coordinates_text,
+    mass_sentence,
+    model_findings,
+    nominal_mass,
+    point_mass,
+)
 from flexmb.fe.reduction.methods import reduce_model, requested_modes
-from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes, integrals, orthonormalise
+from flexmb.fe.reduction.reduced_basis import (
+    ReducedBasis,
+    ReducedModes,
+    integrals,
+    mode_infos,
+    orthonormalise,
+)
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.reduction_key import mesh_hash, reduction_key
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.mesh_options import PointLoad
 from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
-
-__all__ = ["reduce"]
 
 Words = Mapping[str, Mapping[str, Any]]
 
@@ -119,44 +139,84 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    asked = _check_options(reduction, modes, damping)
-    where = stress_option(stress)
+    requested, where = _check_options(reduction, modes, damping), stress_option(stress)
     scale = unit_system(units).factor(L=1)
-    matter = resolve(material)
-    chosen = sections_from(sections)
+    connections = {"ties": ties, "masses": masses, "springs": springs}
+    attempts = Attempts()
     progress("read", 0.0)
-    given = mesh_from(mesh)
+    model, ends, findings = _prepare(
+        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
+    )
+    attempts.raise_errors()
     progress("read", 1.0)
-    joints = {"ties": ties, "masses": masses, "springs": springs}
-    given = given.scaled(scale)
-    fe = assemble(given, matter, chosen, progress, **joints, mass_matrix=mass_matrix)
-    held = make_interfaces(fe, interfaces or {})
-    check_releases(fe, [part.nodes for part in held])
-    found = suspicions(fe, held, point_mass(masses))
-    for finding in found:
+    assert model is not None
+    fe = assemble_model(model, mass_matrix, progress)
+    check_releases(fe, [part.nodes for part in ends])
+    if sentence := mass_sentence(fe, point_mass(masses)):
+        findings.append(Finding("warning", sentence))
+    for finding in findings:
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
     mirror = None if plane is None else make_symmetry_plane(fe, plane)
     patterns = make_loads(fe, loads or {})
     if reduction == "user":
-        asked = read_user_modes(asked, scale)
+        requested = read_user_modes(requested, scale)
     reduced = reduce_model(
-        fe, held, reduction, asked, progress=progress, mirror=mirror, loads=patterns
+        fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns
     )
     elastic = orthonormalise(fe, reduced)
-    body = make_body(name or Path(given.source).stem, fe, reduced, elastic, damping, progress)
+    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
-    options: dict[str, Any] = {"units": units, "damping": damping, **joints, "loads": loads}
-    options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
-    options |= {"reduction": reduction, "plane": plane, "stress": where}
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
         inspect(fe, reduced, elastic, body, mirror)
-    told = {**body.provenance, **_provenance(fe, options, interfaces or {}, chosen, found)}
+    options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
+    options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
+    options |= {"reduction": reduction, "plane": plane, "stress": where}
+    made = sections_from(sections)
+    source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if not isinstance(mesh, Mesh):
-        told |= _file_provenance(mesh, options, material, interfaces, name, chosen)
-    return replace(body, provenance=told)
+        source |= _file_provenance(mesh, options, material, interfaces, name, made)
+    return replace(body, provenance=source)
+
+
+def _prepare(
+    attempts: Attempts,
+    mesh: MeshLike,
+    scale: float,
+    material: MaterialLike | None,
+    sections: Mapping[str, Any] | None,
+    interfaces: Mapping[str, InterfaceLike],
+    loads: Words,
+    **connections: Words | None,
+) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
+    """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
+    read = attempts(mesh_from, mesh)
+    made = attempts(sections_from, sections)
+    resolved = None if material is None else attempts(resolve, material)
+    if read is None:
+        return None, (), []
+    read = read.scaled(scale)
+    model = make_model(read, resolved, made, attempts, **connections)
+    if model is None:
+        for name, words in interfaces.items():
+            group = words if isinstance(words, str) else words.get("group")
+            if group is not None:
+                attempts(read.group_nodes, group, f"interfaces.{name}")
+    ends = () if model is None else attempts(make_interfaces, model, interfaces) or ()
+    for name, words in loads.items():
+        options = attempts(load_options, name, words)
+        if isinstance(options, PointLoad):
+            if model is not None:
+                attempts(select_interface, model, f"loads.{name}", options)
+        elif hasattr(options, "group"):
+            attempts(read.group_nodes, options.group, f"loads.{name}.group")
+    findings = [] if model is None else model_findings(model, ends)
+    errors = [Problem(read.source, f.sentence) for f in findings if f.level == "error"]
+    if errors:
+        attempts.errors.append(MeshError.from_problems(errors))
+    return model, ends, findings
 
 
 def _in_plane(
@@ -166,6 +226,73 @@ def _in_plane(
     shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
     check_shares(body.name, shares, elastic.frequencies, normal)
     return flatten_body(body, normal, float(shares.max(initial=0.0)))
+
+
+def survey(
+    mesh: MeshLike,
+    *,
+    units: str = "SI",
+    material: MaterialLike | None = None,
+    sections: Mapping[str, Any] | None = None,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    ties: Words | None = None,
+    masses: Words | None = None,
+    springs: Words | None = None,
+    loads: Words | None = None,
+    modes: Any = 20,
+    reduction: str = "craig-bampton",
+    plane: str | None = None,
+    **others: Any,
+) -> Survey:
+    """A reduction up to its assembly: all problems, and what the body will have.
+
+    The parameters are those of :func:`reduce`.
+    """
+    attempts, scale = Attempts(), unit_system(units).factor(L=1)
+    connections = {"ties": ties, "masses": masses, "springs": springs}
+    model, ends, findings = _prepare(
+        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
+    )
+    if model is not None:
+        attempts(check_mode_count, model, ends, modes, reduction)
+    if model is None or attempts.errors:
+        return Survey(attempts.problems)
+    counts: dict[str, int] = {}
+    for block in model.blocks:
+        counts[block.kind] = counts.get(block.kind, 0) + len(block.nodes)
+        if block.family.warning:
+            what = f'{len(block.nodes)} elements of kind "{block.kind}": {block.family.warning}'
+            findings.append(Finding("warning", what))
+    mass = 0.0
+    if model.material is not None:
+        mass = nominal_mass(model.blocks, model.mesh.points) + point_mass(masses)
+    return Survey(
+        [],
+        findings,
+        counts,
+        model.numbering.n,
+        coordinates_text(6 if plane is None else 3, len(ends), modes, reduction, loads or {}),
+        mass,
+        {part.name: part.position for part in ends},
+        model.mesh.points,
+        dict(model.mesh.node_sets),
+    )
+
+
+def mesh_problems(
+    mesh: MeshLike,
+    interfaces: Mapping[str, Any] | None = None,
+    sections: Any = None,
+    **options: Any,
+) -> list[Problem]:
+    """Everything that keeps a mesh from becoming the body, as far as looking at it can tell.
+
+    Parameters
+    ----------
+    mesh, interfaces, sections, options
+        As for :func:`flexmb.fe.reduce`.
+    """
+    return survey(mesh, interfaces=interfaces, sections=sections, **options).problems
 
 
 def make_body(
@@ -194,9 +321,9 @@ def make_body(
     inertia = integrals(fe, elastic.Phi)
     progress("integrals", 1.0)
     motion = reduced.motion @ elastic.Z
-    turning = [k for k, tie in enumerate(ties) if isinstance(tie, RigidInterface)]
-    rigid = tuple(ties[k] for k in turning)
-    nodes = node_modes(fe, elastic.Phi, rigid, motion[turning, 3:], progress)
+    rows = [k for k, tie in enumerate(ties) if isinstance(tie, RigidInterface)]
+    rigid = tuple(ties[k] for k in rows)
+    nodes = node_modes(fe, elastic.Phi, rigid, motion[rows, 3:], progress)
     return FlexBody(
         name,
         **vars(inertia),
@@ -217,11 +344,11 @@ def make_body(
 
 
 def _check_options(reduction: str, modes: Any, damping: float) -> Any:
-    """The modes that are asked for."""
+    """The modes that are requested."""
     problems: list[Problem] = []
-    asked = None
+    requested = None
     try:
-        asked = requested_modes(reduction, modes)
+        requested = requested_modes(reduction, modes)
     except ReductionError as error:
         problems += error.problems
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
@@ -229,7 +356,7 @@ def _check_options(reduction: str, modes: Any, damping: float) -> Any:
         problems.append(Problem("damping", what))
     if problems:
         raise ReductionError.from_problems(problems)
-    return asked
+    return requested
 
 
 def _provenance(
@@ -237,7 +364,7 @@ def _provenance(
     options: Mapping[str, Any],
     interfaces: Mapping[str, InterfaceLike],
     sections: Mapping[str, Any],
-    found: list[Finding],
+    findings: list[Finding],
 ) -> dict[str, str]:
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
@@ -245,16 +372,16 @@ def _provenance(
         "material": json.dumps(asdict(fe.material)),
         "interfaces": json.dumps(dict(interfaces), default=str),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
-        **{name: _told(value) for name, value in options.items() if value is not None},
+        **{name: _option_text(value) for name, value in options.items() if value is not None},
         "degrees of freedom": str(fe.numbering.n),
-        "nodes outside the body": str(orphans(fe)),
-        "warnings": "\n".join(f.sentence for f in found if f.level == "warning"),
-        "notes": "\n".join(f.sentence for f in found if f.level == "note"),
+        "nodes outside the body": str(len(fe.mesh.points) - len(fe.numbering.nodes)),
+        "warnings": "\n".join(f.sentence for f in findings if f.level == "warning"),
+        "notes": "\n".join(f.sentence for f in findings if f.level == "note"),
         "versions": ", ".join(f"{package} {version(package)}" for package in packages),
     }
 
 
-def _told(value: Any) -> str:
+def _option_text(value: Any) -> str:
     """An option as text: arrays by their shape."""
     if isinstance(value, np.ndarray):
         return f"array {value.shape}"

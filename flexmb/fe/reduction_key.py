@@ -20,11 +20,11 @@ import numpy as np
 from flexmb.errors import MeshError
 from flexmb.fe.material import MaterialLike, resolve
 from flexmb.fe.reduction.methods import requested_modes
-from flexmb.fe.reduction.mode_selection import ModeSelection
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
+from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.units import unit_system
 
@@ -80,7 +80,7 @@ def reduction_key(
 def _modes(reduction: str, modes: Any) -> Any:
     """What the modes are, whichever way it was said; of the user's own a hash of their values."""
     asked = requested_modes(reduction, modes)
-    return _plain(asked if isinstance(asked, ModeSelection) else read_user_modes(asked))
+    return _plain(asked if isinstance(asked, ModesOptions) else read_user_modes(asked))
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:

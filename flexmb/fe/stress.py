@@ -28,6 +28,7 @@ from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
 from flexmb.fe.elements.blocks import Block
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.mesh_options import STRESS_OPTIONS
 from flexmb.flexbody.parts import SectionForceModes, StressModes
 from flexmb.progress import Progress, silent
 
@@ -98,7 +99,6 @@ def _neighbours(keys: IntArray, owners: IntArray) -> tuple[IntArray, IntArray]:
     return owners[order][:-1][same], owners[order][1:][same]
 
 
-STRESS_OPTIONS = ("surface", "all", "none")
 _CHUNK = 5e7  # bytes of one batch of stress matrices and their products
 
 

@@ -43,7 +43,9 @@ class NaturalModes:
         return np.asarray(self.frame[:3] + turned + modes @ self.eta)
 
 
-def natural_modes(body: FlexBody, interfaces: Sequence[str] = ()) -> NaturalModes:
+def natural_modes(
+    body: FlexBody, interfaces: Sequence[str] = (), rows: FloatArray | None = None
+) -> NaturalModes:
     """Natural modes with these interfaces held.
 
     Parameters
@@ -52,6 +54,10 @@ def natural_modes(body: FlexBody, interfaces: Sequence[str] = ()) -> NaturalMode
         The body.
     interfaces : sequence of str
         Names; without any the body is free and its rigid motions are left out.
+    rows : (n, 6 + m) array, optional
+        Linear constraints in place of whole interfaces: their coefficients for the translation of
+        the body frame, its rotation (body axes) and eta. Motions that they leave free have
+        frequency zero.
 
     Raises
     ------
@@ -59,7 +65,8 @@ def natural_modes(body: FlexBody, interfaces: Sequence[str] = ()) -> NaturalMode
         An unknown interface.
     """
     M, K = _matrices(body)
-    free = _free(body, interfaces, np.sqrt(np.diag(M)))
+    size = np.sqrt(np.diag(M))
+    free = _free(body, interfaces, size) if rows is None else _null_space(rows, size)
     omega2, W = eigh(free.T @ K @ free, free.T @ M @ free)
     shapes = free @ W
     if body.m:
@@ -84,7 +91,14 @@ def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatA
         arm = _cross(part.position)
         rows.append(np.hstack([np.eye(3), -arm, part.Phi_t]))
         rows.append(np.hstack([np.zeros((3, 3)), np.eye(3), part.Phi_r]))
-    return np.asarray(null_space(np.vstack(rows) / size) / size[:, None])
+    return _null_space(np.vstack(rows), size)
+
+
+def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
+    """(n, k) what rows leave free; each row and column is scaled to be of order one."""
+    scaled = rows / size
+    largest = np.linalg.norm(scaled, axis=1, keepdims=True)
+    return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])
 
 
 def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:

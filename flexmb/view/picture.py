@@ -193,7 +193,7 @@ def check_size(size: tuple[int, int]) -> None:
 
 def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
     if color not in COLORS:
-        raise ViewError.unknown(f'unknown color "{color}"', color, COLORS)
+        raise ViewError.unknown_name("color", color, COLORS)
     if layer is not None and color != "von_mises":
         raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
     check_exaggeration(exaggeration)

@@ -12,22 +12,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexmb.errors import FlexmbError, OutputError
+from flexmb.flexbody.mesh_options import REDUCTIONS, MassOptions, NodeSpringOptions, TieOptions
+from flexmb.flexbody.section_options import LayerOptions, ReleasesOptions
 from flexmb.materials import COLUMNS
 from flexmb.materials import table as material_rows
 from flexmb.model import describe
-from flexmb.model.bodies.interfaces import (
-    LOAD_TYPES,
-    InterfaceSpec,
-    MassSpec,
-    NodeSpringSpec,
-    TieSpec,
-)
 from flexmb.model.bodies.mass_properties import SHAPES
-from flexmb.model.bodies.material import MATERIAL_KINDS
-from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
-from flexmb.model.bodies.mesh_body import MeshBodySpec, ModesSpec
-from flexmb.model.bodies.meshes import MESH_TYPES
-from flexmb.model.bodies.sections import SECTION_TYPES, LayerSpec, ReleasesSpec
+from flexmb.model.bodies.mesh_body import (
+    LOAD_TYPES,
+    MESH_TYPES,
+    SECTION_TYPES,
+    InterfaceSpec,
+    MeshBodySpec,
+    ModesSpec,
+)
+from flexmb.model.bodies.option_specs import MATERIAL_KINDS, spec_of
 from flexmb.model.forces.contact import CONTACT_SHAPES
 from flexmb.model.forces.friction import FrictionSpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
@@ -309,7 +308,7 @@ TOPICS = {
     "sections": Topic(
         "sections of beams, shells and solids",
         "sections: [bodies.name] sections.group = { ... }",
-        {**SECTION_TYPES, "a layer": LayerSpec, "releases": ReleasesSpec},
+        {**SECTION_TYPES, "a layer": spec_of(LayerOptions), "releases": spec_of(ReleasesOptions)},
         "The section of each element group of a mesh; all takes what no other names:",
     ),
     "reductions": Topic(
@@ -319,9 +318,9 @@ TOPICS = {
             "a body": MeshBodySpec,
             "modes": ModesSpec,
             "an interface": InterfaceSpec,
-            "a tie": TieSpec,
-            "a mass": MassSpec,
-            "a spring": NodeSpringSpec,
+            "a tie": spec_of(TieOptions),
+            "a mass": spec_of(MassOptions),
+            "a spring": spec_of(NodeSpringOptions),
             **LOAD_TYPES,
         },
         "How the mesh of a flexible body becomes modes:",

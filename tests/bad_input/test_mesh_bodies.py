@@ -89,8 +89,8 @@ WORDS = [
         (SHELL, 'sections.all = { type = "tapered", start = { type = "circle" } }'),
         "sections.all.start.radius: is missing",
     ),
-    ((TIP, 'tip = { type = "rbe3" }'), "interfaces.tip: has no nodes; give one of them; allowed"),
-    ((TIP, 'tip = { group = "x1", node = 3 }'), "interfaces.tip: is told by group and node"),
+    ((TIP, 'tip = { type = "rbe3" }'), "interfaces.tip: has no nodes; give one of group, node"),
+    ((TIP, 'tip = { group = "x1", node = 3 }'), "interfaces.tip: has group and node"),
     ((TIP, "tip = { center = [0, 0, 0] }"), 'interfaces.tip: "center" and "radius" go together'),
     ((TIP, 'tip = { group = "x1", weights = "area" }'), 'interfaces.tip.weights: are for type = "'),
     ((TIP, 'tip = { group = "x1", type = "rbe" }'), 'interfaces.tip.type: unknown choice "rbe"'),
@@ -139,7 +139,7 @@ MESHES = [
     (('root = "x0"', 'root = "x3"'), 'interfaces.root: plate has no group "x3"'),
     ((TIP, "tip = { node = 999 }"), "interfaces.tip.node: 999 is no node"),
     ((TIP, 'tip = "x0y0"'), "interfaces.tip: shares 1 nodes (0) with the interface"),
-    (("modes = 4", "modes = 1000"), "modes: 1000 asked, but the model has only"),
+    (("modes = 4", "modes = 1000"), "modes: 1000 requested, but the model has only"),
     (('at = "x1y1"', 'at = "x9"'), 'masses.lump.at: plate has no group "x9"'),
     (('"x1y1"], st', '"x0y0"], st'), "springs.stay.between: both ends are node 0"),
     (('group = "surface"', 'group = "top"'), 'loads.blow.group: plate has no group "top"'),
@@ -167,8 +167,8 @@ def test_mistakes_of_all_kinds_come_at_once(tmp_path):
     done = CliRunner().invoke(app, ["check", str(path)])
     places = [line.removeprefix("error: ").split(": ")[0] for line in done.stderr.splitlines()]
     assert places == [
-        "bodies.rod.interfaces.root",
         "bodies.rod.masses.lump.at",
+        "bodies.rod.interfaces.root",
         "bodies.rod.loads.blow.group",
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import unified_diff
 from pathlib import Path
 
 import pytest
@@ -17,11 +18,14 @@ SLOW = [
 
 def _check(name: str, folder: Path, slow: bool) -> None:
     wrong = [
-        "\n".join(["shown:", *printed.expected, "printed:", *printed.actual])
+        "\n".join(unified_diff(printed.expected, printed.actual, "shown", "printed", lineterm=""))
         for printed in run_page(PAGES[name], folder, slow=slow)
         if not printed.agrees
     ]
-    assert not wrong, f"python -m tests.manualkit {name} writes it anew\n" + "\n".join(wrong)
+    cure = (
+        f"python -m tests.manualkit {'--slow ' * slow}{name} writes into the page what is printed"
+    )
+    assert not wrong, "\n".join([cure, *wrong])
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -13,6 +13,7 @@ from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assem
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, n_closed, open_joint
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -221,6 +222,7 @@ class _Pass:
         compiled, model = prepared.run.compiled, prepared.model
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
+        self._elasticity = LinearElasticityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
 
@@ -254,7 +256,8 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        notes = [*self._contact_loss.notes(), *self._orientations.notes()]
+        monitors = (self._contact_loss, self._orientations, self._elasticity)
+        notes = [note for monitor in monitors for note in monitor.notes()]
         if self.growth.sentence and self.growth.sentence != ending.message:
             notes.append(self.growth.sentence)
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
@@ -281,7 +284,7 @@ class _Pass:
         return status
 
     def _append(self, rows: OutputBlock) -> None:
-        for monitor in (self._contact_loss, self._orientations, self.growth):
+        for monitor in (self._contact_loss, self._orientations, self._elasticity, self.growth):
             monitor.add(rows)
         self._sink.append(rows)
 

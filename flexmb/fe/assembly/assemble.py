@@ -9,15 +9,15 @@ model under stress is K + K_g. Source: Zienkiewicz, Taylor, The Finite Element M
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
-from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
+from flexmb.errors import FlexmbError, FlexmbWarning, Problem, ReductionError, nearest
 from flexmb.fe.assembly.connections import (
     Spring,
     Tie,
@@ -28,7 +28,6 @@ from flexmb.fe.assembly.connections import (
     spring_stiffness,
 )
 from flexmb.fe.assembly.mass import (
-    MASS_MATRICES,
     Inertia,
     LumpedSum,
     MassSum,
@@ -43,10 +42,51 @@ from flexmb.fe.elements.blocks import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.mesh_options import MASS_MATRICES
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
+T = TypeVar("T")
+
 _BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
+
+
+class Attempts:
+    """Runs steps one by one and notes what they refuse, so that all problems are raised at once."""
+
+    def __init__(self) -> None:
+        self.errors: list[FlexmbError] = []
+
+    def __call__(self, function: Callable[..., T], *arguments: Any) -> T | None:
+        """The value of the function; None where it refuses."""
+        try:
+            return function(*arguments)
+        except FlexmbError as error:
+            self.errors.append(error)
+            return None
+
+    @property
+    def problems(self) -> list[Problem]:
+        """The problems of all steps."""
+        return [problem for error in self.errors for problem in error.problems]
+
+    def raise_errors(self) -> None:
+        """Raise all problems, if there are any, as the first error."""
+        if self.errors:
+            raise type(self.errors[0]).from_problems(self.problems) from self.errors[0]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshModel:
+    """A finite-element model before its matrices; see :class:`FEMatrices`."""
+
+    mesh: Mesh
+    material: AnyMaterial
+    blocks: tuple[Block, ...]
+    numbering: Numbering
+    nodal: NodalInertia
+    springs: tuple[Spring, ...]
+    ties: tuple[Tie, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,29 +212,74 @@ def assemble(
     ReductionError
         An unknown mass matrix.
     """
+    attempts = Attempts()
+    model = make_model(
+        mesh, material, sections or {}, attempts, ties=ties, masses=masses, springs=springs
+    )
+    attempts.raise_errors()
+    assert model is not None
+    return assemble_model(model, mass_matrix, progress)
+
+
+def make_model(
+    mesh: Mesh,
+    material: AnyMaterial | None,
+    sections: Mapping[str, Any] | None,
+    attempts: Attempts,
+    *,
+    ties: Mapping[str, Mapping[str, Any]] | None = None,
+    masses: Mapping[str, Mapping[str, Any]] | None = None,
+    springs: Mapping[str, Mapping[str, Any]] | None = None,
+) -> MeshModel | None:
+    """The elements, degrees of freedom, point masses, springs and ties of a model.
+
+    ``attempts`` notes the problems; the other parameters are those of :func:`assemble`. None where
+    the elements of the body are not known.
+    """
+    tied = attempts(make_ties, mesh, ties or {}) or ()
+    joined = attempts(make_springs, mesh, springs or {}) or ()
+    blocks = None
+    if sections is not None:
+        blocks = attempts(select_elements, mesh, sections, material)
+    if blocks is None:
+        return None
+    numbering = _number_model(mesh, blocks, tied)
+    nodal = attempts(nodal_masses, mesh, numbering, masses or {})
+    for spring in joined:
+        attempts(spring_stiffness, spring, numbering, mesh.points)
+    return MeshModel(mesh, material, blocks, numbering, nodal, joined, tied)
+
+
+def assemble_model(
+    model: MeshModel, mass_matrix: str = "consistent", progress: Progress = silent
+) -> FEMatrices:
+    """Build stiffness, mass and inertia of a model; the parameters are those of :func:`assemble`.
+
+    Raises
+    ------
+    ReductionError
+        An unknown mass matrix.
+    """
     if mass_matrix not in MASS_MATRICES:
         near = nearest(str(mass_matrix), MASS_MATRICES)
         problem = Problem("mass_matrix", f'unknown "{mass_matrix}"', MASS_MATRICES, near)
         raise ReductionError.from_problems([problem])
-    blocks = select_elements(mesh, sections, material)
-    tied = make_ties(mesh, ties or {})
-    numbering = number_model(mesh, blocks, tied)
+    blocks, numbering, points = model.blocks, model.numbering, model.mesh.points
     _require_memory(blocks, numbering)
-    points, lumped = mesh.points, mass_matrix == "hrz"
     stiffness, mass = Accumulator(numbering.n_all), MassSum(numbering, points)
+    lumped = mass_matrix == "hrz"
     lumps = _add_elements(blocks, (stiffness, mass), (numbering, points), lumped, progress)
-    joined = make_springs(mesh, springs or {})
-    for spring in joined:
+    for spring in model.springs:
         stiffness.add(*spring_stiffness(spring, numbering, points))
-    nodal = join([lumps, nodal_masses(mesh, numbering, masses or {})])
+    nodal = join([lumps, model.nodal])
     for part in nodal.masses(numbering, points):
         mass.add_components(*part)
     inertia, M = mass.total()
-    follow = dependence(tied, numbering, points) if tied else None
+    follow = dependence(model.ties, numbering, points) if model.ties else None
     K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
     progress("assemble", 1.0)
-    model = (mesh, material, blocks, numbering)
-    return FEMatrices(*model, K, M, inertia, nodal, lumped, joined, tied, follow)
+    matrices = (K, M, inertia, nodal, lumped, model.springs, model.ties, follow)
+    return FEMatrices(model.mesh, model.material, blocks, numbering, *matrices)
 
 
 def _add_elements(
@@ -230,7 +315,7 @@ def _require_memory(blocks: tuple[Block, ...], numbering: Numbering) -> None:
     require_memory(_BYTES * entries, f"the assembly of {numbering.n_all} degrees of freedom")
 
 
-def number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
+def _number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
     """Degrees of freedom of the nodes of elements and of the references of ties."""
     references = [np.array([tie.reference]) for tie in ties]
     moving = np.unique(np.concatenate([*(block.nodes.ravel() for block in blocks), *references]))
@@ -241,8 +326,8 @@ def number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -
 
 def _warn(block: Block) -> None:
     if block.family.warning:
-        told = f'{len(block.nodes)} elements of kind "{block.kind}": {block.family.warning}'
-        warnings.warn(told, FlexmbWarning, stacklevel=3)
+        text = f'{len(block.nodes)} elements of kind "{block.kind}": {block.family.warning}'
+        warnings.warn(text, FlexmbWarning, stacklevel=3)
 
 
 def _condensed(matrix: csr_array, follow: csr_array | None) -> csr_array:
@@ -273,9 +358,9 @@ def geometric_stiffness(
         family, width = block.family, 6 if block.family.rotations else 3
         for nodes in block.chunks():
             dofs = fe.numbering.of(nodes, width)
-            given = (fe.mesh.points[nodes], block.section, everywhere[dofs])
+            elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
             if family.dimension == 1 and field is not None:
-                total.add(family.geometric_stiffness(*given, field), dofs)
+                total.add(family.geometric_stiffness(*elements, field), dofs)
             else:
-                total.add(family.geometric_stiffness(*given), dofs)
+                total.add(family.geometric_stiffness(*elements), dofs)
     return fe.condensed(total.matrix())

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from flexmb.errors import MeshError, Problem, nearest
+from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering, skew
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
+from flexmb.flexbody.options import read_options
 
 COLLINEAR = 1e-6  # smallest over largest extent of nodes that still define a rotation
 
@@ -61,10 +62,6 @@ def mean_motion(arms: FloatArray, weights: FloatArray) -> FloatArray:
     G[:, :, 3:] = -skew(arms)
     weighted = (weights[:, None, None] * G).reshape(-1, 6)
     return np.linalg.solve(weighted.T @ G.reshape(-1, 6), weighted.T).reshape(6, len(arms), 3)
-
-
-TIE_KINDS = ("rbe2", "rbe3")
-_TIE_KEYS = ("type", "reference", "nodes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,16 +158,10 @@ def dependence(ties: tuple[Tie, ...], numbering: Numbering, points: FloatArray) 
 
 def _make_tie(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
     where = f"ties.{name}"
-    problems = word_problems(words, where, _TIE_KEYS, _TIE_KEYS)
-    kind = str(words.get("type", TIE_KINDS[0]))
-    if kind not in TIE_KINDS:
-        problems.append(
-            Problem(f"{where}.type", f'unknown "{kind}"', TIE_KINDS, nearest(kind, TIE_KINDS))
-        )
-    if problems:
-        raise MeshError.from_problems(problems)
-    reference = one_node(mesh, words["reference"], f"{where}.reference")
-    nodes = np.setdiff1d(mesh.group_nodes(words["nodes"], f"{where}.nodes"), [reference])
+    options = read_options(TieOptions, words, where, MeshError)
+    kind = options.type
+    reference = one_node(mesh, options.reference, f"{where}.reference")
+    nodes = np.setdiff1d(mesh.group_nodes(options.nodes, f"{where}.nodes"), [reference])
     if not len(nodes):
         raise MeshError.from_problems([Problem(f"{where}.nodes", "the group has no other nodes")])
     if kind == "rbe3" and not spans_rotation(mesh.points[nodes]):
@@ -199,7 +190,6 @@ def one_node(mesh: Mesh, given: str | int, where: str) -> int:
     return int(nodes[0])
 
 
-_SPRING_KEYS = ("between", "stiffness", "axes")
 _MIN_DISTANCE = 1e-9  # of the mesh's extent: nearer nodes have no line between them
 
 
@@ -297,19 +287,15 @@ def _check_rotations(spring: Spring, numbering: Numbering, points: FloatArray) -
 
 def _make_spring(mesh: Mesh, name: str, words: dict[str, Any]) -> Spring:
     where = f"springs.{name}"
-    problems = word_problems(words, where, _SPRING_KEYS, _SPRING_KEYS[:2])
-    if problems:
-        raise MeshError.from_problems(problems)
-    nodes = _spring_nodes(mesh, words["between"], f"{where}.between")
-    stiffness = _spring_constants(words["stiffness"], f"{where}.stiffness")
+    options = read_options(NodeSpringOptions, words, where, MeshError)
+    nodes = _spring_nodes(mesh, options.between, f"{where}.between")
+    stiffness = _spring_constants(options.stiffness, f"{where}.stiffness")
     if len(stiffness) == 1:
-        if "axes" in words:
-            raise MeshError(f"{where}.axes: belong to a spring with six stiffnesses")
         a, b = mesh.points[nodes]
         if np.linalg.norm(b - a) <= _MIN_DISTANCE * np.ptp(mesh.points):
             what = f"nodes {nodes[0]} and {nodes[1]} coincide, so there is no line between them"
             raise MeshError(f"{where}.between: {what}: give six stiffnesses")
-    return Spring(name, nodes, stiffness, _spring_axes(words.get("axes"), f"{where}.axes"))
+    return Spring(name, nodes, stiffness, _spring_axes(options.axes, f"{where}.axes"))
 
 
 def _spring_nodes(mesh: Mesh, given: Any, where: str) -> IntArray:

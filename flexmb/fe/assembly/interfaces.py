@@ -24,14 +24,10 @@ from flexmb.fe.assembly.connections import rigid_rows, spans_rotation
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.meshes.facets import group_centroid, tributary
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
+from flexmb.flexbody.options import is_number, read_options
 
-INTERFACE_WORDS = ("group", "node", "nodes", "center", "radius", "type", "weights", "position")
-"""What the table of an interface may say."""
-
-_SELECTORS = ("group", "node", "nodes", "center")
-_TYPES = ("rbe2", "rbe3")
 _WEIGHTS = ("uniform", "area")
 _SHOWN = 8  # nodes named in a message
 
@@ -65,30 +61,32 @@ class NodeSelection:
     group: str | None
 
 
-def select_interface(fe: FEMatrices, where: str, given: str | Mapping[str, Any]) -> NodeSelection:
-    """Read the words of one interface.
+def select_interface(
+    fe: FEMatrices, where: str, words: str | Mapping[str, Any] | NodeOptions
+) -> NodeSelection:
+    """Read the options of one interface.
 
     Raises
     ------
     MeshError
         Unknown, missing or contradicting words, no such group or node, no nodes of the body.
     """
-    words = interface_words(where, given)
-    about, asked = select_nodes(fe.mesh, where, words)
-    nodes = np.intersect1d(asked, fe.numbering.nodes)
+    options = interface_options(where, words)
+    about, requested = select_nodes(fe.mesh, where, options)
+    nodes = np.intersect1d(requested, fe.numbering.nodes)
     if not len(nodes):
-        raise MeshError.from_problems([Problem(where, _no_nodes(fe, about, words))])
-    group = words.get("group")
-    if "position" in words:
-        position = np.array(words["position"], dtype=float)
-    elif "center" in words:
-        position = np.array(words["center"], dtype=float)
-    elif group is not None:
-        position = group_centroid(fe.mesh, group, nodes)
+        raise MeshError.from_problems([Problem(where, _no_nodes(fe, about, options))])
+    if options.position is not None:
+        position = np.array(options.position, dtype=float)
+    elif options.center is not None:
+        position = np.array(options.center, dtype=float)
+    elif options.group is not None:
+        position = group_centroid(fe.mesh, options.group, nodes)
     else:
         position = fe.mesh.points[nodes].mean(axis=0)
-    weights = _selected_weights(where, words.get("weights"), asked, nodes)
-    return NodeSelection(where, about, nodes, position, words.get("type", "rbe2"), weights, group)
+    weights = _selected_weights(where, options.weights, requested, nodes)
+    kind = getattr(options, "type", "rbe2") if isinstance(options, InterfaceOptions) else "rbe3"
+    return NodeSelection(where, about, nodes, position, kind, weights, options.group)
 
 
 def listed(nodes: IntArray) -> str:
@@ -97,112 +95,78 @@ def listed(nodes: IntArray) -> str:
     return f"{shown}, ..." if len(nodes) > _SHOWN else shown
 
 
-def interface_words(where: str, given: str | Mapping[str, Any]) -> Mapping[str, Any]:
-    """The words of an interface as a table.
+def interface_options(where: str, words: str | Mapping[str, Any] | NodeOptions) -> NodeOptions:
+    """The options of an interface; a text is the name of a group.
 
     Raises
     ------
     MeshError
         Unknown, missing or contradicting words, and values that cannot be; all at once.
     """
-    words = {"group": given} if isinstance(given, str) else given
-    problems = word_problems(words, where, INTERFACE_WORDS)
-    chosen = [key for key in _SELECTORS if key in words]
-    if len(chosen) != 1:
-        what = f"says {' and '.join(chosen)}" if chosen else "says no nodes"
-        what += "; it takes one of group, node, nodes, or center with radius"
-        problems.append(Problem(where, what))
-    if ("center" in words) != ("radius" in words):
-        problems.append(Problem(where, "center and radius go together"))
-    for key in ("center", "position"):
-        if key in words and not _numbers(words[key], 3):
-            what = f"must be three finite numbers [m], given {words[key]!r}"
-            problems.append(Problem(f"{where}.{key}", what))
-    if "radius" in words and not (_number(words["radius"]) and words["radius"] > 0):
-        what = f"must be a positive number [m], given {words['radius']!r}"
-        problems.append(Problem(f"{where}.radius", what))
-    kind = words.get("type", "rbe2")
-    if kind not in _TYPES:
-        what = f"unknown type {kind!r}"
-        problems.append(Problem(f"{where}.type", what, _TYPES, nearest(str(kind), _TYPES)))
-    weights = words.get("weights")
-    if weights is not None and kind == "rbe2":
-        what = "are for rbe3 alone: nodes of an rbe2 move rigidly"
-        problems.append(Problem(f"{where}.weights", what))
-    elif isinstance(weights, str) and weights not in _WEIGHTS:
-        what = f'unknown weights "{weights}"'
-        problems.append(Problem(f"{where}.weights", what, _WEIGHTS, nearest(weights, _WEIGHTS)))
-    if problems:
-        raise MeshError.from_problems(problems)
-    return words
+    if isinstance(words, NodeOptions):
+        return words
+    if isinstance(words, str):
+        return InterfaceOptions(group=words)
+    options = read_options(InterfaceOptions, words, where, MeshError)
+    if isinstance(options.weights, str) and options.weights not in _WEIGHTS:
+        what, near = f'unknown weights "{options.weights}"', nearest(options.weights, _WEIGHTS)
+        raise MeshError.from_problems([Problem(f"{where}.weights", what, _WEIGHTS, near)])
+    return options
 
 
-def select_nodes(mesh: Mesh, where: str, words: Mapping[str, Any]) -> tuple[str, IntArray]:
-    """What the words choose, for messages, and the nodes of the mesh in the order of the words.
+def select_nodes(mesh: Mesh, where: str, options: NodeOptions) -> tuple[str, IntArray]:
+    """What the options select, for messages, and the nodes of the mesh in the order of the options.
 
     Raises
     ------
     MeshError
         No such group or node.
     """
-    if "group" in words:
-        group = words["group"]
-        return f'of the group "{group}"', mesh.group_nodes(group, where)
-    if "center" in words:
-        gap = np.linalg.norm(mesh.points - np.array(words["center"], dtype=float), axis=1)
-        place = ", ".join(f"{value:g}" for value in words["center"])
-        return f"within {words['radius']:g} m of ({place})", np.flatnonzero(gap <= words["radius"])
-    key = "node" if "node" in words else "nodes"
-    given = [words[key]] if key == "node" else list(words[key])
+    if options.group is not None:
+        return f'of the group "{options.group}"', mesh.group_nodes(options.group, where)
+    if options.center is not None:
+        gap = np.linalg.norm(mesh.points - np.array(options.center, dtype=float), axis=1)
+        place = ", ".join(f"{value:g}" for value in options.center)
+        return f"within {options.radius:g} m of ({place})", np.flatnonzero(gap <= options.radius)
+    key, numbers = "nodes", options.nodes
+    if numbers is None:
+        key, numbers = "node", (options.node,)
     count = len(mesh.points)
-    wrong = [n for n in given if not _whole(n) or not 0 <= n < count]
+    wrong = [n for n in numbers if n >= count]
     if wrong:
         what = f"{wrong[0]!r} is no node: numbers run from 0 to {count - 1}"
         raise MeshError.from_problems([Problem(f"{where}.{key}", what)])
-    if len(set(given)) < len(given):
+    if len(set(numbers)) < len(numbers):
         raise MeshError.from_problems([Problem(f"{where}.{key}", "names a node twice")])
-    nodes = np.array(given, dtype=np.int64)
+    nodes = np.array(numbers, dtype=np.int64)
     return f"given ({listed(nodes)})", nodes
 
 
-def _no_nodes(fe: FEMatrices, about: str, words: Mapping[str, Any]) -> str:
-    if "group" in words:
-        return f'the group "{words["group"]}" has no nodes of the body\'s elements'
+def _no_nodes(fe: FEMatrices, about: str, options: NodeOptions) -> str:
+    if options.group is not None:
+        return f'the group "{options.group}" has no nodes of the body\'s elements'
     what = f"there are no nodes of the body's elements among those {about}"
-    if "center" in words:
+    if options.center is not None:
         nodes = fe.numbering.nodes
-        gap = np.linalg.norm(fe.mesh.points[nodes] - np.array(words["center"]), axis=1)
+        gap = np.linalg.norm(fe.mesh.points[nodes] - np.array(options.center), axis=1)
         k = int(np.argmin(gap))
         what += f"; the nearest is node {nodes[k]}, {gap[k]:.4g} m away"
     return what
 
 
 def _selected_weights(
-    where: str, given: Any, asked: IntArray, nodes: IntArray
+    where: str, weights: Any, requested: IntArray, nodes: IntArray
 ) -> str | FloatArray | None:
-    if given is None or isinstance(given, str):
-        return given
-    if not _numbers(given, len(asked)) or not min(given) > 0:
-        what = f"must be {len(asked)} positive numbers, one for each node, given {given!r}"
+    """Weights of the nodes in ascending order."""
+    if weights is None or isinstance(weights, str):
+        return weights
+    count = len(requested)
+    listed_ = hasattr(weights, "__len__") and not isinstance(weights, Mapping)
+    if not listed_ or len(weights) != count or not all(is_number(w) and w > 0 for w in weights):
+        what = f"must be {count} positive numbers, one for each node, given {weights!r}"
         raise MeshError.from_problems([Problem(f"{where}.weights", what)])
-    order = np.argsort(asked)
-    found = np.array(given, dtype=float)[order]
-    return found[np.isin(asked[order], nodes)]
-
-
-def _number(value: Any) -> bool:
-    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return real and bool(np.isfinite(value))
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _numbers(given: Any, count: int) -> bool:
-    if isinstance(given, str | Mapping) or not hasattr(given, "__len__"):
-        return False
-    return len(given) == count and all(_number(value) for value in given)
+    order = np.argsort(requested)
+    return np.array(weights, dtype=float)[order][np.isin(requested[order], nodes)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +265,7 @@ def weighted_rows(
     return dofs, solve_triangular(R, Q.T * np.sqrt(w))
 
 
-InterfaceLike = str | Mapping[str, Any]
+InterfaceLike = str | Mapping[str, Any] | NodeOptions
 ModelInterface = RigidInterface | WeightedInterface
 
 

@@ -15,14 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, ReductionError, nearest
+from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
-from flexmb.fe.assembly.interfaces import INTERFACE_WORDS, make_interface, select_interface
+from flexmb.fe.assembly.interfaces import make_interface, select_interface
 from flexmb.fe.meshes.facets import FACETS, facet_rule, outer_faces
 from flexmb.fe.meshes.mesh import dimension
-from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import (
+    LOADS,
+    GravityLoad,
+    LineLoad,
+    PointLoad,
+    PressureLoad,
+    TractionLoad,
+)
+from flexmb.flexbody.options import kind_of, read_options
 
 _CORNERS = {3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
 
@@ -56,16 +64,6 @@ def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> Fl
         what += "shells: there is nothing to push on"
         raise MeshError.from_problems([Problem(where, what)])
     return condensed_load(fe, f)
-
-
-def traction_load(fe: FEMatrices, where: str, group: str, traction: FloatArray) -> FloatArray:
-    """(n,) loads of a constant force per area (3,) [Pa] on the facets of a group."""
-    return _uniform(fe, where, group, 2, traction)
-
-
-def line_load(fe: FEMatrices, where: str, group: str, force: FloatArray) -> FloatArray:
-    """(n,) loads of a constant force per length (3,) [N/m] on the lines of a group."""
-    return _uniform(fe, where, group, 1, force)
 
 
 def condensed_load(fe: FEMatrices, f: FloatArray) -> FloatArray:
@@ -122,7 +120,6 @@ def _match_facets(cells: IntArray, among: IntArray) -> tuple[np.ndarray, IntArra
 
 
 _ZERO_RESULTANT = 1e-13  # of the sum of all parts: a resultant below that is none
-_NODES = tuple(word for word in INTERFACE_WORDS if word != "type")
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,87 +178,65 @@ def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[
 
 def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     where = f"loads.{name}"
-    kind = words.get("type")
-    if kind not in _LOADS:
-        names = tuple(_LOADS)
-        what = "says no type" if kind is None else f"unknown type {kind!r}"
-        near = nearest(str(kind), names)
-        raise ReductionError.from_problems([Problem(f"{where}.type", what, names, near)])
-    build, needed, others = _LOADS[kind]
-    allowed = ("type", "residual", *needed, *others)
-    problems = word_problems(words, where, allowed, needed)
-    residual = words.get("residual", kind != "gravity")
-    if not isinstance(residual, bool):
-        problems.append(Problem(f"{where}.residual", f"must be true or false, given {residual!r}"))
-    if problems:
-        raise ReductionError.from_problems(problems)
-    f = build(fe, where, words)
+    options = load_options(name, words)
+    f = _LOADS[options.type](fe, where, options)
     R = fe.rigid
     total = R.T @ f
     parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
     total[np.abs(total) <= _ZERO_RESULTANT * np.repeat(parts, 3)] = 0.0
     force = total[:3]
     moment = total[3:] + np.cross(fe.center, force)
-    return LoadPattern(name, f, force, moment, residual)
+    return LoadPattern(name, f, force, moment, options.residual)
 
 
-def _pressure(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
-    value = words["pressure"]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        what = f"must be a number [Pa], given {value!r}"
-        raise ReductionError.from_problems([Problem(f"{where}.pressure", what)])
-    return pressure_load(fe, where, words["group"], float(value))
+def load_options(name: str, words: Mapping[str, Any]) -> Any:
+    """The options of a load.
+
+    Raises
+    ------
+    ReductionError
+        Unknown type or words, missing values, values that cannot be.
+    """
+    where = f"loads.{name}"
+    kind = kind_of("type", tuple(LOADS), words, where, ReductionError)
+    return read_options(LOADS[kind], words, where, ReductionError)
 
 
-def _traction(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
-    return traction_load(fe, where, words["group"], _vector(where, words, "traction"))
+def _pressure(fe: FEMatrices, where: str, options: PressureLoad) -> FloatArray:
+    return pressure_load(fe, where, options.group, float(options.pressure))
 
 
-def _line(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
-    return line_load(fe, where, words["group"], _vector(where, words, "force"))
+def _traction(fe: FEMatrices, where: str, options: TractionLoad) -> FloatArray:
+    return _uniform(fe, where, options.group, 2, np.array(options.traction, dtype=float))
 
 
-def _gravity(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
-    return np.asarray(fe.M @ (fe.rigid[:, :3] @ _vector(where, words, "acceleration")))
+def _line(fe: FEMatrices, where: str, options: LineLoad) -> FloatArray:
+    return _uniform(fe, where, options.group, 1, np.array(options.force, dtype=float))
 
 
-def _force(fe: FEMatrices, where: str, words: Mapping[str, Any]) -> FloatArray:
-    if "force" not in words and "moment" not in words:
-        raise ReductionError.from_problems([Problem(where, "says neither force nor moment")])
-    zero = np.zeros(3)
-    force = _vector(where, words, "force") if "force" in words else zero
-    moment = _vector(where, words, "moment") if "moment" in words else zero
-    selected = {key: words[key] for key in _NODES if key in words} | {"type": "rbe3"}
-    choice = select_interface(fe, where, selected)
-    f = np.zeros(fe.numbering.n_all)
-    turning = np.isin(choice.nodes, fe.numbering.rotating).any()
-    if moment.any() or turning or spans_rotation(fe.mesh.points[choice.nodes]):
-        dofs, values = make_interface(fe, "", selected, where).loads()
+def _gravity(fe: FEMatrices, where: str, options: GravityLoad) -> FloatArray:
+    return np.asarray(fe.M @ (fe.rigid[:, :3] @ np.array(options.acceleration, dtype=float)))
+
+
+def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
+    force, moment = (np.array(v or (0.0,) * 3, float) for v in (options.force, options.moment))
+    selection = select_interface(fe, where, options)
+    nodes, f = selection.nodes, np.zeros(fe.numbering.n_all)
+    rotating = np.isin(nodes, fe.numbering.rotating).any()
+    if moment.any() or rotating or spans_rotation(fe.mesh.points[nodes]):
+        dofs, values = make_interface(fe, "", options, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force
-        weights = choice.weights
-        share = np.ones(len(choice.nodes)) if not isinstance(weights, np.ndarray) else weights
-        dofs = fe.numbering.table[choice.nodes, :3]
-        np.add.at(f, dofs, np.outer(share / share.sum(), force))
+        weights = selection.weights
+        share = weights if isinstance(weights, np.ndarray) else np.ones(len(nodes))
+        np.add.at(f, fe.numbering.table[nodes, :3], np.outer(share / share.sum(), force))
     return condensed_load(fe, f)
 
 
-def _vector(where: str, words: Mapping[str, Any], key: str) -> FloatArray:
-    try:
-        value = np.array(words[key], dtype=float)
-    except (TypeError, ValueError):
-        value = np.zeros(0)
-    if value.shape != (3,) or not np.isfinite(value).all():
-        what = f"must be three finite numbers, given {words[key]!r}"
-        raise ReductionError.from_problems([Problem(f"{where}.{key}", what)])
-    return value
-
-
-_Build = Callable[[FEMatrices, str, Mapping[str, Any]], FloatArray]
-_LOADS: dict[str, tuple[_Build, tuple[str, ...], tuple[str, ...]]] = {
-    "pressure": (_pressure, ("group", "pressure"), ()),
-    "traction": (_traction, ("group", "traction"), ()),
-    "line": (_line, ("group", "force"), ()),
-    "force": (_force, (), ("force", "moment", *_NODES)),
-    "gravity": (_gravity, ("acceleration",), ()),
+_LOADS: dict[str, Callable[[FEMatrices, str, Any], FloatArray]] = {
+    "pressure": _pressure,
+    "traction": _traction,
+    "line": _line,
+    "force": _force,
+    "gravity": _gravity,
 }

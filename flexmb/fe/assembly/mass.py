@@ -24,8 +24,9 @@ from flexmb.fe.assembly.numbering import Accumulator, Numbering
 from flexmb.fe.elements.blocks import Block
 from flexmb.fe.elements.family import ComponentMass, ScalarMass
 from flexmb.fe.meshes.mesh import Mesh, dimension
-from flexmb.fe.tables import word_problems
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import MassOptions
+from flexmb.flexbody.options import read_options
 
 _COMPONENTS = 9  # matrices of an element at once
 
@@ -145,7 +146,6 @@ def reduced_components(
     return 0.5 * (Mab + Mab.transpose(1, 0, 3, 2))
 
 
-_KEYS = ("at", "mass", "inertia", "offset")
 _ROUNDING = 1e-6  # relative; numbers typed with seven digits pass
 _CHUNK = 10000  # nodes at once: 26 MB for one batch of their components
 _LEVI_CIVITA = np.zeros((3, 3, 3))
@@ -255,18 +255,13 @@ def join(parts: list[NodalInertia]) -> NodalInertia:
 def _make_point_mass(
     mesh: Mesh, numbering: Numbering, where: str, words: dict[str, Any]
 ) -> NodalInertia:
-    problems = word_problems(words, where, _KEYS, _KEYS[:2])
-    if problems:
-        raise MeshError.from_problems(problems)
-    mass = _numbers(words["mass"], (), f"{where}.mass", "a number [kg]")
-    if mass < 0 or (mass == 0 and "inertia" not in words):
-        raise MeshError(f"{where}.mass: must be positive, given {float(mass):g} kg")
-    arm = _numbers(words.get("offset", (0, 0, 0)), (3,), f"{where}.offset", "three numbers [m]")
-    second = _second_moment(words.get("inertia"), f"{where}.inertia")
-    nodes = _mass_nodes(mesh, numbering, words["at"], f"{where}.at")
+    options = read_options(MassOptions, words, where, MeshError)
+    mass, arm = float(options.mass), np.array(options.offset or (0.0, 0.0, 0.0), dtype=float)
+    second = _second_moment(options.inertia, f"{where}.inertia")
+    nodes = _mass_nodes(mesh, numbering, options.at, f"{where}.at")
     if arm.any() or second.any():
         _check_rotations(numbering, nodes, where)
-    share = _shares(mesh, words["at"], nodes) * float(mass)
+    share = _shares(mesh, options.at, nodes) * mass
     count = len(nodes)
     return NodalInertia(nodes, share, np.tile(arm, (count, 1)), np.tile(second, (count, 1, 1)))
 
@@ -350,10 +345,6 @@ def _numbers(given: Any, shape: tuple[int, ...], where: str, what: str) -> Float
     if values.shape != shape or not np.isfinite(values).all() or isinstance(given, bool):
         raise MeshError(f"{where}: expects {what}, given {given!r}")
     return values
-
-
-MASS_MATRICES = ("consistent", "hrz")
-"""Ways to build the mass matrix."""
 
 
 class LumpedSum:

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from itertools import permutations, product
 from math import pi, prod
 from numbers import Integral
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, nearest
+from flexmb.errors import MeshError, Problem
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.tables import is_number
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.options import is_number, option_types, read_options
 
 KINDS = {
     2: ("quad", "triangle"),
@@ -237,22 +237,15 @@ def division_problems(given: Any, words: Sequence[str]) -> list[Problem]:
     return []
 
 
-def kind_problems(given: Any, *dims: int) -> list[Problem]:
-    """What is wrong with a kind of elements, of solids (3) or surfaces (2); nothing with None."""
-    names = tuple(name for dim in dims for name in KINDS[dim])
-    if given is None or given in names:
-        return []
-    what = f"unknown kind {given!r}"
-    return [Problem("mesh.elements", what, names, nearest(str(given), names))]
-
-
-def length_problems(**values: Any) -> list[Problem]:
-    """What is wrong with lengths that must be positive; nothing with None."""
-    return [
-        Problem(f"mesh.{name}", f"must be a positive length, given {value!r}")
-        for name, value in values.items()
-        if value is not None and not (is_number(value) and value > 0)
-    ]
+def check_shape(options: type, **values: Any) -> list[Problem]:
+    """What is wrong with the sizes and the kind of elements of a shape; None is left out."""
+    (shape,) = get_args(option_types(options)["type"][0])
+    words = {name: value for name, value in values.items() if value is not None}
+    try:
+        read_options(options, {"type": shape, **words}, "mesh", MeshError)
+    except MeshError as error:
+        return list(error.problems)
+    return []
 
 
 Facets = tuple[str, IntArray]

@@ -20,6 +20,7 @@ from flexmb.errors import MeshError, Problem
 from flexmb.fe.meshes.lattice import (
     KINDS,
     Lattice,
+    check_shape,
     division_counts,
     division_problems,
     divisions_across,
@@ -29,13 +30,12 @@ from flexmb.fe.meshes.lattice import (
     few_around,
     fill,
     from_lattice,
-    kind_problems,
-    length_problems,
     refuse,
 )
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
-from flexmb.fe.tables import is_number, make
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import MESHES, BeamMesh, BoxMesh, DiskMesh, PlateMesh, TubeMesh
+from flexmb.flexbody.options import is_number, key_problems, kind_of, read_options, rooted
 
 Divisions = int | Sequence[int] | None
 
@@ -83,15 +83,11 @@ def beam(
 
 
 def _polyline(length: Any, points: Any) -> FloatArray:
-    if (length is None) == (points is None):
-        told = "neither" if length is None else "both"
-        refuse([Problem("mesh", f'give either "length" or "points" of a beam, given {told}')])
-    refuse(length_problems(length=length))
+    refuse(check_shape(BeamMesh, length=length, points=points))
     if points is None:
         return np.array([[0.0, 0.0, 0.0], [float(length), 0.0, 0.0]])
-    rows = list(points) if isinstance(points, Sequence | np.ndarray) else []
-    good = [len(row) == 3 and all(is_number(c) for c in row) for row in rows if np.ndim(row) == 1]
-    if len(good) != len(rows) or len(rows) < 2 or not all(good):
+    rows = [] if isinstance(points, str) else list(points)
+    if len(rows) < 2:
         what = f"must be two or more points of three numbers, given {points!r}"
         refuse([Problem("mesh.points", what)])
     ends = np.array(rows, dtype=float)
@@ -128,9 +124,9 @@ def plate(
     MeshError
         Sizes or numbers that cannot be.
     """
-    problems = length_problems(length=length, width=width)
-    problems += kind_problems(elements, 2) + division_problems(divisions, ("x", "y"))
-    if not (is_number(skew) and abs(skew) < math.pi / 2):
+    problems = check_shape(PlateMesh, length=length, width=width, elements=elements, skew=skew)
+    problems += division_problems(divisions, ("x", "y"))
+    if is_number(skew) and not abs(skew) < math.pi / 2:
         problems.append(Problem("mesh.skew", f"must be below a right angle, given {skew!r} rad"))
     refuse(problems)
     kind = elements or KINDS[2][0]
@@ -148,6 +144,14 @@ def plate(
     sets = {"corners": np.concatenate(list(corners.values())), **corners}
     sets["edges"] = np.unique(np.concatenate([edge[name] for name in groups]))
     return Mesh(mesh.points, mesh.blocks, sets, mesh.element_sets, source=mesh.source)
+
+
+def _kind_problems(kind: str | None, dim: int) -> list[Problem]:
+    """Solid elements where the shape is a surface, or the other way."""
+    if kind is None or kind in KINDS[dim] or kind not in (*KINDS[2], *KINDS[3]):
+        return []
+    what = f"{'surfaces' if dim == 2 else 'solids'} do not have elements of kind {kind!r}"
+    return [Problem("mesh.elements", what, KINDS[dim])]
 
 
 _PAIRS = ((0, 0), (0, 1), (1, 0), (1, 1))
@@ -173,10 +177,8 @@ def box(size: Sequence[float], divisions: Divisions = None, elements: str | None
     MeshError
         Sizes or numbers that cannot be.
     """
-    problems = kind_problems(elements, 3) + division_problems(divisions, tuple("xyz"))
-    listed = isinstance(size, Sequence | np.ndarray) and not isinstance(size, str)
-    if not listed or len(size) != 3 or not all(is_number(s) and s > 0 for s in size):
-        problems.append(Problem("mesh.size", f"must be three positive lengths, given {size!r}"))
+    problems = check_shape(BoxMesh, size=size, elements=elements)
+    problems += division_problems(divisions, tuple("xyz"))
     refuse(problems)
     kind = elements or KINDS[3][0]
     n = division_counts(divisions, even_divisions(kind, size))
@@ -218,8 +220,8 @@ def tube(
     """
     solid = inner is not None
     words = ("through the wall", "around", "along")[0 if solid else 1 :]
-    problems = length_problems(length=length, radius=radius, inner=inner)
-    problems += kind_problems(elements, 3 if solid else 2)
+    problems = check_shape(TubeMesh, length=length, radius=radius, inner=inner, elements=elements)
+    problems += _kind_problems(elements, 3 if solid else 2)
     problems += division_problems(divisions, words) or few_around(divisions, int(solid))
     if not problems and inner is not None and inner >= radius:
         what = f"must be less than the outer radius {radius:g} m, given {inner:g}"
@@ -278,9 +280,10 @@ def disk(
     """
     solid = thickness is not None
     words = ("along the radius", "around", "through the thickness")[: 3 if solid else 2]
-    problems = length_problems(radius=radius, thickness=thickness)
-    problems += length_problems(inner=inner or None)
-    problems += kind_problems(elements, 3 if solid else 2)
+    problems = check_shape(
+        DiskMesh, radius=radius, inner=inner, thickness=thickness, elements=elements
+    )
+    problems += _kind_problems(elements, 3 if solid else 2)
     problems += division_problems(divisions, words) or few_around(divisions, 1)
     full = inner == 0
     if not problems and inner >= radius:
@@ -389,16 +392,22 @@ SHAPES: dict[str, Callable[..., Mesh]] = {
 """What makes the mesh of each type."""
 
 
-def mesh_from(given: MeshLike, where: str = "mesh") -> Mesh:
-    """The mesh that was meant: itself, a file, or the table of a simple shape.
+def mesh_from(mesh: MeshLike, where: str = "mesh") -> Mesh:
+    """The mesh itself, that of a file, or that of the table of a simple shape.
 
     Raises
     ------
     MeshError
         A file that cannot be read, or what is wrong with the table, all at once.
     """
-    if isinstance(given, Mesh):
-        return given
-    if isinstance(given, Mapping):
-        return make("shape of a mesh", SHAPES, given, where, MeshError)
-    return read_mesh(given)
+    if isinstance(mesh, Mesh):
+        return mesh
+    if not isinstance(mesh, Mapping):
+        return read_mesh(mesh)
+    kind = kind_of("shape of a mesh", tuple(SHAPES), mesh, where, MeshError)
+    if key_problems(MESHES[kind], mesh, where):
+        read_options(MESHES[kind], mesh, where, MeshError)
+    try:
+        return SHAPES[kind](**{name: value for name, value in mesh.items() if name != "type"})
+    except MeshError as error:
+        raise MeshError.from_problems(rooted(where, error.problems)) from None

@@ -17,12 +17,11 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.mode_selection import (
-    ModeSelection,
+from flexmb.fe.reduction.fixed_interface import (
+    FixedInterfaceModel,
     ModesLike,
     interface_shares,
-    mode_selection,
+    read_modes,
     smallest_set,
 )
 from flexmb.fe.reduction.reduced_basis import (
@@ -38,6 +37,7 @@ from flexmb.fe.reduction.residual_vectors import (
 )
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
 _SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
@@ -48,7 +48,7 @@ _MAX_MODES = 640  # modes computed at most for a share
 def craig_bampton(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeSelection = 20,
+    modes: ModesLike | ModesOptions = 20,
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
@@ -61,7 +61,7 @@ def craig_bampton(
         The model.
     interfaces : tuple of RigidInterface or WeightedInterface
         What is held; at least one.
-    modes : int, mapping or ModeSelection
+    modes : int, mapping or ModesOptions
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
@@ -76,7 +76,7 @@ def craig_bampton(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = mode_selection(modes)
+    choice = read_modes(modes)
     directions = directions_of(mirror)
     held = FixedInterfaceModel(fe, interfaces, directions, progress)
     omega2, V, numbers = _fixed_interface_modes(held, choice, mirror, progress)
@@ -110,7 +110,7 @@ def craig_bampton(
 def guyan(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeSelection = 0,
+    modes: ModesLike | ModesOptions = 0,
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
@@ -122,14 +122,14 @@ def guyan(
     ReductionError
         Modes are asked for, or a part that nothing holds.
     """
-    if mode_selection(modes) != ModeSelection(count=0):
+    if read_modes(modes) != ModesOptions(count=0):
         raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')
     return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
 
 
 def _fixed_interface_modes(
     held: FixedInterfaceModel,
-    choice: ModeSelection,
+    choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -139,7 +139,7 @@ def _fixed_interface_modes(
         if choice.count > len(omega2):
             where = "" if mirror is None else " in the plane"
             what = f"the model has only {len(omega2)} fixed-interface modes{where}"
-            raise ReductionError(f"modes: {choice.count} asked, but {what}")
+            raise ReductionError(f"modes: {choice.count} requested, but {what}")
         kept = np.arange(choice.count)
     else:
         omega2, V, kept = _modes_until(held, choice, mirror, progress)
@@ -150,7 +150,7 @@ def _fixed_interface_modes(
 
 def _modes_until(
     held: FixedInterfaceModel,
-    choice: ModeSelection,
+    choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray, IntArray]:

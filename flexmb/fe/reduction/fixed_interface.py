@@ -20,6 +20,9 @@ Source: Wathen (1987), IMA Journal of Numerical Analysis 7(4).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.linalg import (
     block_diag,
@@ -33,13 +36,15 @@ from scipy.linalg import (
 )
 from scipy.sparse import csr_array
 
-from flexmb.errors import ReductionError
+from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, WeightedInterface
 from flexmb.fe.reduction.eigenmodes import lowest_modes, start_vector
 from flexmb.fe.reduction.reduced_basis import free_part
 from flexmb.fe.solver.linear_solver import Factor, SingularMatrix, factor
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.mesh_options import ModesOptions
+from flexmb.flexbody.options import read_options
 from flexmb.progress import Progress, silent
 
 _TOLERANCE = 1e-13  # of the residual against the right side
@@ -313,3 +318,46 @@ class FixedInterfaceModel:
         modes[self._b] = T
         modes[self.dofs] = self._bordered.solve(-(K_ib @ T), g)
         return modes
+
+
+ModesLike = int | Mapping[str, Any] | ModesOptions
+
+
+def read_modes(modes: ModesLike) -> ModesOptions:
+    """The modes of a number or of a table with one word.
+
+    Raises
+    ------
+    ReductionError
+        No whole number, an unknown word, none or several words, or a value that cannot be.
+    """
+    if not isinstance(modes, Mapping | ModesOptions):
+        whole = isinstance(modes, int | np.integer) and not isinstance(modes, bool)
+        if not whole or modes < 0:
+            what = f"must be a whole number >= 0, given {modes!r}"
+            raise ReductionError.from_problems([Problem("modes", what)])
+        return ModesOptions(count=int(modes))
+    return read_options(ModesOptions, modes, "modes", ReductionError)
+
+
+def interface_shares(held: FixedInterfaceModel, V: FloatArray) -> FloatArray:
+    """(k,) share of each fixed-interface mode in the effective interface mass; all sum to one.
+
+    Parameters
+    ----------
+    held : Held
+        The model with its interfaces held.
+    V : (i, k) float
+        Modes of unit modal mass over the held body's own degrees of freedom.
+    """
+    X = (held.fe.M @ held.modes)[held.dofs]
+    total = np.sum(X * held.mass_solve(X), axis=0)
+    counted = total > 1e-12 * np.diag(held.modes.T @ (held.fe.M @ held.modes))
+    return np.asarray(((V.T @ X)[:, counted] ** 2 / total[counted]).sum(axis=1) / counted.sum())
+
+
+def smallest_set(shares: FloatArray, wanted: float) -> FloatArray:
+    """Rows, ascending, of the fewest modes that together hold the wanted share; all if too few."""
+    order = np.argsort(-shares, kind="stable")
+    count = int(np.searchsorted(np.cumsum(shares[order]), wanted)) + 1
+    return np.sort(order[:count])

@@ -27,8 +27,12 @@ from flexmb.fe.reduction.eigenmodes import (
     polynomial_fields,
     start_vector,
 )
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel, statically_determinate
-from flexmb.fe.reduction.mode_selection import ModeSelection, ModesLike, mode_selection
+from flexmb.fe.reduction.fixed_interface import (
+    FixedInterfaceModel,
+    ModesLike,
+    read_modes,
+    statically_determinate,
+)
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
 from flexmb.fe.reduction.residual_vectors import (
     InertiaRelief,
@@ -40,6 +44,7 @@ from flexmb.fe.reduction.residual_vectors import (
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
 from flexmb.fe.solver.linear_solver import SingularMatrix, factor
 from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
 _DENSE = 300  # degrees of freedom up to which full matrices are faster
@@ -50,7 +55,7 @@ _FIRST = 20  # modes at first where a frequency decides
 def free_interface(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    modes: ModesLike | ModeSelection = 20,
+    modes: ModesLike | ModesOptions = 20,
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
@@ -61,7 +66,7 @@ def free_interface(
     ----------
     fe, interfaces, progress, mirror, loads
         As for :func:`flexmb.fe.craig_bampton`.
-    modes : int, mapping or ModeSelection
+    modes : int, mapping or ModesOptions
         Elastic modes of the free body: so many, or all below ``{"frequency": f}`` [Hz].
 
     Raises
@@ -69,7 +74,7 @@ def free_interface(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = mode_selection(modes)
+    choice = read_modes(modes)
     if choice.effective_mass is not None:
         what = "goes with fixed-interface modes; give a count or a frequency"
         raise ReductionError(f"modes.effective_mass: {what}")
@@ -167,7 +172,7 @@ def free_count(held: FixedInterfaceModel) -> int:
 def _select_modes(
     held: FixedInterfaceModel,
     relief: InertiaRelief,
-    choice: ModeSelection,
+    choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
@@ -176,7 +181,7 @@ def _select_modes(
         if choice.count > len(omega2):
             where = "" if mirror is None else " in the plane"
             what = f"the model has only {len(omega2)} elastic modes{where}"
-            raise ReductionError(f"modes: {choice.count} asked, but {what}")
+            raise ReductionError(f"modes: {choice.count} requested, but {what}")
         return omega2[: choice.count], V[:, : choice.count]
     count = _FIRST
     while True:
@@ -201,7 +206,7 @@ Modes = tuple[FloatArray, FloatArray]
 def free_modes(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...] = (),
-    modes: ModesLike | ModeSelection = 20,
+    modes: ModesLike | ModesOptions = 20,
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
@@ -214,7 +219,7 @@ def free_modes(
         The model.
     interfaces : tuple
         None: this is for bodies without.
-    modes : int, mapping or ModeSelection
+    modes : int, mapping or ModesOptions
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
         Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
@@ -228,7 +233,7 @@ def free_modes(
     ReductionError
         More modes than the model has, or a share of interface mass, which needs interfaces.
     """
-    choice = mode_selection(modes)
+    choice = read_modes(modes)
     if interfaces or choice.effective_mass is not None:
         raise ReductionError("modes.effective_mass: the body has no interfaces; give a count")
     whole = InertiaRelief(fe.M, fe.rigid)
@@ -271,7 +276,7 @@ def relieved_inverse(
 def _select_free_modes(
     fe: FEMatrices,
     inverse: Callable[[FloatArray], FloatArray],
-    choice: ModeSelection,
+    choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> Modes:
@@ -284,7 +289,7 @@ def _select_free_modes(
             if choice.count > len(omega2):
                 where = "" if mirror is None else " in the plane"
                 what = f"the model has only {len(omega2)} elastic modes{where}"
-                raise ReductionError(f"modes: {choice.count} asked, but {what}")
+                raise ReductionError(f"modes: {choice.count} requested, but {what}")
             return omega2[:count], V[:, :count]
         below = int(np.searchsorted(omega2, (2 * np.pi * choice.frequency) ** 2))
         if complete or below < len(omega2):

@@ -13,8 +13,8 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
+from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.free_interface import free_interface, free_modes
-from flexmb.fe.reduction.mode_selection import mode_selection
 from flexmb.fe.reduction.reduced_basis import ReducedBasis
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.fe.reduction.user_modes import user_modes
@@ -63,7 +63,7 @@ def requested_modes(method: str, modes: Any) -> Any:
             what = 'reduction = "user" takes modes = an array, or the path of an .npz file'
             raise ReductionError.from_problems([Problem("modes", f"{what}, given {modes!r}")])
         return modes
-    return mode_selection(_DEFAULT_MODES[method] if modes is None else modes)
+    return read_modes(_DEFAULT_MODES[method] if modes is None else modes)
 
 
 def reduce_model(

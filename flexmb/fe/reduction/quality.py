@@ -18,8 +18,7 @@ from scipy.linalg import null_space
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.mode_selection import interface_shares
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel, interface_shares
 from flexmb.fe.reduction.reduced_basis import (
     DIRECTIONS,
     ReducedBasis,

@@ -22,6 +22,7 @@ from flexmb.fe.assembly.numbering import skew
 from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.parts import ModeInfo
 
 DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 """Names of the motions of an interface."""
@@ -234,3 +235,49 @@ def integrals(fe: FEMatrices, Phi: FloatArray) -> Integrals:
         inertia.P @ everywhere,
         fe.reduced_mass(Phi),
     )
+
+
+_RIGID_MOTIONS = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
+
+
+def mode_infos(
+    fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
+) -> tuple[ModeInfo, ...]:
+    """The six rigid motions, dropped, then the modal coordinates with their energy shares.
+
+    Parameters
+    ----------
+    fe, reduced, modes
+        The model, the reduced basis and the modes made of it.
+    Mab : (3, 3, m, m) float
+        Mass components reduced onto the modes.
+    """
+    R = fe.rigid
+    energy, mass = np.sum(R * (fe.K @ R), axis=0), np.sum(R * (fe.M @ R), axis=0)
+    residual = np.sqrt(np.maximum(energy / mass, 0.0)) / (2 * np.pi)
+    why = "rigid motion"
+    rigid = [
+        ModeInfo(-1, "rigid", float(f), False, why, name)
+        for f, name in zip(residual, _RIGID_MOTIONS, strict=True)
+    ]
+    return (*rigid, *_elastic_infos(reduced, modes, Mab))
+
+
+def _elastic_infos(reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray) -> list[ModeInfo]:
+    static = reduced.columns(*STATIC)
+    strain = modes.Z * (reduced.K @ modes.Z) / modes.omega2
+    largest = np.argmax(strain, axis=0)
+    kinetic = np.einsum("bbjj->jb", Mab)
+    return [
+        ModeInfo(
+            j,
+            "elastic",
+            float(frequency),
+            True,
+            "",
+            reduced.labels[largest[j]],
+            float(strain[static, j].sum()),
+            tuple(kinetic[j]),
+        )
+        for j, frequency in enumerate(modes.frequencies)
+    ]

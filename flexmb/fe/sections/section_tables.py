@@ -12,7 +12,7 @@ from typing import Any
 from flexmb.errors import FlexmbError, MaterialError, Problem, ReductionError
 from flexmb.fe.material import resolve
 from flexmb.fe.sections.beam_chain import TaperedSection, tapered
-from flexmb.fe.sections.beam_section import BeamSection, general, section_of
+from flexmb.fe.sections.beam_section import BeamSection, Releases, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.shell_section import (
     Layer,
@@ -22,7 +22,8 @@ from flexmb.fe.sections.shell_section import (
 )
 from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
-from flexmb.fe.tables import call, kind_of, rooted
+from flexmb.flexbody.options import kind_of, option_values, read_options, rooted
+from flexmb.flexbody.section_options import SECTIONS as OPTIONS
 from flexmb.materials import AnyMaterial
 
 Section = BeamSection | TaperedSection | ShellSection | SolidSection
@@ -43,10 +44,10 @@ SECTIONS: dict[str, Callable[..., Section]] = {
 }
 """What makes a section of each type."""
 
-_VECTORS = ("orientation", "offset", "shear_center", "axis1", "axis2")
+_VECTORS = ("orientation", "axis1", "axis2")
 
 
-def sections_from(given: Mapping[str, Any] | None) -> dict[str, Section]:
+def sections_from(sections: Mapping[str, Any] | None) -> dict[str, Section]:
     """Sections by mesh group.
 
     Raises
@@ -54,85 +55,77 @@ def sections_from(given: Mapping[str, Any] | None) -> dict[str, Section]:
     ReductionError, MaterialError
         What is wrong with all of them.
     """
-    found: dict[str, Section] = {}
+    made: dict[str, Section] = {}
     errors: list[FlexmbError] = []
-    for group, words in (given or {}).items():
+    for group, words in (sections or {}).items():
         try:
-            found[group] = section_from(words, f"sections.{group}")
+            made[group] = section_from(words, f"sections.{group}")
         except (ReductionError, MaterialError) as error:
             errors.append(error)
     if errors:
-        told = [problem for error in errors for problem in error.problems]
-        raise type(errors[0]).from_problems(told)
-    return found
+        problems = [problem for error in errors for problem in error.problems]
+        raise type(errors[0]).from_problems(problems)
+    return made
 
 
-def section_from(given: Any, where: str = "section") -> Section:
-    """The section that was meant: itself, or ``{type = "rectangle", y = 0.02, z = 0.03}``.
+def section_from(words: Any, where: str = "section") -> Section:
+    """The section itself, or that of ``{type = "rectangle", y = 0.02, z = 0.03}``.
 
     Raises
     ------
     ReductionError, MaterialError
         Unknown type, missing or unknown key, or impossible values; all at once.
     """
-    if isinstance(given, Section):
-        return given
-    kind, words = kind_of("section", tuple(SECTIONS), given, where, ReductionError)
-    problems = _read_parts(kind, words, where)
+    if isinstance(words, Section):
+        return words
+    kind = kind_of("section", tuple(SECTIONS), words, where, ReductionError)
+    values = option_values(read_options(OPTIONS[kind], words, where, ReductionError))
+    problems: list[Problem] = []
+    for name, value in values.items():
+        place = f"{where}.{name}"
+        try:
+            values[name] = _value(name, value, place)
+        except FlexmbError as error:
+            problems += error.problems
     if problems:
         raise ReductionError.from_problems(problems)
-    for key in _VECTORS:
-        if isinstance(words.get(key), list):
-            words[key] = tuple(words[key])
-    return call(SECTIONS[kind], words, where, ReductionError, section_of)
-
-
-def _read_parts(kind: str, words: dict[str, Any], where: str) -> list[Problem]:
-    """Put materials, layers and the ends of a taper in the place of their tables."""
-    problems: list[Problem] = []
-    if words.get("material") is not None:
-        words["material"], found = _material(words["material"], f"{where}.material")
-        problems += found
-    if kind == "tapered":
-        for end in ("start", "end"):
-            if isinstance(words.get(end), Mapping):
-                try:
-                    words[end] = section_from(words[end], f"{where}.{end}")
-                except (ReductionError, MaterialError) as error:
-                    problems += error.problems
-    if kind == "layered" and "layers" in words:
-        words["layers"], found = _layers(words["layers"], f"{where}.layers")
-        problems += found
-    return problems
-
-
-def _material(given: Any, where: str) -> tuple[AnyMaterial | None, list[Problem]]:
     try:
-        return resolve(given), []
+        return SECTIONS[kind](**values)
+    except FlexmbError as error:
+        raise type(error).from_problems(rooted(where, error.problems)) from None
+    except (TypeError, ValueError) as error:
+        problem = Problem(where, f"cannot be understood: {error}")
+        raise ReductionError.from_problems([problem]) from None
+
+
+def _value(name: str, value: Any, where: str) -> Any:
+    """An option as the function of a section takes it."""
+    if name == "material":
+        return _material(value, where)
+    if name == "releases":
+        return value if isinstance(value, Releases) else Releases(value.start, value.end)
+    if name in ("start", "end"):
+        return section_from(value if isinstance(value, Section) else _as_words(value), where)
+    if name == "layers":
+        return [_layer(layer, f"{where}[{k}]") for k, layer in enumerate(value)]
+    return tuple(value) if name in _VECTORS and isinstance(value, list) else value
+
+
+def _as_words(options: Any) -> dict[str, Any]:
+    return {"type": options.type, **option_values(options)}
+
+
+def _layer(options: Any, where: str) -> Layer:
+    if isinstance(options, Layer):
+        return options
+    values = option_values(options)
+    if "material" in values:
+        values["material"] = _material(values["material"], f"{where}.material")
+    return Layer(**values)
+
+
+def _material(value: Any, where: str) -> AnyMaterial:
+    try:
+        return resolve(value)
     except MaterialError as error:
-        return None, rooted(where, error.problems)
-
-
-def _layers(given: Any, where: str) -> tuple[list[Layer], list[Problem]]:
-    if isinstance(given, Mapping | str) or not hasattr(given, "__iter__"):
-        return [], [Problem(where, f"a list of layers is expected, given {given!r}")]
-    found: list[Layer] = []
-    problems: list[Problem] = []
-    for k, words in enumerate(given):
-        place = f"{where}[{k}]"
-        if isinstance(words, Layer):
-            found.append(words)
-            continue
-        if not isinstance(words, Mapping):
-            problems.append(Problem(place, f"a table is expected, given {words!r}"))
-            continue
-        table = dict(words)
-        wrong: list[Problem] = []
-        if table.get("material") is not None:
-            table["material"], wrong = _material(table["material"], f"{place}.material")
-        try:
-            found.append(call(Layer, table, place, ReductionError))
-        except ReductionError as error:
-            problems += error.problems
-        problems += wrong
-    return found, problems
+        raise MaterialError.from_problems(rooted(where, error.problems)) from None

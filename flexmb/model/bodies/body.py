@@ -20,7 +20,7 @@ from pydantic import ValidationInfo, model_validator
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model.bodies.markers import Marker
 from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
-from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.values.orientation import Orientation
 from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
 from flexmb.model.values.reading import Entry, Reader, Spec, choice, fail, given, names_of, units_of

@@ -13,10 +13,10 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.bodies.meshes import MeshTableSpec
 from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
 from flexmb.model.values.names import GROUND
+from flexmb.model.values.reading import Spec
 
 __all__ = ["body_problems", "far_markers"]
 
@@ -47,7 +47,7 @@ def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Pr
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
     key, given = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
-    if isinstance(given, MeshTableSpec):
+    if isinstance(given, Spec):
         return
     if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
         key, given = "flexbody", spec.flexbody

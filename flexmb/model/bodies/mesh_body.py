@@ -1,79 +1,142 @@
-"""Flexible bodies that are made of a mesh: their options, and how many modes.
+"""Flexible bodies that are made of a mesh, and which kind of body a table is.
 
-In: the words of a scene. Out: numbers and specifications in SI with the words of
-``flexmb.fe.reduction``.
-
-In: the words of a scene. Out: :class:`MeshBodySpec` in SI; :meth:`MeshBodySpec.words` are the
-options of ``flexmb.fe.reduce``.
+The fields are those of :mod:`flexmb.flexbody.mesh_options` in the scene's units;
+:meth:`MeshBodySpec.words` are the options of ``flexmb.fe.reduce`` in SI.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import Field, SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
-from flexmb.model.bodies.interfaces import (
-    Interfaces,
-    MassSpec,
-    MeshLoads,
-    NodeSpringSpec,
-    TieSpec,
+from flexmb.flexbody.mesh_options import (
+    LOADS,
+    MASS_MATRICES,
+    MESHES,
+    REDUCTIONS,
+    STRESS_OPTIONS,
+    InterfaceOptions,
+    MassOptions,
+    ModesOptions,
+    NodeSpringOptions,
+    TieOptions,
 )
-from flexmb.model.bodies.material import MaterialField
-from flexmb.model.bodies.meshes import MeshSource, MeshTableSpec
-from flexmb.model.bodies.sections import Sections
+from flexmb.flexbody.section_options import SECTIONS
+from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
+from flexmb.model.bodies.option_specs import MaterialField, spec_of, specs_of
+from flexmb.model.values.names import bad_name
 from flexmb.model.values.quantities import Integer, Quantity
 from flexmb.model.values.reading import (
+    NAME,
     Entry,
     Reader,
     Spec,
+    Variant,
     fail,
     given,
     names_of,
     read_entry,
+    read_variant,
     reference,
+    under,
 )
 
-Method = Literal["craig-bampton", "free-interface", "guyan", "user"]
+InterfaceSpec, ModesSpec = spec_of(InterfaceOptions), spec_of(ModesOptions)
+MESH_TYPES, SECTION_TYPES, LOAD_TYPES = specs_of(MESHES), specs_of(SECTIONS), specs_of(LOADS)
 
-METHODS = {
-    "craig-bampton": "static modes of the interfaces and modes with the interfaces held: "
-    "6 interfaces + modes - 6 coordinates",
-    "free-interface": "modes of the free body and residual attachment modes: up to modes + "
-    "6 interfaces coordinates",
-    "guyan": "static modes of the interfaces alone: 6 interfaces - 6 coordinates",
-    "user": "modes of an .npz file, by modes = path",
+Sections = dict[str, Annotated[Any, Variant("section", lambda: SECTION_TYPES)]]
+"""Element group, or ``"all"``, to its section."""
+if TYPE_CHECKING:
+    Ties: TypeAlias = dict[str, Any]
+    Masses: TypeAlias = dict[str, Any]
+    Springs: TypeAlias = dict[str, Any]
+    Method: TypeAlias = str
+    MassMatrix: TypeAlias = str
+    StressOption: TypeAlias = str
+else:
+    Ties = dict[str, Annotated[spec_of(TieOptions), Entry()]]
+    Masses = dict[str, Annotated[spec_of(MassOptions), Entry()]]
+    Springs = dict[str, Annotated[spec_of(NodeSpringOptions), Entry()]]
+    Method = Literal[*REDUCTIONS]
+    MassMatrix = Literal[MASS_MATRICES]
+    StressOption = Literal[STRESS_OPTIONS]
+MeshLoads = dict[str, Annotated[Any, Variant("load type", lambda: LOAD_TYPES)]]
+"""Loads on a mesh by name."""
+
+
+def _read_interfaces(value: Any, info: ValidationInfo) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not value:
+        what = "a table {name = mesh group, ...} of at least one interface is expected"
+        raise fail(Problem("", f"{what}, given {given(value)}"))
+    problems: list[Problem] = []
+    interfaces: dict[str, Any] = {}
+    for name, nodes in value.items():
+        if bad := bad_name(name):
+            problems.append(Problem(str(name), bad))
+        elif isinstance(nodes, Mapping | Spec):
+            spec, wrong = read_entry(InterfaceSpec, nodes, names_of(info))
+            problems += under(name, wrong)
+            interfaces |= {name: spec} if spec is not None else {}
+        elif isinstance(nodes, bool) or not isinstance(nodes, str | int):
+            what = "the name of a mesh group, or a table, is expected, given "
+            problems.append(Problem(name, what + given(nodes)))
+        else:
+            interfaces[name] = str(nodes)
+    if problems:
+        raise fail(*problems)
+    return interfaces
+
+
+def _write_interfaces(value: Mapping[str, Any], info: SerializationInfo) -> dict[str, Any]:
+    return {
+        name: nodes
+        if isinstance(nodes, str)
+        else nodes.model_dump(mode="json", exclude_none=True, context=info.context)
+        for name, nodes in value.items()
+    }
+
+
+_INTERFACES = {
+    "type": "object",
+    "additionalProperties": {"anyOf": [NAME, reference(InterfaceSpec)]},
+    "minProperties": 1,
 }
-"""What each method keeps."""
+Interfaces = Annotated[dict[str, Any], Reader(_read_interfaces, _write_interfaces, _INTERFACES)]
+"""Name of a marker to the mesh group that carries it, or to an :class:`InterfaceSpec`."""
 
 
-class ModesSpec(Spec):
-    """How many modes: a count, those below a frequency, a share of effective interface mass."""
+def _read_source(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Spec):
+        return value
+    if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
+        return str(value)
+    if isinstance(value, str | Path) or not hasattr(value, "keys"):
+        what = "a mesh file, or a table {type = ...} of a simple shape is expected, given "
+        raise fail(Problem("", what + given(value), tuple(MESH_TYPES)))
+    spec, problems = read_variant("shape of a mesh", MESH_TYPES, value, names_of(info))
+    if spec is None:
+        raise fail(*under("", problems))
+    return spec
 
-    count: Annotated[int, Integer(0)] | None = None
-    frequency: Annotated[float, Quantity("Hz", "positive")] | None = None
-    effective_mass: Annotated[float, Quantity("", "positive")] | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        words = ("count", "frequency", "effective_mass")
-        told = [key for key in words if getattr(self, key) is not None]
-        if len(told) != 1:
-            what = f"give one of them, given {' and '.join(told) or 'none'}"
-            raise fail(Problem("", what, words))
-        if self.effective_mass is not None and self.effective_mass >= 1:
-            what = f"must be a share below 1, is {self.effective_mass:g}"
-            raise fail(Problem("effective_mass", what))
-        return self
+def _write_source(value: Any, info: SerializationInfo) -> Any:
+    if isinstance(value, str):
+        return value
+    return value.model_dump(mode="json", exclude_none=True, context=info.context)
+
+
+_MESH = {"anyOf": [{"type": "string"}, *map(reference, MESH_TYPES.values())]}
+MeshSource = Annotated[Any, Reader(_read_source, _write_source, _MESH)]
+"""Path of a mesh file, or the table of a simple shape."""
 
 
 def _read_modes(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, Mapping | ModesSpec):
+    if isinstance(value, Mapping | Spec):
         spec, problems = read_entry(ModesSpec, value, names_of(info))
         if spec is None:
             raise fail(*problems)
@@ -87,7 +150,7 @@ def _read_modes(value: Any, info: ValidationInfo) -> Any:
 
 
 def _write_modes(value: Any, info: SerializationInfo) -> Any:
-    if not isinstance(value, ModesSpec):
+    if not isinstance(value, Spec):
         return value
     return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
@@ -99,9 +162,8 @@ Modes = Annotated[Any, Reader(_read_modes, _write_modes, _MODES)]
 
 def mode_count(modes: Any, default: int = 20) -> int:
     """How many modes are asked for by number; the default where it is not told by number."""
-    if isinstance(modes, ModesSpec):
-        return default if modes.count is None else modes.count
-    return modes if isinstance(modes, int) else default
+    count = getattr(modes, "count", None) if isinstance(modes, Spec) else modes
+    return count if isinstance(count, int) else default
 
 
 _OPTIONS = ("sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress")
@@ -119,20 +181,20 @@ class MeshBodySpec(BodySpec):
     material: MaterialField
     sections: Sections = {}
     interfaces: Interfaces
-    ties: dict[str, Annotated[TieSpec, Entry()]] = {}
-    masses: dict[str, Annotated[MassSpec, Entry()]] = {}
-    springs: dict[str, Annotated[NodeSpringSpec, Entry()]] = {}
+    ties: Ties = {}
+    masses: Masses = {}
+    springs: Springs = {}
     loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
-    mass_matrix: Literal["consistent", "hrz"] = "consistent"
-    stress: Literal["surface", "all", "none"] = "surface"
+    mass_matrix: MassMatrix = "consistent"
+    stress: StressOption = "surface"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         problems = []
-        if isinstance(self.mesh, MeshTableSpec) and "units" in self.model_fields_set:
+        if isinstance(self.mesh, Spec) and "units" in self.model_fields_set:
             what = "are those of mesh files; the sizes of a shape are in the scene's units"
             problems.append(Problem("units", what))
         own = isinstance(self.modes, str)
@@ -154,24 +216,27 @@ class MeshBodySpec(BodySpec):
     @property
     def cells(self) -> int:
         """How finely the table of a mesh divides it; 0 for files."""
-        return self.mesh.cells if isinstance(self.mesh, MeshTableSpec) else 0
+        divisions = getattr(self.mesh, "divisions", None)
+        if divisions is None:
+            return 0
+        return prod(divisions) if isinstance(divisions, tuple) else int(divisions) ** 3
 
     def words(self) -> dict[str, Any]:
         """The options of a reduction as plain data in SI; those left out are at their defaults."""
-        units = "SI" if isinstance(self.mesh, MeshTableSpec) else self.units
-        told: dict[str, Any] = {
+        units = "SI" if isinstance(self.mesh, Spec) else self.units
+        words: dict[str, Any] = {
             "units": units,
             "material": self.material,
-            "interfaces": {name: _plain(chosen) for name, chosen in self.interfaces.items()},
+            "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
             "damping": self.damping,
         }
         if self.reduction != "guyan":
-            told["modes"] = 20 if self.modes is None else _plain(self.modes)
+            words["modes"] = 20 if self.modes is None else _plain(self.modes)
         for key in _OPTIONS:
             value = getattr(self, key)
             if value != type(self).model_fields[key].default:
-                told[key] = _plain(value)
-        return told
+                words[key] = _plain(value)
+        return words
 
 
 def _plain(value: Any) -> Any:

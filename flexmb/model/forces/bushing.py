@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 
 from flexmb.errors import Problem
 from flexmb.materials import Material
-from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, plain
 from flexmb.model.values.reading import NUMBER, Reader, fail, fail_if, given, list_form

@@ -25,7 +25,7 @@ from pydantic import model_validator
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
 from flexmb.model.bodies.markers import MarkerSpec, place
-from flexmb.model.bodies.material import MaterialField
+from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.forces.friction import Friction
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import across, keeps_plane

@@ -16,13 +16,10 @@ from typer.testing import CliRunner
 from flexmb import workflow
 from flexmb.cli import app
 from flexmb.fe import ELEMENTS
+from flexmb.flexbody.mesh_options import REDUCTIONS
 from flexmb.materials import LIBRARY
-from flexmb.model.bodies.interfaces import LOAD_TYPES
 from flexmb.model.bodies.mass_properties import SHAPES
-from flexmb.model.bodies.mesh_body import METHODS as REDUCTIONS
-from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.bodies.meshes import MESH_TYPES
-from flexmb.model.bodies.sections import SECTION_TYPES
+from flexmb.model.bodies.mesh_body import LOAD_TYPES, MESH_TYPES, SECTION_TYPES, MeshBodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
 from flexmb.model.functions.function import FUNCTION_FORMS
 from flexmb.model.joints.curve import CurveSpec

@@ -140,13 +140,13 @@ def test_a_body_that_is_all_interface(kind):
     np.testing.assert_allclose(found.K, fe.K.toarray()[np.ix_(order, order)], atol=1e-12 * scale)
     wanted = eigh(fe.K.toarray(), fe.M.toarray(), eigvals_only=True)[6:]
     np.testing.assert_allclose(orthonormalise(fe, found).omega2, wanted, rtol=1e-8)
-    with pytest.raises(ReductionError, match="1 asked, but the model has only 0 fixed-interface"):
+    with pytest.raises(ReductionError, match="1 requested, but .* only 0 fixed-interface"):
         craig_bampton(fe, make_interfaces(fe, ends), 1)
 
 
 def test_too_many_modes():
     fe, interfaces = beam()
-    with pytest.raises(ReductionError, match="43 asked, but the model has only 42 fixed-interface"):
+    with pytest.raises(ReductionError, match="43 requested, but .* only 42 fixed-interface"):
         craig_bampton(fe, interfaces, 43)
     with pytest.raises(ReductionError, match="only 48 elastic modes"):
         free_modes(fe, (), 49)

@@ -214,8 +214,8 @@ def test_weight_adds_nothing_to_free_bodies_and_the_sag_to_held_ones(box):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ({"type": "presure", "group": "x1"}, "unknown type 'presure'; nearest: pressure"),
-        ({}, "loads.push.type: says no type"),
+        ({"type": "presure", "group": "x1"}, 'unknown type "presure"; nearest: pressure'),
+        ({}, "loads.push.type: is missing; allowed: pressure"),
         ({"type": "pressure", "group": "x1"}, "loads.push.pressure: is missing"),
         ({"type": "pressure", "group": "x1", "pressure": "high"}, "must be a number"),
         ({"type": "pressure", "group": "x2", "pressure": 1.0}, 'no group "x2"'),
@@ -223,7 +223,7 @@ def test_weight_adds_nothing_to_free_bodies_and_the_sag_to_held_ones(box):
         ({"type": "pressure", "group": "x1", "pressure": 1.0, "residual": 1}, "true or false"),
         ({"type": "line", "group": "x1", "force": [1, 0, 0]}, "has no line elements"),
         ({"type": "gravity", "acceleration": [0, 1]}, "must be three finite numbers"),
-        ({"type": "force", "node": 3}, "says neither force nor moment"),
+        ({"type": "force", "node": 3}, 'give "force", "moment" or both'),
         ({"type": "force", "node": 3, "moment": [1, 0, 0]}, "cannot hold a rotation"),
         ({"type": "force", "node": 3, "force": [1, 0, float("inf")]}, "three finite numbers"),
     ],

@@ -35,7 +35,7 @@ def test_lumped_masses_at_the_middle_of_a_clamped_beam():
     got = np.diag(found.K)[12:]
     for wanted in np.linalg.eigvalsh(K):
         assert np.abs(got / wanted - 1).min() < 1e-8
-    with pytest.raises(ReductionError, match="10 asked, but the model has only 9 fixed-interface"):
+    with pytest.raises(ReductionError, match="10 requested, but .* only 9 fixed-interface"):
         craig_bampton(fe, ends, 10)
     with pytest.raises(ReductionError, match="a motion of the reduced body has no mass"):
         orthonormalise(fe, craig_bampton(fe, ends, 3))

@@ -44,7 +44,7 @@ def test_all_mistakes_at_once():
         resolve({"E": "stiff", "Nu": 0.3})
     text = str(caught.value)
     assert "material.E: must be a number" in text
-    assert 'unknown key "Nu"; nearest: nu' in text
+    assert "material.Nu: unknown key; nearest: nu" in text
     assert "material.density: is missing" in text
 
 

@@ -199,7 +199,7 @@ def test_the_plane_is_part_of_the_fingerprint(project):
 def test_wrong_planes_and_too_many_modes():
     with pytest.raises(ReductionError, match='unknown plane "yx"; allowed: xy, yz, zx'):
         beam("yx")
-    with pytest.raises(ReductionError, match="16 asked, but .* only 15 fixed-interface modes in"):
+    with pytest.raises(ReductionError, match="16 requested, .* 15 fixed-interface modes in"):
         beam("xy", 16)
 
 

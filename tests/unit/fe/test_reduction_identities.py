@@ -24,8 +24,7 @@ from flexmb.fe import (
 )
 from flexmb.fe.assembly.interfaces import RigidInterface
 from flexmb.fe.meshes.mesh_shapes import plate
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.mode_selection import interface_shares
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel, interface_shares
 from flexmb.fe.sections.shell_section import shell
 
 STEEL = resolve("steel")

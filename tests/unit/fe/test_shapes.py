@@ -182,21 +182,21 @@ def test_divisions_that_are_not_given_follow_the_rule():
         ({"type": "bx"}, 'mesh.type: unknown shape of a mesh "bx"; nearest: box'),
         ({}, "mesh.type: is missing; allowed: beam, plate, box, tube, disk"),
         ({"type": "box"}, "mesh.size: is missing"),
-        ({"type": "box", "size": [1, 2]}, "mesh.size: must be three positive lengths"),
-        ({"type": "box", "size": [1, 2, float("nan")]}, "mesh.size: must be three positive"),
+        ({"type": "box", "size": [1, 2]}, "mesh.size: must be three finite numbers"),
+        ({"type": "box", "size": [1, 2, float("nan")]}, "mesh.size: must be three finite numbers"),
         (
             {"type": "box", "size": [1, 1, 1], "elements": "hexahedron21"},
-            "mesh.elements: unknown kind 'hexahedron21'; nearest: hexahedron20",
+            'mesh.elements: unknown "hexahedron21"; nearest: hexahedron20',
         ),
         (
             {"type": "box", "size": [1, 1, 1], "divisions": [2, 2]},
             "mesh.divisions: must be whole numbers from 1 on, x, y, z; given [2, 2]",
         ),
         ({"type": "box", "size": [1, 1, 1], "divisions": 1000}, "nodes, more than 1e+07"),
-        ({"type": "beam"}, 'give either "length" or "points" of a beam, given neither'),
+        ({"type": "beam"}, 'give either "length" or "points", given neither'),
         ({"type": "beam", "points": [[0, 0, 0], [0, 0, 0]]}, "points 1 and 2 coincide"),
         ({"type": "beam", "lenght": 1}, "mesh.lenght: unknown key; nearest: length"),
-        ({"type": "plate", "length": 1, "width": -1}, "mesh.width: must be a positive length"),
+        ({"type": "plate", "length": 1, "width": -1}, "mesh.width: must be positive, given -1 m"),
         ({"type": "plate", "length": 1, "width": 1, "skew": 2.0}, "below a right angle"),
         (
             {"type": "tube", "length": 1, "radius": 1, "inner": 2},
@@ -227,7 +227,7 @@ def test_shapes_are_functions_too():
     mesh = meshes.tube(1.0, 0.2, inner=0.1, divisions=(1, 8, 2))
     table = {"type": "tube", "length": 1.0, "radius": 0.2, "inner": 0.1, "divisions": [1, 8, 2]}
     assert np.array_equal(mesh.points, mesh_from(table).points)
-    with pytest.raises(MeshError, match="mesh.length: must be a positive length"):
+    with pytest.raises(MeshError, match="mesh.length: must be positive, given -1 m"):
         meshes.plate(-1.0, 1.0)
 
 

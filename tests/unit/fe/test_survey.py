@@ -114,7 +114,7 @@ SOLID = {"type": "box", "size": [1.0, 0.1, 0.1], "divisions": [4, 1, 1]}
         ({"mesh": LINES, "sections": {}}, "beam: has no volume elements, and no lines or surfaces"),
         (
             {"sections": {"all": {"type": "shell", "thickness": -1}}},
-            "sections.all.thickness: must be positive, in m, given -1",
+            "sections.all.thickness: must be positive, given -1 m",
         ),
         (
             {"sections": {"all": {"type": "shell"}}},
@@ -131,7 +131,7 @@ SOLID = {"type": "box", "size": [1.0, 0.1, 0.1], "divisions": [4, 1, 1]}
         (
             {"mesh": LINES, "sections": {"all": {"type": "general", "A": -1.0, "Iy": 1, "Iz": 1,
              "J": 1}}, "interfaces": {"a": "start"}},
-            "sections.all.A: must be positive, given -1.0",
+            "sections.all.A: must be positive, given -1 m^2",
         ),
         (
             {"mesh": LINES, "interfaces": {"a": "start"}, "sections": {"all": {"type": "circle",
@@ -148,7 +148,7 @@ SOLID = {"type": "box", "size": [1.0, 0.1, 0.1], "divisions": [4, 1, 1]}
             "interfaces.a: the 2 nodes given (0, 1) lie on a line or a point",
         ),
         ({"interfaces": {"a": "x0", "b": "x0y0"}}, "interfaces.b: shares 1 nodes (0) with"),
-        ({"modes": 500}, "modes: 500 asked, but the model has only"),
+        ({"modes": 500}, "modes: 500 requested, but the model has only"),
         ({"modes": {"cuont": 5}}, "modes.cuont: unknown key; nearest: count"),
         (
             {"ties": {"t": {"type": "rbe2", "reference": "x9", "nodes": "x0"}}},

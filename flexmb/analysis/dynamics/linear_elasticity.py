@@ -1,0 +1,213 @@
+"""Where a run leaves what linear elasticity about a rigid motion can answer.
+
+In: rows of a run, in order. Out: sentences on flexible bodies that bend too far for small
+deformations, and on those that turn so fast that centrifugal stiffening, which the equations leave
+out, would change their frequencies. A deflection is that relative to where the body is joined, the
+speed that of the joint; it is compared with the lowest natural frequency of the body as it is
+joined, of those modes that the motion contains. Source of the
+bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan & Banerjee, Dynamics
+of a cantilever beam attached to a moving base, J. Guidance 10 (1987) 139, for the loss of stiffness
+of linear equations: the first frequency of a cantilever is too low by the share 0.6 (Ω/ω₁)².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.natural_modes import natural_modes
+from flexmb.model.model import Model
+from flexmb.results import OutputBlock
+
+Array = NDArray[np.float64]
+
+#: Deflection over the length of a body above which linear elasticity is doubtful.
+LARGEST_DEFLECTION = 0.1
+#: Share by which a frequency may be too low for want of centrifugal stiffening.
+LARGEST_SOFTENING = 0.01
+_SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
+_POINTS = 64  # points of a body that are watched, at most
+_PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
+_ZERO_FREQUENCY = 1e-5  # over the highest: that of a motion that the joints leave free
+_CLAMPS = ("fixed", "prismatic")  # joints that hold all rotations
+
+
+@dataclass(frozen=True, eq=False)
+class _Watched:
+    """A flexible body: how its points move relative to its joints, and its modes as joined."""
+
+    columns: BodyColumns
+    deflection: Array  # (3 k, m) of its points per unit eta, over its length
+    turn: Array  # (3, m) rotation of the frame of its joints per unit eta
+    inertia: Array  # (3, 3) about the centre of mass, over the largest
+    frequencies: Array  # (j,) as it is joined, ascending, rad/s
+    amplitudes: Array  # (j, m) deflection in each of these modes, over the length, per unit eta
+
+
+class LinearElasticityMonitor:
+    """Watches deflections and speeds of all flexible bodies.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        What is run.
+    q : (nq,) array
+        First positions.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
+        self._units = model.units
+        self._bodies = []
+        pose = None
+        for columns in compiled.layout.bodies:
+            body = compiled.flexbodies.get(columns.name)
+            if columns.m == 0 or body is None or body.m != columns.m:
+                continue
+            pose = ConstraintRows(compiled).evaluate(q) if pose is None else pose
+            frequencies, shapes = joined_modes(body, columns, q, pose.Cq)
+            inertia = body.inertia_about_center
+            inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
+            deflection, turn = _deflections(body, _joined_interfaces(body, columns.name, model))
+            sizes = np.linalg.norm((deflection @ shapes).reshape(-1, 3, len(frequencies)), axis=1)
+            amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
+            amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
+            self._bodies.append(
+                _Watched(columns, deflection, turn, inertia, frequencies, amplitudes)
+            )
+        n = len(self._bodies)
+        self._deflected, self._turned = np.zeros((2, n)), np.zeros((2, n))  # largest, and its time
+        self._amplitudes = [np.zeros(len(one.frequencies)) for one in self._bodies]
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take in further rows."""
+        if not len(rows.t):
+            return
+        for k, one in enumerate(self._bodies):
+            iq, iv, m = one.columns.iq + 7, one.columns.iv + 3, one.columns.m
+            eta = rows.q[:, iq : iq + m]
+            moved = (eta @ one.deflection.T).reshape(len(eta), -1, 3)
+            far = np.linalg.norm(moved, axis=2).max(axis=1, initial=0.0)
+            omega = rows.v[:, iv : iv + 3] + rows.v[:, iv + 3 : iv + 3 + m] @ one.turn.T
+            speed = np.sqrt(np.einsum("ti,ij,tj->t", omega, one.inertia, omega).clip(0.0))
+            amplitude = np.abs(eta @ one.amplitudes.T).max(axis=0)
+            np.maximum(self._amplitudes[k], amplitude, out=self._amplitudes[k])
+            for largest, now in ((self._deflected, far), (self._turned, speed)):
+                row = int(now.argmax())
+                if now[row] > largest[0, k]:
+                    largest[:, k] = now[row], rows.t[row]
+
+    def notes(self) -> Iterator[str]:
+        """A sentence for each body and limit that was left."""
+        for k, one in enumerate(self._bodies):
+            name = f"bodies.{one.columns.name}"
+            deflection, t = self._deflected[:, k]
+            if deflection > LARGEST_DEFLECTION:
+                yield (
+                    f"{name} is deflected by {deflection:.2g} of its length at "
+                    f"t = {self._units.say(t, 's', 4)}: linear elasticity holds up to about "
+                    f"{LARGEST_DEFLECTION:g}; divide the body into several that are joined, or "
+                    "make it stiffer"
+                )
+            speed, t = self._turned[:, k]
+            present = self._amplitudes[k] > _PRESENT * self._amplitudes[k].max(initial=0.0)
+            ratio = speed / one.frequencies[present].min(initial=np.inf)
+            if _SOFTENING * ratio**2 > LARGEST_SOFTENING:
+                yield self._softening(name, speed, ratio, t)
+
+    def _softening(self, name: str, speed: float, ratio: float, t: float) -> str:
+        where = f"{name} turns with {self._units.say(speed, 'rad/s', 3)}"
+        share = f"{ratio:.2g} of its lowest natural frequency as it is joined"
+        why = "centrifugal stiffening is left out"
+        if ratio >= 1.0:
+            error = "the linear equations lose all stiffness there and deflections mean nothing"
+        else:
+            error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
+        return (
+            f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; divide "
+            "the body into several that are joined, which brings it back"
+        )
+
+
+def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> tuple[Array, Array]:
+    """Natural modes of a body as it is joined, all other bodies at rest.
+
+    Parameters
+    ----------
+    body, columns : FlexBody, BodyColumns
+        The body, and where it stands in q and v.
+    q : (nq,) array
+        Positions.
+    Cq : (nc, nv) array
+        Constraint Jacobian there.
+
+    Returns
+    -------
+    frequencies : (j,) array
+        Ascending [rad/s]; motions that the joints leave free are no vibrations.
+    shapes : (m, j) array
+        Modal coordinates of the body in each, of unit modal mass.
+    """
+    from scipy.spatial.transform import Rotation
+
+    iq, iv = columns.iq, columns.iv
+    rows = np.array(Cq[:, iv : iv + 6 + body.m])
+    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
+    e0, e1, e2, e3 = q[iq + 3 : iq + 7]
+    rows[:, :3] = rows[:, :3] @ Rotation.from_quat([e1, e2, e3, e0]).as_matrix()
+    modes = natural_modes(body, rows=rows)
+    vibrates = modes.frequencies > _ZERO_FREQUENCY * modes.frequencies.max(initial=0.0)
+    return 2.0 * np.pi * modes.frequencies[vibrates], modes.eta[:, vibrates]
+
+
+def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
+    """Interfaces of a body with joints, in their order, and whether these hold all rotations."""
+    driven = {spec.joint for spec in model.drivers.values()}
+    places: dict[str, bool] = {}
+    for joint, spec in model.joints.items():
+        for marker in spec.between:
+            owner, _, place = marker.partition(".")
+            if owner == name and any(place == one.name for one in body.interfaces):
+                holds = spec.type in _CLAMPS or joint in driven
+                places[place] = places.get(place, False) or holds
+    return places
+
+
+def _deflections(body: FlexBody, places: dict[str, bool]) -> tuple[Array, Array]:
+    """Displacements of points of a body relative to its joints, over its length (3 k, m), and the
+    rotation of the frame that they are measured in (3, m).
+
+    Relative to the first interface that is clamped; else to the straight line between the two that
+    are farthest apart; else to the mean axes.
+    """
+    nodes = body.nodes
+    points = [body.interface(place) for place in places]
+    positions = np.array([one.position for one in body.interfaces]).reshape(-1, 3)
+    modes = np.array([one.Phi_t for one in body.interfaces]).reshape(-1, 3, body.m)
+    if nodes is not None:
+        every = max(1, len(nodes.ids) // _POINTS)
+        positions = np.vstack([positions, nodes.position[::every]])
+        modes = np.concatenate([modes, nodes.Phi_t[::every]])
+    if not len(positions):
+        return np.zeros((0, body.m)), np.zeros((3, body.m))
+    clamped = [body.interface(place) for place, holds in places.items() if holds]
+    if clamped:
+        origin, shift, turn = clamped[0].position, clamped[0].Phi_t, clamped[0].Phi_r
+    elif len(points) > 1:
+        far = max(points, key=lambda one: float(np.linalg.norm(one.position - points[0].position)))
+        origin, shift = points[0].position, points[0].Phi_t
+        line = far.position - origin
+        square = float(line @ line)
+        turn = np.cross(line, (far.Phi_t - shift).T).T / square if square > 0.0 else 0.0 * shift
+    else:
+        origin, shift, turn = np.zeros(3), np.zeros((3, body.m)), np.zeros((3, body.m))
+    carried = np.cross(turn.T[None], (positions - origin)[:, None]).transpose(0, 2, 1)
+    size = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    relative = modes - shift - carried
+    return relative.reshape(-1, body.m) / (size if size > 0.0 else 1.0), turn

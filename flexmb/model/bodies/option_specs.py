@@ -1,0 +1,226 @@
+"""Options of a mesh body as specifications of a scene: in its units, with expressions.
+
+:func:`spec_of` makes the pydantic class of a dataclass of :mod:`flexmb.flexbody.options`, so that
+scene, JSON schema, lists and the finite elements have one description. The fields that each half
+reads in its own way are here: groups and nodes of a mesh, weights, stiffnesses, divisions,
+materials.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, is_dataclass
+from functools import cache
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import (
+    BeforeValidator,
+    SerializationInfo,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
+
+from flexmb.errors import FlexmbError, Problem
+from flexmb.flexbody.mesh_options import MATERIALS, MaterialOptions, OrthotropicOptions
+from flexmb.flexbody.options import Kind, OneOf, Unit, Whole, option_types
+from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial, material
+from flexmb.model.bodies.mass_properties import Inertia
+from flexmb.model.values.quantities import Axis, Integer, Quantity, plain
+from flexmb.model.values.reading import (
+    NAME,
+    NUMBER,
+    Entry,
+    Reader,
+    Spec,
+    Variant,
+    choice,
+    fail,
+    given,
+    list_form,
+    names_of,
+    read_entry,
+    reference,
+    units_of,
+)
+
+
+@cache
+def spec_of(options: type) -> type[Spec]:
+    """The specification of a scene with the fields of a dataclass of options."""
+    defined: dict[str, Any] = {
+        name: (_annotation(hint), ... if default is MISSING else default)
+        for name, (hint, default) in option_types(options).items()
+    }
+    validators: dict[str, Any] = {}
+    if hasattr(options, "check"):
+
+        def check(self: Any, info: ValidationInfo) -> Any:
+            problems = options.check(self, units_of(names_of(info)).say)
+            if problems:
+                raise fail(*problems)
+            return self
+
+        validators["check"] = model_validator(mode="after")(check)
+    return create_model(
+        options.__name__.removesuffix("Options") + "Spec",
+        __base__=Spec,
+        __doc__=options.__doc__,
+        __module__=__name__,
+        __validators__=validators,
+        **defined,
+    )
+
+
+def _annotation(hint: Any) -> Any:
+    """The annotation of a scene's field from that of an option."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        mark = parts[1]
+        if isinstance(mark, Unit):
+            return Annotated[float, Quantity(mark.unit, mark.sign)]
+        if isinstance(mark, Whole):
+            return Annotated[int, Integer(mark.minimum)]
+        if isinstance(mark, OneOf):
+            return Annotated[Any, Variant(mark.noun, lambda: specs_of(mark.kinds))]
+        assert isinstance(mark, Kind)
+        return _KINDS[mark.name]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_annotation(part) for part in parts)]  # noqa: UP007
+    if origin is tuple:
+        items = tuple(part if part is Ellipsis else _annotation(part) for part in parts)
+        return Annotated[tuple[items], BeforeValidator(plain)]  # type: ignore[valid-type]
+    if origin is dict:
+        return dict.__class_getitem__((parts[0], _annotation(parts[1])))
+    if is_dataclass(hint):
+        return Annotated[spec_of(hint), Entry()]  # type: ignore[arg-type]
+    return hint
+
+
+def specs_of(kinds: Mapping[str, type]) -> dict[str, type[Spec]]:
+    """The specifications of options by type."""
+    return {name: spec_of(options) for name, options in kinds.items()}
+
+
+def _group_name(value: Any, info: ValidationInfo) -> str:
+    """The name of a mesh group; a number is the name of a group that a file only numbers."""
+    if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
+        raise fail(Problem("", f"the name of a mesh group is expected, given {given(value)}"))
+    return str(value)
+
+
+def _node_or_group(value: Any, info: ValidationInfo) -> str | int:
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        what = "the name of a mesh group or the number of a node is expected, given "
+        raise fail(Problem("", what + given(value)))
+    return value if isinstance(value, str) else Integer(0).read(value, info)
+
+
+def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
+    value = plain(value)
+    if isinstance(value, str) and value in ("uniform", "area"):
+        return value
+    if not isinstance(value, list):
+        what = f"unknown choice {given(value)}"
+        raise fail(Problem("", what, ("uniform", "area", "one number for each node")))
+    return tuple(Quantity("", "positive").read(item, info) for item in value)
+
+
+GroupName = Annotated[str, Reader(_group_name, form=NAME)]
+NodeOrGroup = Annotated[str | int, Reader(_node_or_group, form=NAME)]
+"""A group of the mesh, or the number of a node."""
+
+_WEIGHTS = {"anyOf": [{"enum": ["uniform", "area"]}, list_form(NUMBER)]}
+Weights = Annotated[Any, Reader(_weights, form=_WEIGHTS)]
+
+
+_UNITS = ("N/m", "N/m", "N/m", "N m/rad", "N m/rad", "N m/rad")
+
+
+def _read_stiffness(value: Any, info: ValidationInfo) -> float | tuple[float, ...]:
+    value = plain(value)
+    if not isinstance(value, list):
+        return Quantity("N/m", "positive").read(value, info)
+    if len(value) != len(_UNITS):
+        what = "one stiffness, or six along and about the axes are expected, given "
+        raise fail(Problem("", what + given(value)))
+    pairs = zip(_UNITS, value, strict=True)
+    found = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
+    if not any(found):
+        raise fail(Problem("", "one of the six must be positive"))
+    return found
+
+
+def _write_stiffness(value: Any, info: SerializationInfo) -> Any:
+    if not isinstance(value, tuple):
+        return Quantity("N/m").write(value, info)
+    return [Quantity(u).write(k, info) for u, k in zip(_UNITS, value, strict=True)]
+
+
+_STIFFNESS = {"anyOf": [NUMBER, list_form(NUMBER, 6)], "description": "[N/m, N m/rad]"}
+Stiffness = Annotated[Any, Reader(_read_stiffness, _write_stiffness, _STIFFNESS)]
+"""One number [N/m], or six [N/m, N m/rad]."""
+
+
+def _read_divisions(value: Any, info: ValidationInfo) -> int | tuple[int, ...]:
+    value, whole = plain(value), Integer(1)
+    if not isinstance(value, list):
+        return whole.read(value, info)
+    if not value:
+        raise fail(Problem("", "whole numbers of elements are expected, given []"))
+    return tuple(whole.read(item, info) for item in value)
+
+
+Divisions = Annotated[
+    Annotated[int, Integer(1)] | tuple[Annotated[int, Integer(1)], ...],
+    Reader(_read_divisions),
+]
+"""One number of elements for all directions, or one for each."""
+
+
+def _read_material(value: Any, info: ValidationInfo) -> AnyMaterial:
+    try:
+        if isinstance(value, OrthotropicMaterial):
+            return value
+        if isinstance(value, str | Material):
+            return material(value)
+        directed = isinstance(value, Mapping) and (
+            "G" in value or isinstance(plain(value.get("E")), list)
+        )
+        kind = spec_of(OrthotropicOptions if directed else MaterialOptions)
+        values, problems = read_entry(kind, value, names_of(info))
+        if values is None:
+            raise fail(*problems)
+        made = OrthotropicMaterial if directed else Material
+        return made(**values.model_dump())
+    except FlexmbError as error:
+        places = (p.where.removeprefix("material").removeprefix(".") for p in error.problems)
+        found = zip(places, error.problems, strict=True)
+        raise fail(*(Problem(at, p.what, p.allowed, p.nearest) for at, p in found)) from None
+
+
+def _write_material(value: AnyMaterial, info: SerializationInfo) -> Any:
+    if LIBRARY.get(value.name) == value:
+        return value.name
+    kind = spec_of(MaterialOptions if isinstance(value, Material) else OrthotropicOptions)
+    return kind.model_construct(**asdict(value)).model_dump(mode="json", context=info.context)
+
+
+MATERIAL_KINDS = specs_of(MATERIALS)
+"""What a table of a material may be."""
+_MATERIAL = {"anyOf": [*choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]}
+MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material, _MATERIAL)]
+"""A name of the library, or a table of values in the scene's units."""
+
+
+_KINDS: dict[str, Any] = {
+    "group": GroupName,
+    "node or group": NodeOrGroup,
+    "weights": Weights,
+    "stiffness": Stiffness,
+    "divisions": Divisions,
+    "direction": Axis,
+    "inertia": Inertia,
+    "material": MaterialField,
+}

@@ -1,0 +1,127 @@
+"""What a run says where linear elasticity about a rigid motion ends; closed forms of beams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexiblescenes import STEEL, flexible_crank, rod
+
+from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, joined_modes
+from flexmb.engine.compile import compile_system
+from flexmb.flexbody import rigid_body
+from flexmb.model import Model
+from tests.accuracyscenes.judging import judged
+
+HEIGHT, LENGTH = 0.01, 1.0
+BENDING = np.sqrt(STEEL["E"] * HEIGHT**2 / 12 / STEEL["density"]) / LENGTH**2  # rad/s, over (βL)²
+STIFFNESS = 3 * STEEL["E"] * HEIGHT**4 / 12 / LENGTH**3  # N/m, of the tip of a cantilever
+
+
+def beam(**changes):
+    model = Model("beam", **changes)
+    model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8))
+    return model
+
+
+def clamped():
+    model = beam()
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    return model
+
+
+def on_a_hub(speed=1.0, axis="z", **changes):
+    """It turns with an angular velocity that rises to `speed` within a second."""
+    model = beam(**changes)
+    model.add_joint("hub", "revolute", between=["ground", "beam.root"], axis=axis)
+    model.add_driver("motor", joint="hub", angle=f"{speed}*t*t/2")
+    return model
+
+
+def between_pins():
+    model = beam()
+    model.add_marker("ground.end", position=[LENGTH, 0, 0])
+    model.add_joint("left", "spherical", between=["ground", "beam.root"])
+    model.add_joint("right", "universal", between=["ground.end", "beam.tip"], axis="y",
+                    second_axis="z")  # fmt: skip
+    return model
+
+
+def lowest(model):
+    compiled = compile_system(model)
+    pose = ConstraintRows(compiled).evaluate(compiled.initial_q)
+    (columns,) = compiled.layout.bodies
+    frequencies, _ = joined_modes(compiled.flexbodies["beam"], columns, compiled.initial_q, pose.Cq)
+    return frequencies[0]
+
+
+@pytest.mark.parametrize(
+    ("model", "number"),
+    [
+        (clamped(), 1.8751041**2),
+        (on_a_hub(), 1.8751041**2),
+        (on_a_hub(plane="xy"), 1.8751041**2),
+        (between_pins(), np.pi**2),
+        (beam(), 4.7300407**2),
+    ],
+    ids=["clamped", "on a hub", "on a hub, planar", "between pins", "free"],
+)
+def test_the_lowest_frequency_is_that_of_the_body_as_it_is_joined(model, number):
+    assert lowest(model) == pytest.approx(number * BENDING, rel=2e-3)
+
+
+def test_placed_anywhere_and_turned_the_frequency_is_the_same():
+    model = beam()
+    model.bodies.clear()
+    model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8), position=[1000, 2, 3],
+                   orientation=[0.8, 0.2, -0.4, 0.4])  # fmt: skip
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    assert lowest(model) == pytest.approx(lowest(clamped()), rel=1e-6)
+
+
+def sentences(model, **knobs):
+    found = judged(model, accuracy=1e-3, verify=False, **knobs)
+    return [note for note in found.notes if "elasticity" in note or "centrifugal" in note]
+
+
+@pytest.mark.parametrize("share", [0.12, 0.14, 0.9, 1.2])
+def test_speeds_that_stiffening_counts_at_are_told(share):
+    """0.6 (Ω/ω₁)² is one per cent at 0.129."""
+    told = sentences(on_a_hub(share * 1.8751041**2 * BENDING), duration=1.0)
+    if share < 0.129:
+        assert not told
+        return
+    (sentence,) = told
+    assert f"{share:g} of its lowest natural frequency" in sentence
+    assert ("too low by about" in sentence) == (share < 1)
+    assert ("mean nothing" in sentence) == (share >= 1)
+
+
+def test_a_shaft_that_turns_about_its_axis_needs_no_stiffening():
+    assert not sentences(on_a_hub(2.0 * 1.8751041**2 * BENDING, axis="x"), duration=0.5)
+
+
+def test_modes_that_the_motion_does_not_contain_do_not_count():
+    """The rod of this crank could bend across the plane with 217 rad/s, yet does not."""
+    assert not sentences(flexible_crank(), duration=0.02)
+
+
+@pytest.mark.parametrize("deflection", [0.05, 0.09, 0.11, 0.2])
+def test_deflections_beyond_a_tenth_of_the_length_are_told(deflection):
+    """A force that is there from the first moment on deflects twice as far as at rest."""
+    model = clamped()
+    model.add_force("load", "force", at="beam.tip", value=[0, deflection / 2 * STIFFNESS, 0])
+    told = sentences(model, duration=0.13)
+    if deflection < 0.1:
+        assert not told
+        return
+    (sentence,) = told
+    assert sentence.startswith("bodies.beam is deflected by ")
+    assert float(sentence.split()[4]) == pytest.approx(deflection, rel=0.06)
+
+
+def test_a_body_without_modes_is_not_watched():
+    model = Model("rigid")
+    model.add_body("one", rigid_body(1.0, inertia=1.0))
+    compiled = compile_system(model)
+    assert not list(LinearElasticityMonitor(compiled, model, compiled.initial_q).notes())
