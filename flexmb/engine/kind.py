@@ -25,7 +25,7 @@ the Run, `tables` the kind's own record, `at` the Point where the stage is evalu
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix
     jacobian    (run, tables, at)           status; constraint rows, into the iteration matrix
-    coupling    (run, tables, at, cv, cp)   status; unsymmetric terms beside the rows
+    coupling    (run, tables, at, cv, cp)   status; unsymmetric terms in addition to the rows
     mass        (run, tables, at)           status; Factor.sol = M Trial.res
     energy      (run, tables, at)           status; adds to Work.energies
     power       (run, tables, at)           status; adds to Work.powers
@@ -48,7 +48,7 @@ Constraint rows: units of a `RowKind`, `at` the RowWork, a and b axes of the mar
 A row is C = measure − f, f its constant and its function of time. The gradient g (12) holds the
 partial derivatives of the measure for the virtual motion (δx_I, δφ_I, δx_J, δφ_J) in global axes,
 so λ g is the pair of wrenches of the row. The tangent H (12, 12), rows and columns as g, is the
-change of g with that motion; what the change of the lever arms adds is in `bodies.tangent`. A
+change of g with that motion; what the change of the moment arms adds is in `bodies.wrench`. A
 tangent may use at.g as scratch.
 
 Sensors: units of a `Measure` (a term of a sum) and of a `ChannelKind`, with `sensors` the Sensors:
@@ -189,7 +189,7 @@ class ChannelKind:
     reads : str
         What it is read from: "terms", "state", "coordinate", "forces", or other "channels".
     counts_turns : bool
-        Whether it is an angle that goes on through full turns.
+        Whether it is an angle that counts full turns.
     """
 
     value: Unit
