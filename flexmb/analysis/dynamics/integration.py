@@ -15,7 +15,7 @@ from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, kinds_of, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
-from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps

@@ -35,7 +35,7 @@ from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
-from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
+from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress
 from flexmb.results import OutputBlock
 
