@@ -94,8 +94,8 @@ class Kind:
         Whether its wrenches need the velocities of markers.
     works : bool
         Whether it does work, or may.
-    stiff : bool
-        Whether it may be stiff.
+    stiff : bool or callable
+        Whether it may be stiff, or what tells that of its tables.
     unsymmetric : callable, optional
         Tells of its tables whether its tangent is far from symmetric.
     scratch : callable, optional
@@ -111,7 +111,7 @@ class Kind:
     couples: tuple[Couple, ...] = ()
     uses_velocity: bool = False
     works: bool = False
-    stiff: bool = False
+    stiff: bool | Callable[[Any], bool] = False
     unsymmetric: Callable[[Any], bool] | None = None
     scratch: Callable[[Any], Any] | None = None
 
@@ -119,6 +119,10 @@ class Kind:
     def core(self) -> bool:
         """Whether every model has it."""
         return self.lower is None
+
+    def is_stiff(self, tables: Any) -> bool:
+        """Whether it may be stiff."""
+        return self.stiff(tables) if callable(self.stiff) else self.stiff
 
     def is_unsymmetric(self, tables: Any) -> bool:
         """Whether its tangent is far from symmetric."""
