@@ -26,7 +26,8 @@ from flexmb.analysis.assembly.gaps import (
 from flexmb.analysis.assembly.jacobian import ConstraintPose, ConstraintRows, column_scales
 from flexmb.analysis.assembly.rank import null_space
 from flexmb.engine.compile import Compiled, compile_system
-from flexmb.engine.entries import POSITIONS, RESIDUAL, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
@@ -75,8 +76,8 @@ def mass_corrector(system: System, state: State, work: Work | None = None) -> Co
     scratch = work if work is not None else new_work(system)
     return Corrector(
         scratch,
-        lambda: float(solve_level(system, state, scratch, POSITIONS)),
-        lambda: solve_level(system, state, scratch, RESIDUAL),
+        lambda: float(solve_stage(system, state, scratch, POSITIONS)),
+        lambda: solve_stage(system, state, scratch, RESIDUAL),
     )
 
 

@@ -119,7 +119,7 @@ def loop_settings(
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
-    stiff = any(kind.stiff for kind in kinds)
+    stiff = any(kind.is_stiff(system.kinds[kind.name]) for kind in kinds)
     newton = _NEWTON if chosen.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,

@@ -116,10 +116,10 @@ class BodySpec(Spec):
     color: Annotated[str, Reader(_color, form=choice(COLORS))] | None = None
 
     @model_validator(mode="after")
-    def _origin_is_told_once(self) -> Self:
-        told = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
-        if told and "origin" in self.initial:
-            what = f'is the body\'s "{told[0]}" already; say it in one place'
+    def _check_origin(self) -> Self:
+        words = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
+        if words and "origin" in self.initial:
+            what = f'is the body\'s "{words[0]}" already; say it in one place'
             raise fail(Problem("initial.origin", what))
         return self
 
@@ -148,12 +148,12 @@ class RigidBodySpec(BodySpec):
     material: MaterialField | None = None
 
     @model_validator(mode="after")
-    def _mass_is_told_once(self) -> Self:
-        told = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
-        names = " and ".join(f'"{key}"' for key in told)
-        if len(told) > 1:
+    def _check_mass(self) -> Self:
+        words = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
+        names = " and ".join(f'"{key}"' for key in words)
+        if len(words) > 1:
             raise fail(Problem("", f"the mass is told twice, by {names}"))
-        if not told:
+        if not words:
             what = 'has no mass: give "mass" and "inertia", or a "shape" with "density", '
             raise fail(Problem("", what + '"material" or "mass"; or "mesh" for a flexible body'))
         if self.shape is None and self.mass is None:

@@ -146,10 +146,10 @@ def _read_stiffness(value: Any, info: ValidationInfo) -> float | tuple[float, ..
         what = "one stiffness, or six along and about the axes are expected, given "
         raise fail(Problem("", what + given(value)))
     pairs = zip(_UNITS, value, strict=True)
-    found = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
-    if not any(found):
+    values = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
+    if not any(values):
         raise fail(Problem("", "one of the six must be positive"))
-    return found
+    return values
 
 
 def _write_stiffness(value: Any, info: SerializationInfo) -> Any:
@@ -196,8 +196,8 @@ def _read_material(value: Any, info: ValidationInfo) -> AnyMaterial:
         return made(**values.model_dump())
     except FlexmbError as error:
         places = (p.where.removeprefix("material").removeprefix(".") for p in error.problems)
-        found = zip(places, error.problems, strict=True)
-        raise fail(*(Problem(at, p.what, p.allowed, p.nearest) for at, p in found)) from None
+        pairs = zip(places, error.problems, strict=True)
+        raise fail(*(Problem(at, p.what, p.allowed, p.nearest) for at, p in pairs)) from None
 
 
 def _write_material(value: AnyMaterial, info: SerializationInfo) -> Any:
