@@ -17,13 +17,13 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.tasks.study import StudySpec, sweep_values
+from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
 from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch
 from flexmb.studies.report import Study
 from flexmb.studies.rows import Error, Row
-from flexmb.studies.settings import (
+from flexmb.studies.study_settings import (
     Setting,
     StudySource,
     change_model,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics import run as module
-from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics import integration as module
+from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.analysis.dynamics.integration import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration, solve_stage
@@ -21,7 +21,7 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import load_scene
-from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.scenes.dynamics import DynamicsSpec
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 
