@@ -54,7 +54,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 class FlexmbError(Exception):
-    """Base of all errors of flexmb; ``problems`` holds what the text says, one by one."""
+    """Base of all errors of flexmb; ``problems`` holds the mistakes of its text one by one."""
 
     def __init__(self, message: str, problems: Sequence[Problem] = ()) -> None:
         super().__init__(message)
@@ -82,11 +82,11 @@ class FlexmbError(Exception):
 
 
 class SceneError(FlexmbError):
-    """A scene, or a model built from Python, says something impossible."""
+    """A scene, or a model built from Python, is invalid."""
 
 
 class MeshError(FlexmbError):
-    """A mesh file cannot be read, or lacks what was asked of it."""
+    """A mesh file cannot be read, or lacks a requested group."""
 
 
 class MaterialError(FlexmbError):

@@ -1,4 +1,4 @@
-"""How the library tells how far it is.
+"""How the library reports its progress.
 
 Every part that may take longer than a second takes a ``progress`` callback and calls it with the
 phase, the fraction done (0 to 1) and, where it helps, a detail such as the simulated time. The
@@ -11,7 +11,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """A callback told the phase, the fraction of it that is done, and a detail to show."""
+    """A callback with the phase, the fraction of it that is done, and a detail to show."""
 
     def __call__(self, phase: str, fraction: float, detail: str = "") -> None: ...
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ _INCH = 0.0254  # m, exact
 _FOOT = 0.3048  # m, exact
 _POUND = 0.45359237  # kg, exact
 _POUND_FORCE = 4.4482216152605  # N, exact
+_ROUND_OFF = 1e-12  # relative
 
 
 class Dimension(NamedTuple):
@@ -187,6 +188,16 @@ class UnitSystem:
         '30 mm'
         """
         return f"{self.outward(value, unit):.{digits}g} {self.label(unit)}".rstrip()
+
+    def components(self, vector: Iterable[float], unit: str, scale: float = 0.0) -> str:
+        """Components of an SI vector in this system, by commas; round-off is shown as 0.
+
+        What is below 1e-12 of the largest component, or of `scale`, is round-off.
+        """
+        values = [float(value) for value in vector]
+        least = _ROUND_OFF * max([scale, *(abs(value) for value in values)], default=0.0)
+        clean = (value if abs(value) > least else 0.0 for value in values)
+        return ", ".join(f"{self.outward(value, unit) if unit else value:.6g}" for value in clean)
 
 
 def _system(name: str, length: float, mass: float, time: float, symbols: str) -> UnitSystem:

@@ -17,7 +17,7 @@ from flexmb.cli.app import (
     refuse_options,
 )
 from flexmb.cli.check import show_outcomes
-from flexmb.units import UnitSystem, unit_system
+from flexmb.units import unit_system
 
 
 @command()
@@ -82,7 +82,7 @@ def reduce(
         typer.Option("--fresh", help="Reduce a scene's meshes again, even if nothing changed."),
     ] = False,
     report: Annotated[
-        bool, typer.Option("--report", help="Compare with the full model, and say how good it is.")
+        bool, typer.Option("--report", help="Compare the bodies with their full models.")
     ] = False,
     up_to: Annotated[
         float | None,
@@ -188,26 +188,25 @@ def show_body(body: Any) -> None:
     screen.heading(f"flexible body {body.name}")
     J = body.inertia_about_center
     units = unit_system(body.provenance.get("units", "SI"))
+
+    def vector(values: Any, unit: str) -> str:
+        text = units.components(values, unit, scale=1e-3)
+        return f"({text}) {units.label(unit, raised=True)}"
+
     rows = [
         ("mass", units.say(body.mass, "kg")),
-        ("centre of mass", _vector_text(body.center, "m", units)),
-        ("inertia about it xx, yy, zz", _vector_text(J.diagonal(), "kg m^2", units)),
-        ("inertia about it xy, xz, yz", _vector_text(J[[0, 0, 1], [1, 2, 2]], "kg m^2", units)),
+        ("centre of mass", vector(body.center, "m")),
+        ("inertia about it xx, yy, zz", vector(J.diagonal(), "kg m^2")),
+        ("inertia about it xy, xz, yz", vector(J[[0, 0, 1], [1, 2, 2]], "kg m^2")),
         ("modal coordinates", str(body.m)),
         ("damping", "none" if not body.D.any() else "modal"),
     ]
-    rows += [
-        (f"interface {i.name}", f"at {_vector_text(i.position, 'm', units)}")
-        for i in body.interfaces
-    ]
+    rows += [(f"interface {i.name}", f"at {vector(i.position, 'm')}") for i in body.interfaces]
     rows += [("stress", _stress_text(body))]
     if body.section_forces is not None:
         rows += [("section forces", f"of {len(body.section_forces.elements)} beam elements")]
     rows += [
-        (
-            f"load {load.name}",
-            f"{_vector_text(load.force, 'N', units)}, work on the modes in the file",
-        )
+        (f"load {load.name}", f"{vector(load.force, 'N')}, work on the modes in the file")
         for load in body.loads
     ]
     screen.table(("", ""), rows)
@@ -231,11 +230,3 @@ def _stress_text(body: Any) -> str:
     nodes = len(set(body.stress.ids.tolist()))
     inside = "" if body.nodes is None else f" of {len(body.nodes.ids)}"
     return f"at {nodes}{inside} nodes, in the layers {', '.join(body.stress.layers)}"
-
-
-def _vector_text(values: Any, unit: str, units: UnitSystem) -> str:
-    """Components of an SI vector; those that are round-off or below 1e-15 are shown as 0."""
-    noise = max(1e-12 * max(abs(float(v)) for v in values), 1e-15)
-    clean = (float(v) if abs(v) > noise else 0.0 for v in values)
-    text = ", ".join(f"{units.outward(v, unit):.6g}" for v in clean)
-    return f"({text}) {units.label(unit, raised=True)}"

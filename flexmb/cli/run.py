@@ -83,8 +83,8 @@ def run(
 ) -> None:
     """Run a scene: reduce its meshes, simulate, draw.
 
-    Runs what the scene says: [dynamics] integrates the motion, [kinematics] finds the one that
-    joints and drivers fix.
+    [dynamics] of the scene integrates the motion, [kinematics] finds the one that joints and
+    drivers prescribe.
 
     Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
     its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
@@ -183,7 +183,7 @@ def show_result(result: Any) -> None:
     screen.line(f"{result.status}{span}" + (f": {result.message}" if result.message else ""))
     screen.line(gravity_in_words(result.model.get("gravity"), result.units))
     if result.status == "running":
-        screen.line("note: the run is still going on, or it was killed; what is here is whole")
+        screen.line("note: the run is still in progress, or it was killed; its rows are complete")
         screen.line(f"if it was killed, resume with: flexmb resume {result.path.parent}")
     screen.table(("the run", "", ""), work_rows(statistics, result.units), right=(1,))
     screen.table(("wall time by phase", "s", ""), time_rows(statistics), right=(1,))

@@ -23,7 +23,7 @@ def study(
             help="A parameter, a path such as bodies.rod.modes, or accuracy, step, method, ... of "
             "[dynamics]; values as 4,8,16, as 1e-2..1e-6 (by factors of ten) or as 1e-3..1e-5:5 "
             "(five at equal ratios); may be repeated: all combinations are run. By default what "
-            "[study] of the scene says.",
+            "[study] of the scene has.",
         ),
     ] = None,
     overrides: Overrides = None,
@@ -76,7 +76,7 @@ def study(
             files = result.save()
             progress("plots", 1.0)
     except KeyboardInterrupt:
-        screen.line("stopped; all runs that had ended are kept: the same command continues")
+        screen.line("stopped; finished runs stay on disk, and the same command continues")
         raise typer.Exit(INTERRUPTED) from None
     _show_study(result, files)
     if all(row.status != "finished" for row in result.rows):

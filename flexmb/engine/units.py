@@ -1,8 +1,9 @@
 """Compiled units in this process: loading them, and calling them.
 
 Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
-never imports Numba; what is missing is compiled first (`engine.compilation`). Where nothing may be
-compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain Python.
+never imports Numba; what is missing is compiled first (`engine.compiler_pool`). Where nothing may
+be compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain
+Python.
 """
 
 from __future__ import annotations
@@ -18,16 +19,11 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from flexmb.engine.compilation import compile_units
+from flexmb.engine.compiler_pool import compile_units
 from flexmb.engine.jit import UNITS, Unit, reached
 from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
-
-__all__ = [
-    "call", "call_ready", "hand_over", "interpretation", "interpreted", "load_units",
-    "missing_units", "prepare_units",
-]  # fmt: skip
 
 _in_python = ContextVar("_in_python", default=False)
 _ENGINE = "flexmb.engine."
@@ -86,14 +82,14 @@ def _loader() -> _Loader:
 
 
 def _collect(
-    names: Iterable[str], stored: dict[str, Stored], known: Callable[[str], bool]
+    names: Iterable[str], stored: dict[str, Stored], is_loaded: Callable[[str], bool]
 ) -> list[str]:
     """Add units and all they call to `stored`; returns the names of those that are missing."""
     missing, seen = [], set()
     waiting = list(names)
     while waiting:
         name = waiting.pop()
-        if name in seen or known(name):
+        if name in seen or is_loaded(name):
             continue
         seen.add(name)
         if name not in stored and (file := read_stored(name)) is not None:

@@ -47,10 +47,10 @@ def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
         for block in fe.blocks
         if isinstance(block.section, BoundBeam) and block.section.released
     ]
-    held = [nodes for nodes in interfaces if len(nodes) > 1]
-    held_nodes = np.concatenate([fe.numbering.tied, *held])
+    groups = [nodes for nodes in interfaces if len(nodes) > 1]
+    supported = np.concatenate([fe.numbering.tied, *groups])
     problems = []
-    for node in np.setdiff1d(np.concatenate(ends) if ends else [], held_nodes).astype(int):
+    for node in np.setdiff1d(np.concatenate(ends) if ends else [], supported).astype(int):
         for first, what in ((0, "moves along"), (3, "turns about")):
             dofs = fe.numbering.table[node, first : first + 3]
             values, axes = np.linalg.eigh(fe.K[dofs][:, dofs].toarray())
@@ -99,8 +99,8 @@ def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
     """
     expected = nominal_mass(fe.blocks, fe.mesh.points) + points
     R = fe.rigid[:, :3]
-    found = np.einsum("ij,ij->j", R, fe.M @ R)
-    worst = float(found[np.argmax(np.abs(found - expected))])
+    masses = np.einsum("ij,ij->j", R, fe.M @ R)
+    worst = float(masses[np.argmax(np.abs(masses - expected))])
     if abs(worst - expected) <= _DIFFERENCE * expected:
         return ""
     return (

@@ -59,7 +59,7 @@ def reduction_key(
     ReductionError, MaterialError
         A section or a material that cannot be.
     """
-    chosen = {
+    content = {
         "mesh": _plain(mesh) if isinstance(mesh, Mapping) else mesh_hash(mesh),
         "units": unit_system(units).name,
         "material": _plain(resolve(material)),
@@ -74,14 +74,14 @@ def reduction_key(
     options["stress"] = stress_option(options.get("stress", True))
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):
-            chosen[key] = _plain(value)
-    return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()
+            content[key] = _plain(value)
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _modes(reduction: str, modes: Any) -> Any:
     """What the modes are, whichever way it was said; of the user's own a hash of their values."""
-    asked = requested_modes(reduction, modes)
-    return _plain(asked if isinstance(asked, ModesOptions) else read_user_modes(asked))
+    requested = requested_modes(reduction, modes)
+    return _plain(requested if isinstance(requested, ModesOptions) else read_user_modes(requested))
 
 
 def mesh_hash(path: str | os.PathLike[str]) -> str:
@@ -101,10 +101,10 @@ def mesh_hash(path: str | os.PathLike[str]) -> str:
 def _plain(value: Any) -> Any:
     """Data that JSON can hold, the same for values that mean the same."""
     if is_dataclass(value) and not isinstance(value, type):
-        told = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        items = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         left_out = _NO_VALUES if isinstance(value, AnyMaterial) else ()
-        kept = {key: item for key, item in told.items() if key not in left_out}
-        return {"class": type(value).__name__, **kept}
+        named = {key: item for key, item in items.items() if key not in left_out}
+        return {"class": type(value).__name__, **named}
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

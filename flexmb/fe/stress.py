@@ -102,7 +102,7 @@ def _neighbours(keys: IntArray, owners: IntArray) -> tuple[IntArray, IntArray]:
 _CHUNK = 5e7  # bytes of one batch of stress matrices and their products
 
 
-def stress_option(given: bool | str) -> str:
+def stress_option(option: bool | str) -> str:
     """One of ``STRESS_OPTIONS``: ``True`` means ``"surface"``, ``False`` ``"none"``.
 
     Raises
@@ -110,11 +110,11 @@ def stress_option(given: bool | str) -> str:
     ReductionError
         Anything else.
     """
-    if isinstance(given, bool):
-        return "surface" if given else "none"
-    if given in STRESS_OPTIONS:
-        return given
-    what, near = f'unknown "{given}"', nearest(str(given), STRESS_OPTIONS)
+    if isinstance(option, bool):
+        return "surface" if option else "none"
+    if option in STRESS_OPTIONS:
+        return option
+    what, near = f'unknown "{option}"', nearest(str(option), STRESS_OPTIONS)
     raise ReductionError.from_problems([Problem("stress", what, STRESS_OPTIONS, near)])
 
 
@@ -139,7 +139,7 @@ def stress_modes(
     if nodes is not None:
         wanted[:] = False
         wanted[nodes] = True
-    parts, layers, found = [], [], []
+    parts, layers, columns = [], [], []
     groups = _sections(fe.blocks)
     for number, blocks in enumerate(groups):
         progress("stress", number / len(groups))
@@ -149,11 +149,11 @@ def stress_modes(
         layers += [name for name in names if name not in layers]
         rows = np.tile([layers.index(name) for name in names], len(ids))
         part = np.full(len(rows), parts.index(blocks[0].group))
-        found.append((np.repeat(ids, len(names)), part, rows, values.reshape(-1, 6, U.shape[1])))
+        columns.append((np.repeat(ids, len(names)), part, rows, values.reshape(-1, 6, U.shape[1])))
     progress("stress", 1.0)
-    if not found:
+    if not columns:
         return None
-    ids, part, layer, modes = (np.concatenate(column) for column in zip(*found, strict=True))
+    ids, part, layer, modes = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.argsort(ids, kind="stable")
     columns = (column[order] for column in (ids, part, layer))
     return StressModes(*columns, tuple(parts), tuple(layers), modes[order])
@@ -182,10 +182,10 @@ def _averaged(
         for block, number in zip(blocks, smooth, strict=True)
     ]
     flat = np.concatenate([key.reshape(-1, 2) for key in keys])
-    kept = wanted[flat[:, 0]]
-    places, inverse = np.unique(flat[kept], axis=0, return_inverse=True)
+    selected = wanted[flat[:, 0]]
+    places, inverse = np.unique(flat[selected], axis=0, return_inverse=True)
     row_of = np.full(len(flat), -1)
-    row_of[kept] = inverse.ravel()
+    row_of[selected] = inverse.ravel()
     count = np.bincount(inverse.ravel(), minlength=len(places))
     total = np.zeros((len(places), layers * 6 * U.shape[1]), dtype=np.float32)
     start = 0
@@ -206,11 +206,11 @@ def _element_stress(
     fe: FEMatrices, block: Block, rows: IntArray, layers: int, U: FloatArray
 ) -> Iterator[tuple[IntArray, FloatArray]]:
     """Batches of elements that have a wanted node, and (ne * k, layers * 6 * m) their stress."""
-    chosen = np.flatnonzero((rows >= 0).any(axis=1))
+    elements = np.flatnonzero((rows >= 0).any(axis=1))
     k, d, m = block.nodes.shape[1], block.width, U.shape[1]
     size = max(1, int(_CHUNK / (48 * k * layers * (d + m))))
-    for start in range(0, len(chosen), size):
-        part = chosen[start : start + size]
+    for start in range(0, len(elements), size):
+        part = elements[start : start + size]
         nodes = block.nodes[part]
         S = block.family.stress(fe.mesh.points[nodes], block.section)
         u = U[fe.numbering.of(nodes, 6 if block.family.rotations else 3)]
@@ -316,8 +316,8 @@ def section_force_modes(fe: FEMatrices, V: FloatArray) -> SectionForces:
         axes.append(fields.axes)
         ends.append(np.einsum("enci,eim->encm", section_forces(fields), u))
     none = np.zeros((0, 2, len(FORCES), every.shape[1]))
-    found = np.concatenate([none, *ends])
-    return SectionForces(np.concatenate(nodes), tuple(groups), np.concatenate(axes), found)
+    forces = np.concatenate([none, *ends])
+    return SectionForces(np.concatenate(nodes), tuple(groups), np.concatenate(axes), forces)
 
 
 def _beam_batches(fe: FEMatrices) -> Iterator[tuple[Block, IntArray]]:

@@ -188,8 +188,8 @@ def _convert(body: FlexBody, check: Checker) -> None:
     if body.centrifugal_stiffness is not None:
         shapes["centrifugal_stiffness"] = (3, 3, m, m)
     for name, shape in shapes.items():
-        given = getattr(body, name)
-        value = np.zeros(shape) if given is None else given
+        value = getattr(body, name)
+        value = np.zeros(shape) if value is None else value
         object.__setattr__(body, name, check.floats(name, value, shape))
     object.__setattr__(body, "mass", float(body.mass))
     object.__setattr__(body, "interfaces", tuple(body.interfaces))
@@ -269,8 +269,8 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")
-    kept = [mode.index for mode in body.modes if mode.kept]
-    if body.modes and kept != list(range(body.m)):
+    numbers = [mode.index for mode in body.modes if mode.kept]
+    if body.modes and numbers != list(range(body.m)):
         check.add("modes", f"must number the kept modes 0 to {body.m - 1} in order")
 
 
@@ -306,8 +306,10 @@ def rigid_body(
     """
     check = Checker(f"body {name}")
     c = check.floats("center", center, (3,))
-    given = np.asarray(inertia, dtype=float)
-    J = check.floats("inertia", given if given.ndim == 2 else np.diag(given * np.ones(3)), (3, 3))
+    moments = np.asarray(inertia, dtype=float)
+    J = check.floats(
+        "inertia", moments if moments.ndim == 2 else np.diag(moments * np.ones(3)), (3, 3)
+    )
     if not mass > 0:
         check.add("mass", f"must be positive, is {mass:g} kg")
     check.raise_problems()
@@ -357,8 +359,8 @@ def _mode_row(mode: ModeInfo) -> tuple[str, ...]:
 
 
 def _along_axes(shares: tuple[float, ...]) -> str:
-    known = bool(shares) and not any(math.isnan(value) for value in shares)
-    return "/".join(f"{round(100 * value):d}" for value in shares) + " %" if known else ""
+    complete = bool(shares) and not any(math.isnan(value) for value in shares)
+    return "/".join(f"{round(100 * value):d}" for value in shares) + " %" if complete else ""
 
 
 def _share_text(value: float) -> str:

@@ -117,72 +117,72 @@ _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown share
 def to_datasets(body: FlexBody) -> dict[str, Any]:
     """Arrays and lists of text by path in the file."""
     i, m, c = len(body.interfaces), body.m, len(body.modes)
-    found: dict[str, Any] = {
+    datasets: dict[str, Any] = {
         f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
     }
-    found |= {"stiffness/K": body.K, "stiffness/D": body.D}
+    datasets |= {"stiffness/K": body.K, "stiffness/D": body.D}
     if body.centrifugal_stiffness is not None:
-        found["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
+        datasets["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
     if body.interfaces and all(part.bend is not None for part in body.interfaces):
-        found["interfaces/bend"] = np.array([part.bend for part in body.interfaces])
+        datasets["interfaces/bend"] = np.array([part.bend for part in body.interfaces])
     for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
         rows = [getattr(part, name) for part in body.interfaces]
-        found[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
-    found["interfaces/name"] = [part.name for part in body.interfaces]
+        datasets[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
+    datasets["interfaces/name"] = [part.name for part in body.interfaces]
     for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
-        found[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
+        datasets[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
     for name, sizes in (("interface_share", [c]), ("kinetic_share", [c, 3])):
         values = [getattr(mode, name) for mode in body.modes]
-        found[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
+        datasets[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
     for name in ("kind", "why", "mostly"):
-        found[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
+        datasets[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
     for row in TABLE:
         owner, _, name = row.path.partition("/")
         part = getattr(body, _PARTS[owner]) if owner in _PARTS else None
         value = getattr(part, name, None)
         if value is not None:
-            found[row.path] = list(value) if row.kind == "text" else value
+            datasets[row.path] = list(value) if row.kind == "text" else value
     groups = {} if body.nodes is None else body.nodes.groups
     if groups:
-        found["groups/name"] = list(groups)
-        found["groups/count"] = np.array([len(nodes) for nodes in groups.values()], dtype=int)
-        found["groups/nodes"] = np.concatenate(list(groups.values())).astype(int)
+        datasets["groups/name"] = list(groups)
+        datasets["groups/count"] = np.array([len(nodes) for nodes in groups.values()], dtype=int)
+        datasets["groups/nodes"] = np.concatenate(list(groups.values())).astype(int)
     for name in ("name", "force", "moment", "modal") if body.loads else ():
         values = [getattr(load, name) for load in body.loads]
-        found[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
-    found["provenance/key"] = list(body.provenance)
-    found["provenance/value"] = list(body.provenance.values())
-    return found
+        datasets[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
+    datasets["provenance/key"] = list(body.provenance)
+    datasets["provenance/value"] = list(body.provenance.values())
+    return datasets
 
 
-def from_datasets(name: str, mass: float, found: Mapping[str, Any]) -> FlexBody:
+def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBody:
     """The body that these arrays describe; validated as any other."""
-    group = {owner: _members(found, owner) for owner in ("inertia", "stiffness", *_PARTS)}
-    loads = _members(found, "load_vectors")
+    group = {owner: _members(datasets, owner) for owner in ("inertia", "stiffness", *_PARTS)}
+    loads = _members(datasets, "load_vectors")
     return FlexBody(
         name=name,
         mass=mass,
         **group["inertia"],
         **group["stiffness"],
-        interfaces=tuple(Interface(**row) for row in _rows(_members(found, "interfaces"))),
-        modes=tuple(ModeInfo(**row) for row in _rows(_members(found, "modes"))),
+        interfaces=tuple(Interface(**row) for row in _rows(_members(datasets, "interfaces"))),
+        modes=tuple(ModeInfo(**row) for row in _rows(_members(datasets, "modes"))),
         surface=Surface(**group["surface"]) if group["surface"] else None,
-        nodes=NodeModes(**group["nodes"], groups=_groups(found)) if group["nodes"] else None,
+        nodes=NodeModes(**group["nodes"], groups=_groups(datasets)) if group["nodes"] else None,
         stress=StressModes(**group["stress_recovery"]) if group["stress_recovery"] else None,
         section_forces=(
             SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
         ),
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
-        provenance=dict(zip(found["provenance/key"], found["provenance/value"], strict=True)),
+        provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
     )
 
 
-def _groups(found: Mapping[str, Any]) -> dict[str, Any]:
+def _groups(datasets: Mapping[str, Any]) -> dict[str, Any]:
     """Nodes of each named group."""
-    if "groups/name" not in found:
+    if "groups/name" not in datasets:
         return {}
-    ends = np.cumsum(found["groups/count"])[:-1]
-    return dict(zip(found["groups/name"], np.split(found["groups/nodes"], ends), strict=True))
+    ends = np.cumsum(datasets["groups/count"])[:-1]
+    return dict(zip(datasets["groups/name"], np.split(datasets["groups/nodes"], ends), strict=True))
 
 
 def may_hold_nan(path: str) -> bool:
@@ -190,9 +190,11 @@ def may_hold_nan(path: str) -> bool:
     return path in _NAN_ALLOWED
 
 
-def _members(found: Mapping[str, Any], owner: str) -> dict[str, Any]:
+def _members(datasets: Mapping[str, Any], owner: str) -> dict[str, Any]:
     prefix = owner + "/"
-    return {path[len(prefix) :]: value for path, value in found.items() if path.startswith(prefix)}
+    return {
+        path[len(prefix) :]: value for path, value in datasets.items() if path.startswith(prefix)
+    }
 
 
 def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -253,10 +255,10 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         what = "is damaged" if h5py.is_hdf5(source) else "is not an HDF5 file, or is cut short"
         raise BodyFileError(f"{source}: {what}; write the body again ({error})") from error
-    found = {key: value for key, value in datasets.items() if value is not None}
-    _check_lengths(found, source)
+    present = {key: value for key, value in datasets.items() if value is not None}
+    _check_lengths(present, source)
     try:
-        return from_datasets(name, mass, found)
+        return from_datasets(name, mass, present)
     except (ReductionError, TypeError) as error:
         raise BodyFileError(f"{source}: the body inside is not valid\n{error}") from error
 
@@ -300,12 +302,12 @@ def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
     return values
 
 
-def _check_lengths(found: dict[str, Any], source: Path) -> None:
+def _check_lengths(datasets: dict[str, Any], source: Path) -> None:
     lengths: dict[str, int] = {}
     for row in TABLE:
-        if row.path not in found:
+        if row.path not in datasets:
             continue
-        shape = np.shape(found[row.path])
+        shape = np.shape(datasets[row.path])
         if len(shape) != len(row.shape) or any(
             lengths.setdefault(want, have) != have if isinstance(want, str) else want != have
             for want, have in zip(row.shape, shape, strict=True)

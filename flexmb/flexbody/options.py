@@ -84,13 +84,13 @@ Position = tuple[Length, Length, Length]
 def option_types(options: type) -> dict[str, tuple[Any, Any]]:
     """Annotation and default (``MISSING`` where there is none) of each field by name."""
     hints = get_type_hints(options, include_extras=True)
-    found = {}
+    types_by_name = {}
     for field in fields(options):
         default = field.default
         if field.default_factory is not MISSING:
             default = field.default_factory()
-        found[field.name] = (hints[field.name], default)
-    return found
+        types_by_name[field.name] = (hints[field.name], default)
+    return types_by_name
 
 
 def is_number(value: Any) -> bool:
@@ -124,17 +124,17 @@ def kind_of(
 
 def key_problems(options: type, words: Mapping[str, Any], where: str) -> list[Problem]:
     """Keys of a table that are unknown, and those that are missing."""
-    known = option_types(options)
-    names = tuple(known)
+    options_by_name = option_types(options)
+    names = tuple(options_by_name)
     unknown = [
         Problem(f"{where}.{key}", "unknown key", names, nearest(str(key), names))
         for key in words
-        if key not in known
+        if key not in options_by_name
     ]
     misspelt = {problem.nearest[0] for problem in unknown if problem.nearest}
     return unknown + [
         Problem(f"{where}.{name}", "is missing")
-        for name, (_, default) in known.items()
+        for name, (_, default) in options_by_name.items()
         if default is MISSING and name not in words and name not in misspelt
     ]
 
@@ -185,11 +185,11 @@ def read_options(
 
 def option_values(options: Options) -> dict[str, Any]:
     """The fields that are not at their default, without the type, by name."""
-    known = option_types(type(options))
+    options_by_name = option_types(type(options))
     return {
         name: getattr(options, name)
-        for name in known
-        if name != "type" and getattr(options, name) is not known[name][1]
+        for name in options_by_name
+        if name != "type" and getattr(options, name) is not options_by_name[name][1]
     }
 
 

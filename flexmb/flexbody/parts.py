@@ -291,13 +291,13 @@ class StressModes:
 
     def rows(self, node: int | None = None, layer: str | None = None) -> IntArray:
         """Places at a mesh node and of a layer; None takes all. Empty if there are none."""
-        found = np.ones(len(self.ids), dtype=bool)
+        selected = np.ones(len(self.ids), dtype=bool)
         if node is not None:
-            found &= self.ids == node
+            selected &= self.ids == node
         if layer is not None:
             number = self.layers.index(layer) if layer in self.layers else -1
-            found &= self.layer == number
-        return np.flatnonzero(found)
+            selected &= self.layer == number
+        return np.flatnonzero(selected)
 
     def at(self, eta: FloatArray, rows: IntArray | slice = slice(None)) -> FloatArray:
         """(..., k, 6) stress for modal coordinates (..., m) at all places, or at some rows [Pa]."""

@@ -127,20 +127,20 @@ def planar_body(body: FlexBody, normal: ArrayLike) -> FlexBody:
     odd, whole = _energies(body, n)
     share, shapes = eigh(odd, whole)
     if share[-1] <= LARGEST_SHARE:
-        found = body
+        planar = body
     else:
-        kept, dropped = (
+        inside, dropped = (
             shapes[:, share < _MAX_ANTISYMMETRIC],
             shapes[:, share >= _MAX_ANTISYMMETRIC],
         )
-        found = _combine_modes(
-            body, _with_plane_interfaces(body, kept, dropped, n), dropped, plane_name(n)
+        planar = _combine_modes(
+            body, _with_plane_interfaces(body, inside, dropped, n), dropped, plane_name(n)
         )
-    odd, whole = _energies(found, n)
+    odd, whole = _energies(planar, n)
     shares = np.diag(odd) / np.diag(whole)
-    check_shares(found.name, shares, found.frequencies, n)
-    _check_interfaces(found, n)
-    return flatten_body(found, n, float(shares.max(initial=0.0)))
+    check_shares(planar.name, shares, planar.frequencies, n)
+    _check_interfaces(planar, n)
+    return flatten_body(planar, n, float(shares.max(initial=0.0)))
 
 
 def check_shares(name: str, shares: FloatArray, frequencies: FloatArray, normal: ArrayLike) -> None:
@@ -184,8 +184,8 @@ def flatten_body(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
     P = 0.5 * (P + np.einsum("ac,cdm,db->abm", R, P, R)) + offset
     Mab = 0.5 * (body.Mab + np.einsum("ac,cdij,db->abij", R, body.Mab, R))
     ends = tuple(_in_plane(part, n) for part in body.interfaces)
-    told = {"plane": plane_name(n), "out-of-plane share": f"{share:.2g}"}
-    provenance = {**body.provenance, **told}
+    record = {"plane": plane_name(n), "out-of-plane share": f"{share:.2g}"}
+    provenance = {**body.provenance, **record}
     return replace(body, p=p, P=P, Mab=Mab, interfaces=ends, provenance=provenance)
 
 
@@ -259,30 +259,30 @@ def _interface_forms(body: FlexBody, n: FloatArray) -> list[tuple[FloatArray, Fl
 
 
 def _with_plane_interfaces(
-    body: FlexBody, kept: FloatArray, dropped: FloatArray, n: FloatArray
+    body: FlexBody, inside: FloatArray, dropped: FloatArray, n: FloatArray
 ) -> FloatArray:
     """`kept` (m, k) with so much of `dropped` that the interfaces stay in the plane.
 
     Next to nothing for a symmetric body: what the mesh and the measure leave.
     """
     if not body.interfaces:
-        return kept
+        return inside
     N = np.outer(n, n)
     length = body.characteristic_length
     leaving = np.concatenate([N @ part.Phi_t for part in body.interfaces])
     tilting = np.concatenate([part.Phi_r - N @ part.Phi_r for part in body.interfaces])
     F = np.concatenate([leaving, length * tilting])
-    amount = np.linalg.lstsq(F @ dropped, -F @ kept, rcond=1e-9)[0]
-    return np.asarray(kept + dropped @ amount)
+    amount = np.linalg.lstsq(F @ dropped, -F @ inside, rcond=1e-9)[0]
+    return np.asarray(inside + dropped @ amount)
 
 
-def _combine_modes(body: FlexBody, kept: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
+def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
     """The body in the modes made of `kept` (m, k); `dropped` are told as such."""
-    if not kept.shape[1]:
+    if not inside.shape[1]:
         what = f"has no modes in the plane {plane}"
         raise ReductionError.from_problems([Problem(f"body {body.name}", what)])
-    omega2, W = _modes(body, kept)
-    Z = kept @ W
+    omega2, W = _modes(body, inside)
+    Z = inside @ W
     infos = [
         ModeInfo(k, "elastic", frequency, True, "", kinetic_share=tuple(along))
         for k, (frequency, along) in enumerate(

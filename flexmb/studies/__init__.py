@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from flexmb.studies.report import Study
 from flexmb.studies.rows import Row
-from flexmb.studies.study import study
+from flexmb.studies.runner import study
 
 __all__ = ["Row", "Study", "study"]

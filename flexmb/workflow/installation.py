@@ -9,7 +9,6 @@ from __future__ import annotations
 import platform
 import sys
 import time
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +28,9 @@ PACKAGES = {
     "pyvista": "pictures",
     "vtk": "pictures",
     "matplotlib": "plots",
+    "llvmlite": "compiled time loop",
+    "threadpoolctl": "threads of dense algebra",
+    "filelock": "one writer of a file",
     "typer": "command line",
     "rich": "command line",
     "platformdirs": "cache folder",
@@ -37,28 +39,15 @@ PACKAGES = {
 OPTIONAL = {"gmsh": "makes the example meshes again"}
 
 
-@dataclass(frozen=True)
-class Installation:
-    """What works on this machine.
+class Installation(NamedTuple):
+    """State of this installation: versions of packages, what works on this machine."""
 
-    Attributes
-    ----------
-    version, python, system : str
-        flexmb, Python and its path, the machine with its cores and memory.
-    packages : tuple of (str, str or None, str)
-        Name, version (None: missing) and purpose of each package.
-    optional : tuple of (str, str or None, str)
-        The same of the optional packages.
-    parts : tuple of (str, str, str)
-        Pictures, plots, cache, compiled units: state and details.
-    """
-
-    version: str
-    python: str
-    system: str
-    packages: tuple[tuple[str, str | None, str], ...]
+    version: str  # of flexmb
+    python: str  # version and path
+    system: str  # with cores and memory
+    packages: tuple[tuple[str, str | None, str], ...]  # name, version (None: missing), purpose
     optional: tuple[tuple[str, str | None, str], ...]
-    parts: tuple[tuple[str, str, str], ...]
+    parts: tuple[tuple[str, str, str], ...]  # pictures, cache and so on: state, details
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -67,25 +56,13 @@ class Installation:
 
 
 class Warmup(NamedTuple):
-    """Result of :func:`warmup`.
+    """Result of :func:`warmup`."""
 
-    Attributes
-    ----------
-    cache : Path
-        Folder of the compiled units.
-    units, compiled : int
-        How many there are, and how many of them were missing.
-    seconds : float
-        How long it took.
-    size : int
-        Bytes on disk.
-    """
-
-    cache: Path
+    cache: Path  # folder of the compiled units
     units: int
-    compiled: int
+    compiled: int  # how many of them were missing
     seconds: float
-    size: int
+    size: int  # bytes on disk
 
 
 def machine() -> str:
@@ -145,7 +122,7 @@ def warmup(progress: Progress = silent) -> Warmup:
     CompilationError
         A unit does not compile on this machine.
     """
-    from flexmb.engine.compilation import compile_units
+    from flexmb.engine.compiler_pool import compile_units
     from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders, unit_file
     from flexmb.engine.units import missing_units
@@ -197,7 +174,7 @@ def _cache() -> tuple[str, str]:
 
 
 def _compiler() -> tuple[str, str]:
-    from flexmb.engine.compilation import compile_units
+    from flexmb.engine.compiler_pool import compile_units
     from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders
     from flexmb.engine.units import interpreted, missing_units

@@ -35,11 +35,16 @@ from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DRIVEN, DriverSpec
 from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.scenes.dynamics import (
+    METHODS,
+    AssemblySpec,
+    DynamicsSpec,
+    GuessSpec,
+    KinematicsSpec,
+)
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensors.control import StateSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
 from flexmb.model.values.reading import Spec
 from flexmb.units import UNIT_SYSTEMS
 
@@ -147,13 +152,18 @@ def _title(path: Path) -> str:
 
 def _default_text(default: Any) -> str:
     """A default as a scene writes it; empty for an optional entry without default."""
-    if default is None or default == {} or default == ():
-        return ""
-    if isinstance(default, bool):
-        return str(default).lower()
-    if isinstance(default, Iterable) and not isinstance(default, str):
-        return f"[{', '.join(_default_text(value) for value in default)}]"
-    return f"{default:g}" if isinstance(default, int | float) else str(default)
+    return "" if default is None or default in ({}, ()) else scene_text(default)
+
+
+def scene_text(value: Any) -> str:
+    """A value as a scene writes it, numbers with six digits."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {scene_text(item)}' for key, item in value.items())} }}"
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return f"[{', '.join(scene_text(item) for item in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _joint_table() -> Table:

@@ -7,21 +7,17 @@ joints with the body-fixed places and axes of their markers, drivers with their 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from flexmb.model.values.names import GROUND
-from flexmb.workflow.listings import Table
+from flexmb.model.values.reading import GROUND, Spec
+from flexmb.workflow.listings import Table, scene_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
-    from flexmb.units import UnitSystem
 
 Titled = tuple[str, Table]
-_ROUND_OFF = 1e-12
 _TABLES_OF_THEIR_OWN = ("bodies", "joints", "drivers", "sensors")  # or none
 
 
@@ -48,12 +44,12 @@ def definition_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> tuple
 
 
 def _places(model: Model) -> Titled:
-    length = model.units.label("m")
+    units = model.units
     rows = [
-        (name, _vector(model.units, spec.position, "m"), _vector(model.units, spec.orientation, ""))
+        (name, units.components(spec.position, "m"), units.components(spec.orientation, ""))
         for name, spec in model.bodies.items()
     ]
-    columns = ("body", f"origin r [{length}]", "Euler parameters, scalar first")
+    columns = ("body", f"origin r [{units.label('m')}]", "Euler parameters, scalar first")
     return "bodies: frames in the placed pose, global axes", Table(columns, rows)
 
 
@@ -74,9 +70,9 @@ def _inertia(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
             (
                 name,
                 f"{units.outward(mass, 'kg'):.6g}",
-                _vector(units, center, "m"),
-                _vector(units, J.diagonal(), "kg m^2"),
-                _vector(units, products, "kg m^2", float(abs(J).max())),
+                units.components(center, "m"),
+                units.components(J.diagonal(), "kg m^2"),
+                units.components(products, "kg m^2", float(abs(J).max())),
                 m,
             )
         )
@@ -98,7 +94,7 @@ def _joints(model: Model) -> Titled:
     for name, joint in model.joints.items():
         row = JOINT_TYPES[joint.type]
         count = row.equations if model.plane is None else row.planar_equations or 0
-        axes = (_vector(model.units, axis or (), "") for axis in (joint.axis, joint.second_axis))
+        axes = (model.units.components(axis or (), "") for axis in (joint.axis, joint.second_axis))
         rows.append((name, joint.type, *joint.between, str(count), *axes))
     columns = ("joint", "type", "marker I", "marker J", "equations", "axis", "second axis")
     return "joints: axes global, in the placed pose", Table(columns, rows)
@@ -117,60 +113,44 @@ def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
         ends = "JI" if group["reversed"] else "IJ"  # the markers I and J of the joint in its rows
         for side, end in zip("IJ", ends, strict=True) if section == "joints" else ():
             marker = compiled.system.parts.markers[first[end]]
-            axes = (_vector(model.units, marker["R"][:, k], "") for k in (0, 2))
-            place = _vector(model.units, marker["rho"] + marker["arm"], "m")
+            axes = (model.units.components(marker["R"][:, k], "") for k in (0, 2))
+            place = model.units.components(marker["rho"] + marker["arm"], "m")
             rows.append((name, side, bodies[marker["body"]], place, *axes))
     columns = ("joint", "", "body", f"place [{model.units.label('m')}]", "x axis", "z axis")
     return "markers of the joints, body axes", Table(columns, rows)
 
 
 def _drivers(model: Model) -> Titled:
-    rows = []
-    for name, driver in model.drivers.items():
-        words = driver.model_dump(mode="json", exclude_defaults=True, context=model.terms)
-        rows.append((name, *_word_cells(words, apart=("joint",))))
+    rows = _entry_rows(model, model.drivers, "joint")
     return "drivers", Table(("driver", "joint", "coordinate = function of t"), rows)
 
 
 def _other_elements(model: Model) -> Iterator[Titled]:
-    """Forces, couplers and whatever else the model has by name, by the words of the scene."""
-    from flexmb.model.values.reading import Spec
-
+    """Forces, couplers and whatever else the model has by name, with the words of the scene."""
     for section, entries in vars(model).items():
-        if section in _TABLES_OF_THEIR_OWN or not isinstance(entries, dict) or not entries:
-            continue
-        rows = []
-        for name, spec in entries.items():
-            if isinstance(spec, Spec):
-                words = spec.model_dump(mode="json", exclude_defaults=True, context=model.terms)
-                rows.append((name, *_word_cells(words, apart=("type",))))
-        yield section, Table((section.removesuffix("s"), "type", "values"), rows)
+        if section not in _TABLES_OF_THEIR_OWN and isinstance(entries, dict) and entries:
+            rows = _entry_rows(model, entries, "type")
+            yield section, Table((section.removesuffix("s"), "type", "values"), rows)
 
 
-def _word_cells(words: dict[str, Any], apart: Iterable[str]) -> tuple[str, ...]:
-    """Some words of an entry in columns of their own, the others in one."""
-    first = tuple(str(words.pop(key, "")) for key in apart)
-    return *first, ", ".join(f"{key} = {_value_text(value)}" for key, value in words.items())
-
-
-def _value_text(value: Any) -> str:
-    if isinstance(value, dict):
-        return (
-            "{ " + ", ".join(f"{key} = {_value_text(item)}" for key, item in value.items()) + " }"
-        )
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_value_text(item) for item in value)}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _entry_rows(model: Model, entries: Mapping[str, Any], field: str) -> list[tuple[str, ...]]:
+    """Name, one field and all others of each entry."""
+    rows: list[tuple[str, ...]] = []
+    for name, spec in entries.items():
+        if isinstance(spec, Spec):
+            words = spec.model_dump(mode="json", exclude_defaults=True, context=model.context)
+            first = str(words.pop(field, ""))
+            others = ", ".join(f"{key} = {scene_text(value)}" for key, value in words.items())
+            rows.append((name, first, others))
+    return rows
 
 
 def _velocities(model: Model) -> Titled:
     units, rows = model.units, []
     for name, spec in model.bodies.items():
-        for marker, initial in spec.asked_velocities.items():
+        for marker, initial in spec.initial_velocities.items():
             pairs = ((initial.velocity, "m/s"), (initial.angular_velocity, "rad/s"))
-            cells = (_vector(units, vector or (), unit) for vector, unit in pairs)
+            cells = (units.components(vector or (), unit) for vector, unit in pairs)
             rows.append((f"{name}.{marker}", *cells, initial.axes))
     columns = (
         "marker",
@@ -179,11 +159,3 @@ def _velocities(model: Model) -> Titled:
         "axes",
     )
     return "initial velocities requested", Table(columns, rows)
-
-
-def _vector(units: UnitSystem, values: Any, unit: str, scale: float = 0.0) -> str:
-    """Components of an SI vector in the model's units; round-off is shown as 0."""
-    values = [float(value) for value in values]
-    least = _ROUND_OFF * max([scale, *(abs(value) for value in values)], default=0.0)
-    clean = (value if abs(value) > least else 0.0 for value in values)
-    return ", ".join(f"{units.outward(value, unit) if unit else value:.6g}" for value in clean)

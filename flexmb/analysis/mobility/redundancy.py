@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
     element,
-    elements,
     plain_name,
     row_gradient,
 )
@@ -32,7 +31,7 @@ from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
-from flexmb.model.values.names import GROUND
+from flexmb.model.values.reading import GROUND
 
 Array = NDArray[np.float64]
 Turns = tuple[int, int]
@@ -145,7 +144,8 @@ def redundancies(
         mine = circuits[label == k]
         joints = tuple(np.array(names)[shares[:, label == k].any(axis=1)].tolist())
         cures = _cures(model, pose, joints, mine, others) or _without_couplers(model, pose, mine)
-        groups.append(Redundancy(elements(joints), len(mine), cures))
+        owners = tuple(dict.fromkeys(element(joint) for joint in joints))
+        groups.append(Redundancy(owners, len(mine), cures))
     return tuple(groups)
 
 

@@ -87,7 +87,7 @@ class Tie:
     nodes: IntArray
 
 
-def make_ties(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, ...]:
+def make_ties(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, ...]:
     """Find the nodes of ties ``{name: {type, reference, nodes}}``.
 
     ``reference`` is a node number or a group of one node, ``nodes`` a group.
@@ -98,15 +98,15 @@ def make_ties(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, 
         Unknown words or groups, a reference that is not one node, RBE3 nodes on a line, and nodes
         that follow twice; all at once.
     """
-    found: list[Tie] = []
+    ties: list[Tie] = []
     problems: list[Problem] = []
-    for name, words in given.items():
+    for name, words in words_by_name.items():
         try:
-            found.append(_make_tie(mesh, name, dict(words)))
+            ties.append(_make_tie(mesh, name, dict(words)))
         except MeshError as error:
             problems += error.problems
     seen: dict[int, str] = {}
-    for tie in found:
+    for tie in ties:
         following = tie.nodes if tie.kind == "rbe2" else np.array([tie.reference])
         for node in following:
             if int(node) in seen:
@@ -114,7 +114,7 @@ def make_ties(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, 
                 problems.append(Problem(f"ties.{tie.name}", what))
                 break
             seen[int(node)] = tie.name
-    for tie in found:
+    for tie in ties:
         leading = [tie.reference] if tie.kind == "rbe2" else list(tie.nodes)
         caught = [int(node) for node in leading if int(node) in seen]
         if caught:
@@ -122,7 +122,7 @@ def make_ties(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, 
             problems.append(Problem(f"ties.{tie.name}", f"{what}; join the two ties"))
     if problems:
         raise MeshError.from_problems(problems)
-    return tuple(found)
+    return tuple(ties)
 
 
 def followers(ties: tuple[Tie, ...], count: int) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ def _make_tie(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
     return Tie(name, kind, reference, nodes)
 
 
-def one_node(mesh: Mesh, given: str | int, where: str) -> int:
+def one_node(mesh: Mesh, node: str | int, where: str) -> int:
     """The node that is meant: by number, or by a group of one node.
 
     Raises
@@ -178,14 +178,14 @@ def one_node(mesh: Mesh, given: str | int, where: str) -> int:
     MeshError
         No such node or group, or a group of several nodes.
     """
-    if isinstance(given, int) and not isinstance(given, bool):
-        if 0 <= given < len(mesh.points):
-            return given
-        what = f"there is no node {given}; the mesh has nodes 0 to {len(mesh.points) - 1}"
+    if isinstance(node, int) and not isinstance(node, bool):
+        if 0 <= node < len(mesh.points):
+            return node
+        what = f"there is no node {node}; the mesh has nodes 0 to {len(mesh.points) - 1}"
         raise MeshError.from_problems([Problem(where, what)])
-    nodes = mesh.group_nodes(str(given), where)
+    nodes = mesh.group_nodes(str(node), where)
     if len(nodes) != 1:
-        what = f'one node is expected, the group "{given}" has {len(nodes)}'
+        what = f'one node is expected, the group "{node}" has {len(nodes)}'
         raise MeshError.from_problems([Problem(where, what)])
     return int(nodes[0])
 
@@ -215,14 +215,14 @@ class Spring:
     axes: FloatArray
 
 
-def make_springs(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Spring, ...]:
+def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Spring, ...]:
     """Find the nodes of springs ``{name: {between, stiffness, axes}}``.
 
     Parameters
     ----------
     mesh : Mesh
         In metres.
-    given : mapping of str to mapping
+    words_by_name : mapping of str to mapping
         ``between`` two node numbers or groups of one node; ``stiffness`` one number [N/m] or six
         [N/m, N m/rad]; ``axes`` the directions of the first and second axis, the body's by
         default.
@@ -232,16 +232,16 @@ def make_springs(mesh: Mesh, given: Mapping[str, Mapping[str, Any]]) -> tuple[Sp
     MeshError
         Unknown words or groups, springs to ground, impossible values; all at once.
     """
-    found: list[Spring] = []
+    springs: list[Spring] = []
     problems: list[Problem] = []
-    for name, words in given.items():
+    for name, words in words_by_name.items():
         try:
-            found.append(_make_spring(mesh, name, dict(words)))
+            springs.append(_make_spring(mesh, name, dict(words)))
         except MeshError as error:
             problems += error.problems
     if problems:
         raise MeshError.from_problems(problems)
-    return tuple(found)
+    return tuple(springs)
 
 
 def spring_stiffness(
@@ -298,44 +298,44 @@ def _make_spring(mesh: Mesh, name: str, words: dict[str, Any]) -> Spring:
     return Spring(name, nodes, stiffness, _spring_axes(options.axes, f"{where}.axes"))
 
 
-def _spring_nodes(mesh: Mesh, given: Any, where: str) -> IntArray:
-    ends = list(given) if isinstance(given, list | tuple) else [given]
+def _spring_nodes(mesh: Mesh, between: Any, where: str) -> IntArray:
+    ends = list(between) if isinstance(between, list | tuple) else [between]
     if len(ends) == 1 or "ground" in ends:
         what = "a spring joins two nodes of the body, given"
         why = "the body floats: a spring to the ground is a force of the scene"
-        raise MeshError(f"{where}: {what} {given!r}; {why}")
+        raise MeshError(f"{where}: {what} {between!r}; {why}")
     if len(ends) != 2:
-        raise MeshError(f"{where}: two nodes are expected, given {given!r}")
+        raise MeshError(f"{where}: two nodes are expected, given {between!r}")
     nodes = np.array([one_node(mesh, end, f"{where}[{k}]") for k, end in enumerate(ends)])
     if nodes[0] == nodes[1]:
         raise MeshError(f"{where}: both ends are node {nodes[0]}")
     return nodes
 
 
-def _spring_constants(given: Any, where: str) -> FloatArray:
+def _spring_constants(value: Any, where: str) -> FloatArray:
     try:
-        values = np.atleast_1d(np.asarray(given, dtype=float))
+        values = np.atleast_1d(np.asarray(value, dtype=float))
     except (TypeError, ValueError):
         values = np.zeros(0)
     if values.shape not in ((1,), (6,)) or not np.isfinite(values).all():
         what = "one number [N/m], or six along [N/m] and about [N m/rad] the axes"
-        raise MeshError(f"{where}: expects {what}, given {given!r}")
+        raise MeshError(f"{where}: expects {what}, given {value!r}")
     if (values < 0).any() or not values.any():
-        raise MeshError(f"{where}: must be positive, given {given!r}")
+        raise MeshError(f"{where}: must be positive, given {value!r}")
     return values
 
 
-def _spring_axes(given: Any, where: str) -> FloatArray:
-    if given is None:
+def _spring_axes(axes: Any, where: str) -> FloatArray:
+    if axes is None:
         return np.eye(3)
     try:
-        first, second = np.asarray(given, dtype=float).reshape(2, 3)
+        first, second = np.asarray(axes, dtype=float).reshape(2, 3)
     except (TypeError, ValueError) as error:
-        raise MeshError(f"{where}: expects two directions, given {given!r}") from error
+        raise MeshError(f"{where}: expects two directions, given {axes!r}") from error
     third = np.cross(first, second)
     size = np.linalg.norm(first) * np.linalg.norm(second)
     if not np.linalg.norm(third) > 1e-6 * size:
-        raise MeshError(f"{where}: the two directions must not be parallel, given {given!r}")
+        raise MeshError(f"{where}: the two directions must not be parallel, given {axes!r}")
     third = third / np.linalg.norm(third)
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(third, first), third], axis=1)

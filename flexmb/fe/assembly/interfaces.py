@@ -270,7 +270,7 @@ ModelInterface = RigidInterface | WeightedInterface
 
 
 def make_interfaces(
-    fe: FEMatrices, given: Mapping[str, InterfaceLike]
+    fe: FEMatrices, words_by_name: Mapping[str, InterfaceLike]
 ) -> tuple[ModelInterface, ...]:
     """Tie nodes to reference points.
 
@@ -278,7 +278,7 @@ def make_interfaces(
     ----------
     fe : FEMatrices
         The model.
-    given : mapping of str to str or mapping
+    words_by_name : mapping of str to str or mapping
         By name a mesh group, or a table: one of ``group``, ``node``, ``nodes`` or ``center`` [m]
         with ``radius`` [m]; ``type`` ``"rbe2"`` (default) or ``"rbe3"``; for the latter
         ``weights`` ``"area"`` (default where the group has facets), ``"uniform"`` or one number a
@@ -290,22 +290,22 @@ def make_interfaces(
         All unknown words and groups, interfaces on no nodes, nodes that cannot hold a rotation,
         nodes tied already, and interfaces that share nodes.
     """
-    found: list[ModelInterface] = []
+    interfaces: list[ModelInterface] = []
     problems: list[Problem] = []
-    for name, words in given.items():
+    for name, words in words_by_name.items():
         try:
-            found.append(make_interface(fe, name, words))
+            interfaces.append(make_interface(fe, name, words))
         except MeshError as error:
             problems += error.problems
-    for k, one in enumerate(found):
-        for other in found[:k]:
+    for k, one in enumerate(interfaces):
+        for other in interfaces[:k]:
             shared = np.intersect1d(one.nodes, other.nodes)
             if len(shared):
                 what = f"shares {len(shared)} nodes ({listed(shared)}) with the interface "
                 problems.append(Problem(f"interfaces.{one.name}", f'{what}"{other.name}"'))
     if problems:
         raise MeshError.from_problems(problems)
-    return tuple(found)
+    return tuple(interfaces)
 
 
 def make_interface(

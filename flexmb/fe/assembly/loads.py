@@ -95,16 +95,16 @@ def _add_pressure(
 
 def _cells(fe: FEMatrices, where: str, group: str, dim: int) -> list[tuple[str, IntArray]]:
     rows = fe.mesh.group_elements(group, where)
-    found = [
+    cells = [
         (kind, fe.mesh.blocks[kind][row])
         for kind, row in rows.items()
         if dimension(kind) == dim and kind in FACETS and len(row)
     ]
-    if not found:
+    if not cells:
         what = "surface elements" if dim == 2 else "line elements"
         problem = Problem(where, f'the group "{group}" has no {what} to carry the load')
         raise MeshError.from_problems([problem])
-    return found
+    return cells
 
 
 def _match_facets(cells: IntArray, among: IntArray) -> tuple[np.ndarray, IntArray]:
@@ -115,8 +115,8 @@ def _match_facets(cells: IntArray, among: IntArray) -> tuple[np.ndarray, IntArra
     number = np.ravel(number)
     row = np.full(len(one) + len(other), -1)
     row[number[len(one) :]] = np.arange(len(other))
-    found = row[number[: len(one)]]
-    return found >= 0, found
+    match = row[number[: len(one)]]
+    return match >= 0, match
 
 
 _ZERO_RESULTANT = 1e-13  # of the sum of all parts: a resultant below that is none
@@ -145,14 +145,16 @@ class LoadPattern:
     residual: bool = True
 
 
-def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[LoadPattern, ...]:
+def make_loads(
+    fe: FEMatrices, words_by_name: Mapping[str, Mapping[str, Any]]
+) -> tuple[LoadPattern, ...]:
     """Nodal loads from what is said of each.
 
     Parameters
     ----------
     fe : FEMatrices
         The model.
-    given : mapping of str to mapping
+    words_by_name : mapping of str to mapping
         By name, in SI and body axes: ``{type = "pressure", group, pressure}`` [Pa], pushing on
         solids and along the normal of shells; ``{type = "traction", group, traction}`` [Pa] (3,);
         ``{type = "line", group, force}`` [N/m] (3,); ``{type = "force", force, moment}`` [N, N m]
@@ -165,15 +167,15 @@ def make_loads(fe: FEMatrices, given: Mapping[str, Mapping[str, Any]]) -> tuple[
     ReductionError
         All unknown words and types, missing values, groups without facets.
     """
-    found, problems = [], []
-    for name, words in given.items():
+    patterns, problems = [], []
+    for name, words in words_by_name.items():
         try:
-            found.append(_make_load(fe, name, words))
+            patterns.append(_make_load(fe, name, words))
         except (MeshError, ReductionError) as error:
             problems += error.problems
     if problems:
         raise ReductionError.from_problems(problems)
-    return tuple(found)
+    return tuple(patterns)
 
 
 def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:

@@ -99,7 +99,7 @@ class MassSum:
             self._p[b, number[solid]] += weight[solid]
             self._P[:, b, number[solid]] += moment[solid].T
         S0 = self._S0 + points.T @ moment
-        found = Inertia(
+        inertia = Inertia(
             self._mass + float(weight.sum()),
             self._S1 + moment.sum(axis=0),
             0.5 * (S0 + S0.T),
@@ -107,7 +107,7 @@ class MassSum:
             self._P,
             scalar,
         )
-        return found, M
+        return inertia, M
 
 
 def component_masses(
@@ -211,7 +211,7 @@ class NodalInertia:
 
 
 def nodal_masses(
-    mesh: Mesh, numbering: Numbering, given: Mapping[str, Mapping[str, Any]]
+    mesh: Mesh, numbering: Numbering, words_by_name: Mapping[str, Mapping[str, Any]]
 ) -> NodalInertia:
     """Point masses and masses spread over groups.
 
@@ -221,7 +221,7 @@ def nodal_masses(
         In metres.
     numbering : Numbering
         Degrees of freedom of the body.
-    given : mapping of str to mapping
+    words_by_name : mapping of str to mapping
         ``{name: {at: group or node, mass: kg, inertia: [Jxx, Jyy, Jzz] or 3 x 3 about its own
         centre [kg m^2], offset: [x, y, z] from the node to that centre [m]}}``. The mass of a
         group of several nodes is spread over them: in proportion to the area (length) of the
@@ -233,16 +233,16 @@ def nodal_masses(
         Unknown words, groups or nodes, nodes outside the body, impossible values, and arms or
         inertia at nodes without rotations; all at once.
     """
-    found: list[NodalInertia] = []
+    masses: list[NodalInertia] = []
     problems: list[Problem] = []
-    for name, words in given.items():
+    for name, words in words_by_name.items():
         try:
-            found.append(_make_point_mass(mesh, numbering, f"masses.{name}", dict(words)))
+            masses.append(_make_point_mass(mesh, numbering, f"masses.{name}", dict(words)))
         except MeshError as error:
             problems += error.problems
     if problems:
         raise MeshError.from_problems(problems)
-    return join(found)
+    return join(masses)
 
 
 def join(parts: list[NodalInertia]) -> NodalInertia:
@@ -303,8 +303,8 @@ def _shares(mesh: Mesh, at: str | int, nodes: IntArray) -> FloatArray:
                 np.add.at(weight, cells, (size / cells.shape[1])[:, None])
         if weight.any():
             break
-    found = weight[nodes] if weight.any() else np.ones(len(nodes))
-    return found / found.sum()
+    share = weight[nodes] if weight.any() else np.ones(len(nodes))
+    return share / share.sum()
 
 
 def _corner_count(kind: str) -> int:
@@ -317,13 +317,13 @@ def _areas(x: FloatArray) -> FloatArray:
     return 0.5 * np.linalg.norm(np.cross(arms[:, :-1], arms[:, 1:]).sum(axis=1), axis=1)
 
 
-def _second_moment(given: Any, where: str) -> FloatArray:
+def _second_moment(inertia: Any, where: str) -> FloatArray:
     """(3, 3) 1/2 tr(J) I - J."""
-    if given is None:
+    if inertia is None:
         return np.zeros((3, 3))
     what = "[Jxx, Jyy, Jzz] or a 3 x 3 matrix [kg m^2]"
-    rows = np.shape(given) == (3, 3)
-    J = _numbers(given, (3, 3) if rows else (3,), where, what)
+    rows = np.shape(inertia) == (3, 3)
+    J = _numbers(inertia, (3, 3) if rows else (3,), where, what)
     J = J if rows else np.diag(J)
     size = np.abs(J).max()
     if np.abs(J - J.T).max() > _ROUNDING * size:
@@ -337,13 +337,13 @@ def _second_moment(given: Any, where: str) -> FloatArray:
     return second
 
 
-def _numbers(given: Any, shape: tuple[int, ...], where: str, what: str) -> FloatArray:
+def _numbers(value: Any, shape: tuple[int, ...], where: str, what: str) -> FloatArray:
     try:
-        values = np.asarray(given, dtype=float)
+        values = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         values = np.array(np.nan)
-    if values.shape != shape or not np.isfinite(values).all() or isinstance(given, bool):
-        raise MeshError(f"{where}: expects {what}, given {given!r}")
+    if values.shape != shape or not np.isfinite(values).all() or isinstance(value, bool):
+        raise MeshError(f"{where}: expects {what}, given {value!r}")
     return values
 
 

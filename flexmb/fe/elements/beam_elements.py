@@ -125,7 +125,7 @@ class BeamFields:
         chord[..., 3] = -arm[:, None] / self.length[:, None]
         chord[..., 9] = arm[:, None] / self.length[:, None]
         g = Phi / (1 + Phi) * chord
-        signs, found = np.array([1.0, sign, 1.0, sign]), []
+        signs, derivatives = np.array([1.0, sign, 1.0, sign]), []
         fields = [f[0] for f in self._cubic.basis]
         for derivative in (fields, [f.grad for f in fields], [f.hess for f in fields]):
             shapes = np.stack([np.reshape(d, self.dx.shape) for d in derivative], axis=2)
@@ -133,8 +133,8 @@ class BeamFields:
             rows = self._rows(shapes * signs, columns) + of_g[:, :, None] * g
             rows[..., 3] += arm[:, None] * shapes[..., 0]
             rows[..., 9] += arm[:, None] * shapes[..., 2]
-            found.append(rows)
-        deflection, slope, curvature = found
+            derivatives.append(rows)
+        deflection, slope, curvature = derivatives
         return deflection, slope, slope - g, curvature, chord
 
     def _rows(self, values: FloatArray, columns: tuple[int, ...]) -> FloatArray:
@@ -171,8 +171,8 @@ class BeamFields:
 
     def ends_of(self, name: str, ne: int) -> FloatArray:
         """(ne, 2, ...) a value of the section at the ends of the elements."""
-        found = [[getattr(part, name) for part in row] for row in self.end_sections(ne)]
-        values = np.array(found, dtype=float)
+        rows = [[getattr(part, name) for part in row] for row in self.end_sections(ne)]
+        values = np.array(rows, dtype=float)
         return np.broadcast_to(values, (ne, *values.shape[1:]))
 
     def product(self, weight: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
@@ -409,12 +409,12 @@ def _rigid(fields: BeamFields) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _point_values(fields: BeamFields, ne: int) -> FloatArray:
     """(ne, 2, layers, 8) y, z and the shear stress along y and z per T, Vy, Vz of each point."""
-    found = [
+    rows = [
         [[[p.y, p.z, *p.xy, *p.xz] for p in part.points] for part in row]
         for row in fields.end_sections(ne)
     ]
-    values = np.array(found, dtype=float)
-    values = values.reshape(len(found), 2, len(found[0][0]), 8)
+    values = np.array(rows, dtype=float)
+    values = values.reshape(len(rows), 2, len(rows[0][0]), 8)
     return np.broadcast_to(values, (ne, *values.shape[1:]))
 
 

@@ -121,13 +121,13 @@ def select_elements(
         Unusable kinds, unknown groups, groups without such elements, elements with two sections,
         elements turned inside out, or nothing to make a body of; all at once.
     """
-    given = dict(sections or {})
-    if "all" in given and "all" not in mesh.element_sets:
-        given["all"] = given.pop("all")  # last: what is left
+    by_group = dict(sections or {})
+    if "all" in by_group and "all" not in mesh.element_sets:
+        by_group["all"] = by_group.pop("all")  # last: what is left
     owners = {kind: np.full(len(cells), -1) for kind, cells in mesh.blocks.items()}
-    names, problems = list(given), []
+    names, problems = list(by_group), []
     for number, name in enumerate(names):
-        problems += _assign(mesh, owners, names, number, given[name].dimension)
+        problems += _assign(mesh, owners, names, number, by_group[name].dimension)
     problems += _unusable_kinds(mesh, owners)
     if not problems and not _has_elements(mesh, owners):
         problems.append(Problem(mesh.source, _no_elements_text(mesh)))
@@ -136,7 +136,7 @@ def select_elements(
     blocks = [
         block
         for kind in mesh.blocks
-        for block in _blocks(mesh, kind, owners[kind], given, material)
+        for block in _blocks(mesh, kind, owners[kind], by_group, material)
     ]
     _check_shapes(mesh, blocks)
     return tuple(blocks)
@@ -149,19 +149,19 @@ def _assign(
     name = names[number]
     where = f"sections.{name}"
     if name == "all" and name not in mesh.element_sets:
-        found = {kind: np.flatnonzero(owners[kind] < 0) for kind in mesh.kinds(dim)}
+        rows_by_kind = {kind: np.flatnonzero(owners[kind] < 0) for kind in mesh.kinds(dim)}
     else:
         try:
             group = mesh.group_elements(name, where)
         except MeshError as error:
             return list(error.problems)
-        found = {kind: rows for kind, rows in group.items() if kind in mesh.kinds(dim)}
-    if not any(len(rows) for rows in found.values()):
+        rows_by_kind = {kind: rows for kind, rows in group.items() if kind in mesh.kinds(dim)}
+    if not any(len(rows) for rows in rows_by_kind.values()):
         return [
             Problem(where, f"the group has no {_DIMENSION_NAMES[dim]} elements in {mesh.source}")
         ]
     problems = []
-    for kind, rows in found.items():
+    for kind, rows in rows_by_kind.items():
         taken = rows[owners[kind][rows] >= 0]
         if len(taken):
             other = names[owners[kind][taken[0]]]
@@ -189,22 +189,26 @@ def _has_elements(mesh: Mesh, owners: Mapping[str, IntArray]) -> bool:
 
 
 def _no_elements_text(mesh: Mesh) -> str:
-    found = ", ".join(f"{len(cells)} {kind}" for kind, cells in mesh.blocks.items())
+    counts = ", ".join(f"{len(cells)} {kind}" for kind, cells in mesh.blocks.items())
     what = "has no volume elements, and no lines or surfaces with a section"
     cures = [cure for dim, cure in _CURES.items() if mesh.kinds(dim)]
-    return "; ".join([what, f"it has {found or 'no elements'}", *cures])
+    return "; ".join([what, f"it has {counts or 'no elements'}", *cures])
 
 
 def _blocks(
-    mesh: Mesh, kind: str, owner: IntArray, given: Mapping[str, Any], material: AnyMaterial | None
+    mesh: Mesh,
+    kind: str,
+    owner: IntArray,
+    sections: Mapping[str, Any],
+    material: AnyMaterial | None,
 ) -> Iterator[Block]:
-    cells, names = mesh.blocks[kind], list(given)
+    cells, names = mesh.blocks[kind], list(sections)
     plain = np.flatnonzero(owner < 0)
     if kind in mesh.kinds(3) and len(plain):
         yield Block(kind, cells[plain], plain, SolidSection().with_material(material), "all")
     for number in np.unique(owner[owner >= 0]):
         rows = np.flatnonzero(owner == number)
-        section = given[names[number]].with_material(material)
+        section = sections[names[number]].with_material(material)
         parts = [(np.arange(len(rows)), section)]
         if section.dimension == 1:
             parts = bind_section(section, mesh.points[cells[rows]], cells[rows])

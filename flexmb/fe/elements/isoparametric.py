@@ -174,9 +174,9 @@ def _ordered(
     order = distance.argmin(axis=1)
 
     def shapes(X: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = [element.lbasis(X.T, number) for number in order]
-        N = np.stack([np.broadcast_to(phi, len(X)) for phi, _ in found], axis=1)
-        dN = np.stack([np.asarray(slope).T for _, slope in found], axis=2)
+        functions = [element.lbasis(X.T, number) for number in order]
+        N = np.stack([np.broadcast_to(phi, len(X)) for phi, _ in functions], axis=1)
+        dN = np.stack([np.asarray(slope).T for _, slope in functions], axis=2)
         return N.astype(float), dN.astype(float)
 
     return shapes

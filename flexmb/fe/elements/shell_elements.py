@@ -187,8 +187,8 @@ class Shell:
             [np.hstack([C, z * C]) for C, z in zip(laminate.outer, laminate.z, strict=True)]
         )
         to_body = np.matmul(_stress_axes(fields.flat.axes)[:, None], faces)  # (ne, 2, 6, 6)
-        found = np.matmul(to_body.reshape(ne, 1, 12, 6), at_corners)
-        return found.reshape(ne, -1, 2, 6, d)
+        stress = np.matmul(to_body.reshape(ne, 1, 12, 6), at_corners)
+        return stress.reshape(ne, -1, 2, 6, d)
 
     def rotation(self, x: FloatArray) -> FloatArray:
         """(ne, k, 3, d) the nodes' own rotations."""

@@ -313,13 +313,13 @@ class ShellPoints:
         H = self.gradients(fields)
         rows = (H[:, :, 0, 0], H[:, :, 1, 1], H[:, :, 1, 0] + H[:, :, 0, 1])
         bent = (H[:, :, 0, 3], H[:, :, 1, 4], H[:, :, 1, 3] + H[:, :, 0, 4])
-        found = np.stack([*rows, *bent], axis=2)
+        strains = np.stack([*rows, *bent], axis=2)
         if fields.linear < 1:
-            membrane = found[:, :, :3]
+            membrane = strains[:, :, :3]
             mean = np.einsum("eq,eqid->eid", self.area, membrane)[:, None]
             mean /= self.area.sum(axis=1)[:, None, None, None]
-            found[:, :, :3] = mean + fields.linear * (membrane - mean)
-        return found
+            strains[:, :, :3] = mean + fields.linear * (membrane - mean)
+        return strains
 
     def shear_strains(self, fields: Fields) -> FloatArray:
         """(ne, nq, 2, d) transverse shear strains xz, yz."""

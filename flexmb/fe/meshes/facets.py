@@ -219,6 +219,6 @@ def _outwards(faces: IntArray, centers: FloatArray, points: FloatArray) -> IntAr
     x = points[faces]
     normal = np.cross(x[:, 1] - x[:, 0], x[:, _CORNERS[faces.shape[1]] - 1] - x[:, 0])
     inward = np.sum(normal * (x[:, 0] - centers), axis=1) < 0
-    found = faces.copy()
-    found[inward] = faces[inward][:, _TURNED[faces.shape[1]]]
-    return found
+    outward = faces.copy()
+    outward[inward] = faces[inward][:, _TURNED[faces.shape[1]]]
+    return outward

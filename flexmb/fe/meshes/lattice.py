@@ -95,16 +95,16 @@ def fill(kind: str, divisions: Sequence[int], closed: int = -1) -> Lattice:
     elements: list[IntArray] = []
     facets: dict[Side, list[IntArray]] = {side: [] for side in open_sides}
     for parity, tables in _tables(kind).items():
-        chosen = cells if parity is None else cells[(cells % 2 == parity).all(axis=1)]
+        selected = cells if parity is None else cells[(cells % 2 == parity).all(axis=1)]
         for table in tables:
-            elements.append(_numbers(chosen, table, counts))
+            elements.append(_numbers(selected, table, counts))
             for axis, end in open_sides:
                 nodes = _facet(table, axis, end, len(divisions))
                 if len(nodes):
-                    outer = chosen[chosen[:, axis] == ends[axis] * end]
+                    outer = selected[selected[:, axis] == ends[axis] * end]
                     facets[axis, end].append(_numbers(outer, table[nodes], counts))
-    sides = {side: np.concatenate(found) for side, found in facets.items()}
-    named = {side: (_FACETS[found.shape[1]], found) for side, found in sides.items()}
+    sides = {side: np.concatenate(cells_of) for side, cells_of in facets.items()}
+    named = {side: (_FACETS[cells_of.shape[1]], cells_of) for side, cells_of in sides.items()}
     return Lattice(counts, np.concatenate(elements), named)
 
 
@@ -117,12 +117,12 @@ def _numbers(cells: IntArray, table: IntArray, counts: IntArray) -> IntArray:
 def _tables(kind: str) -> dict[tuple[int, ...] | None, list[IntArray]]:
     """Nodes (k, 3), in half cells, of the elements of one cell, by the parity of its place."""
     shape = kind.rstrip("0123456789")
-    found = _corners(shape)
+    elements = _corners(shape)
     if shape in ("hexahedron", "quad"):
-        return {None: [_nodes(shape, corners, kind) for corners in found]}
+        return {None: [_nodes(shape, corners, kind) for corners in elements]}
     tables: dict[tuple[int, ...] | None, list[IntArray]] = {}
     for parity in product((0, 1), repeat=3):
-        mirrored = [np.where(parity, 1 - corners, corners) for corners in found]
+        mirrored = [np.where(parity, 1 - corners, corners) for corners in elements]
         if sum(parity) % 2:
             mirrored = [corners[_MIRRORED[shape]] for corners in mirrored]
         tables[parity] = [_nodes(shape, corners, kind) for corners in mirrored]
@@ -142,12 +142,12 @@ def _corners(shape: str) -> list[IntArray]:
         return [np.vstack([_SQUARE, np.array(_SQUARE) + up])]
     if shape == "wedge":
         return [np.vstack([part, np.array(part) + up]) for part in _SPLIT]
-    found = []
+    tetrahedra = []
     for order in permutations(range(3)):
         path = np.vstack([np.zeros(3, int), np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)])
         right = np.linalg.det(path[1:]) > 0
-        found.append(path if right else path[_MIRRORED["tetra"]])
-    return found
+        tetrahedra.append(path if right else path[_MIRRORED["tetra"]])
+    return tetrahedra
 
 
 def _nodes(shape: str, corners: IntArray, kind: str) -> IntArray:
@@ -174,8 +174,8 @@ def _facet(table: IntArray, axis: int, end: int, dim: int) -> list[int]:
     corners = [corners[k] for k in np.argsort(np.arctan2(flat[:, v], flat[:, u]), kind="stable")]
     around = zip(corners, corners[1:] + corners[:1], strict=True)
     wanted = [(table[a] + table[b]) / 2 for a, b in around] + [table[corners].mean(axis=0)]
-    found = [k for place in wanted for k in on if k not in corners and (table[k] == place).all()]
-    return corners + list(dict.fromkeys(found))
+    middles = [k for place in wanted for k in on if k not in corners and (table[k] == place).all()]
+    return corners + list(dict.fromkeys(middles))
 
 
 _ALONG_LONGEST = {True: 10, False: 20}  # elements along the longest extent, by second order
@@ -212,27 +212,31 @@ def divisions_along(extent: float, radius: float, turns: int) -> int:
     return min(_MAX_ALONG_TUBE, max(2, round(extent * turns / (2 * pi * radius))))
 
 
-def division_counts(given: Any, usual: Sequence[int]) -> tuple[int, ...]:
+def division_counts(divisions: Any, usual: Sequence[int]) -> tuple[int, ...]:
     """The divisions that were given, or the usual ones; one number counts for all directions."""
-    if given is None:
+    if divisions is None:
         return tuple(usual)
-    return (int(given),) * len(usual) if is_number(given) else tuple(int(n) for n in given)
+    return (
+        (int(divisions),) * len(usual) if is_number(divisions) else tuple(int(n) for n in divisions)
+    )
 
 
-def division_problems(given: Any, words: Sequence[str]) -> list[Problem]:
+def division_problems(divisions: Any, words: Sequence[str]) -> list[Problem]:
     """What is wrong with divisions along the directions ``words``; nothing with None."""
-    if given is None:
+    if divisions is None:
         return []
-    numbers = [given] * len(words) if is_number(given) else given
+    numbers = [divisions] * len(words) if is_number(divisions) else divisions
     listed = isinstance(numbers, list | tuple) and len(numbers) == len(words)
     if not listed or not all(
         isinstance(n, Integral) and not isinstance(n, bool) and n >= 1 for n in numbers
     ):
-        what = f"must be whole numbers from 1 on, {', '.join(words)}; given {given!r}"
+        what = f"must be whole numbers from 1 on, {', '.join(words)}; given {divisions!r}"
         return [Problem("mesh.divisions", what)]
     nodes = prod(2.0 * n + 1.0 for n in numbers)
     if nodes > _MAX_NODES:
-        what = f"would make up to {nodes:.3g} nodes, more than {_MAX_NODES:.0e}; given {given!r}"
+        what = (
+            f"would make up to {nodes:.3g} nodes, more than {_MAX_NODES:.0e}; given {divisions!r}"
+        )
         return [Problem("mesh.divisions", what)]
     return []
 
@@ -293,13 +297,13 @@ def from_lattice(
             parts = blocks.setdefault(facet, [])
             first = sum(len(part) for part in parts)
             parts.append(number[rows])
-            found = sets.setdefault(name, {}).setdefault(facet, [])
-            found.append(np.arange(first, first + len(rows)))
+            rows_of = sets.setdefault(name, {}).setdefault(facet, [])
+            rows_of.append(np.arange(first, first + len(rows)))
     return Mesh(
         points[used],
         {name: np.concatenate(parts) for name, parts in blocks.items()},
         {},
-        {n: {k: np.concatenate(v) for k, v in found.items()} for n, found in sets.items()},
+        {n: {k: np.concatenate(v) for k, v in rows_of.items()} for n, rows_of in sets.items()},
         source=source,
     )
 

@@ -78,8 +78,8 @@ class Mesh:
                 )
         object.__setattr__(self, "points", points)
         element_nodes = {name: self._touched(rows) for name, rows in self.element_sets.items()}
-        given = {name: np.unique(nodes) for name, nodes in self.node_sets.items()}
-        object.__setattr__(self, "node_sets", given | element_nodes)
+        node_sets = {name: np.unique(nodes) for name, nodes in self.node_sets.items()}
+        object.__setattr__(self, "node_sets", node_sets | element_nodes)
 
     def scaled(self, factor: float) -> Mesh:
         """The same mesh with all coordinates multiplied by ``factor``."""
@@ -154,8 +154,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     points = np.asarray(raw.points, dtype=float)
     if points.ndim == 2 and points.shape[1] < 3:
         points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    blocks, kept = _merge_blocks(raw)
-    groups = _named_groups(raw, kept)
+    blocks, became = _merge_blocks(raw)
+    groups = _named_groups(raw, became)
     node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
     return Mesh(points, blocks, node_sets, groups, source=source.name)
 
@@ -178,8 +178,10 @@ def _read_quietly(source: Path) -> Any:
         reason = str(error)
     except _UNREADABLE as error:
         reason = "" if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-    known = source.suffix.lower() in meshio.extension_to_filetypes
-    what = "is damaged or not of the format its suffix says" if known else "has an unknown suffix"
+    has_format = source.suffix.lower() in meshio.extension_to_filetypes
+    what = (
+        "is damaged or not of the format its suffix says" if has_format else "has an unknown suffix"
+    )
     raise MeshError(f"{source}: the mesh file {what}" + (f" ({reason})" if reason else ""))
 
 

@@ -37,12 +37,12 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
 
     Left-handed numbering, or a normal to either side, counts as right; negative is what folds.
     """
-    known = CORNERS.get(kind.rstrip("0123456789"))
-    if known is None:
+    shape = CORNERS.get(kind.rstrip("0123456789"))
+    if shape is None:
         return None
-    corners, scale = known
+    corners, scale = shape
     normal = None
-    found = []
+    ratios = []
     for corner, neighbours in enumerate(corners.split()):
         edges = x[:, [int(k) for k in neighbours]] - x[:, [corner]]
         lengths = np.prod(np.linalg.norm(edges, axis=2), axis=1)
@@ -53,8 +53,8 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
             normal = areas if normal is None else normal
             sign = np.where(np.einsum("ec,ec->e", areas, normal) < 0, -1.0, 1.0)
             spanned = sign * np.linalg.norm(areas, axis=1)
-        found.append(spanned / np.where(lengths > 0, lengths, np.inf))
-    quality = scale * np.array(found)
+        ratios.append(spanned / np.where(lengths > 0, lengths, np.inf))
+    quality = scale * np.array(ratios)
     return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
 
 
@@ -139,8 +139,8 @@ class _Places:
         return f"at {self._text(self.points[nodes].mean(axis=0))}"
 
     def _text(self, point: FloatArray) -> str:
-        told = ", ".join(f"{value:.4g}" for value in point + 0.0)
-        return f"({told}) {self._unit}".rstrip()
+        text = ", ".join(f"{value:.4g}" for value in point + 0.0)
+        return f"({text}) {self._unit}".rstrip()
 
 
 def _highest(mesh: Mesh) -> list[Cells]:

@@ -78,20 +78,20 @@ def craig_bampton(
     """
     choice = read_modes(modes)
     directions = directions_of(mirror)
-    held = FixedInterfaceModel(fe, interfaces, directions, progress)
-    omega2, V, numbers = _fixed_interface_modes(held, choice, mirror, progress)
+    fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
+    omega2, V, numbers = _fixed_interface_modes(fixed, choice, mirror, progress)
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    stiff, U = residual_vectors(fe, fixed_interface_responses(held, relief, loads), V)
+    stiff, U = residual_vectors(fe, fixed_interface_responses(fixed, relief, loads), V)
     progress("modes", 1.0)
-    basis = np.concatenate([held.modes, V, U], axis=1)
+    basis = np.concatenate([fixed.modes, V, U], axis=1)
     M = basis.T @ (fe.M @ basis)
-    c, k = held.modes.shape[1], basis.shape[1]
+    c, k = fixed.modes.shape[1], basis.shape[1]
     rigid, motion = np.zeros((k, len(directions))), np.zeros((len(interfaces), 6, k))
     rigid[:c] = rigid_motion_of_interfaces(fe, interfaces, directions)
     motion[:, directions, :c] = np.eye(c).reshape(len(interfaces), len(directions), c)
     return ReducedBasis(
         basis,
-        block_diag(held.K_modes, np.diag(omega2), np.diag(stiff)),
+        block_diag(fixed.K_modes, np.diag(omega2), np.diag(stiff)),
         0.5 * (M + M.T),
         rigid,
         motion,
@@ -128,28 +128,28 @@ def guyan(
 
 
 def _fixed_interface_modes(
-    held: FixedInterfaceModel,
+    fixed: FixedInterfaceModel,
     choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Squared frequencies, fields (n, k) and numbers of the fixed-interface modes that are kept."""
     if choice.count is not None:
-        omega2, V = _lowest(held, choice.count, mirror, progress)
+        omega2, V = _lowest(fixed, choice.count, mirror, progress)
         if choice.count > len(omega2):
             where = "" if mirror is None else " in the plane"
             what = f"the model has only {len(omega2)} fixed-interface modes{where}"
             raise ReductionError(f"modes: {choice.count} requested, but {what}")
-        kept = np.arange(choice.count)
+        rows = np.arange(choice.count)
     else:
-        omega2, V, kept = _modes_until(held, choice, mirror, progress)
-    fields = np.zeros((held.fe.numbering.n, len(kept)))
-    fields[held.dofs] = V[:, kept]
-    return omega2[kept], fields, kept
+        omega2, V, rows = _modes_until(fixed, choice, mirror, progress)
+    fields = np.zeros((fixed.fe.numbering.n, len(rows)))
+    fields[fixed.dofs] = V[:, rows]
+    return omega2[rows], fields, rows
 
 
 def _modes_until(
-    held: FixedInterfaceModel,
+    fixed: FixedInterfaceModel,
     choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
@@ -157,14 +157,14 @@ def _modes_until(
     """Modes until one lies above the frequency, or until they hold the share."""
     count = _FIRST
     while True:
-        omega2, V = _lowest(held, count, mirror, progress)
-        complete = len(omega2) < count or count >= held.count
+        omega2, V = _lowest(fixed, count, mirror, progress)
+        complete = len(omega2) < count or count >= fixed.count
         if choice.frequency is not None:
             below = np.flatnonzero(omega2 < (2 * np.pi * choice.frequency) ** 2)
             if complete or len(below) < len(omega2):
                 return omega2, V, below
         else:
-            shares = interface_shares(held, V)
+            shares = interface_shares(fixed, V)
             if complete or shares.sum() >= choice.effective_mass:
                 return omega2, V, smallest_set(shares, choice.effective_mass)
             if count >= _MAX_MODES:
@@ -174,18 +174,18 @@ def _modes_until(
 
 
 def _lowest(
-    held: FixedInterfaceModel, count: int, mirror: SymmetryPlane | None, progress: Progress
+    fixed: FixedInterfaceModel, count: int, mirror: SymmetryPlane | None, progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
     """At least ``count`` fixed-interface modes, or all, unique in sign and direction."""
     if count == 0:
-        return np.zeros(0), np.zeros((len(held.dofs), 0))
+        return np.zeros(0), np.zeros((len(fixed.dofs), 0))
 
     def lowest(number: int) -> tuple[FloatArray, FloatArray]:
-        return held.lowest(min(number, held.count), progress)
+        return fixed.lowest(min(number, fixed.count), progress)
 
     if mirror is None:
         omega2, V = lowest(count + _SPARE)
     else:
-        omega2, V = symmetric_modes(mirror.on(held.dofs), held.M, lowest, count, held.count)
-    products = polynomial_fields(held.fe)[held.dofs].T @ (held.M @ V)
+        omega2, V = symmetric_modes(mirror.on(fixed.dofs), fixed.M, lowest, count, fixed.count)
+    products = polynomial_fields(fixed.fe)[fixed.dofs].T @ (fixed.M @ V)
     return omega2, V @ mode_signs(omega2, products)

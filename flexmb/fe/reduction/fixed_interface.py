@@ -108,11 +108,11 @@ class BorderedSolver:
         self, K: csr_array, W: csr_array, R: FloatArray, points: FloatArray, progress: Progress
     ) -> None:
         self._W, self._n = W, K.shape[0]
-        held = statically_determinate(R) if R.shape[1] else np.zeros(0, dtype=int)
-        self._left = np.setdiff1d(np.arange(self._n), held)
+        fixed = statically_determinate(R) if R.shape[1] else np.zeros(0, dtype=int)
+        self._left = np.setdiff1d(np.arange(self._n), fixed)
         self._factor: Factor | None = None
         if len(self._left):
-            part = K if not len(held) else csr_array(K[self._left][:, self._left])
+            part = K if not len(fixed) else csr_array(K[self._left][:, self._left])
             try:
                 self._factor = factor(part, points[self._left], progress)
             except SingularMatrix as error:
@@ -132,8 +132,8 @@ class BorderedSolver:
             gap = self._W @ u - (0.0 if g is None else g)
             right = np.concatenate([gap, resultant])
             scale = self._scale if right.ndim == 1 else self._scale[:, None]
-            found = scale * lu_solve(self._small, scale * right)
-            u = u - self._X @ found[:w] - self._R @ found[w:]
+            border = scale * lu_solve(self._small, scale * right)
+            u = u - self._X @ border[:w] - self._R @ border[w:]
             resultant = np.zeros_like(resultant)
         return u
 
@@ -297,12 +297,12 @@ class FixedInterfaceModel:
 
     def _interface_motion(self) -> tuple[FloatArray, FloatArray]:
         """Motion of the eliminated degrees of freedom and of the means per interface motion."""
-        chosen, d = list(self.directions), len(self.directions)
+        columns, d = list(self.directions), len(self.directions)
         rigid, means = [], []
         for part in self.interfaces:
-            held = isinstance(part, RigidInterface)
-            rigid.append(part.T[:, chosen] if held else np.zeros((0, d)))
-            means.append(np.zeros((0, d)) if held else np.eye(6)[:, chosen])
+            is_rigid = isinstance(part, RigidInterface)
+            rigid.append(part.T[:, columns] if is_rigid else np.zeros((0, d)))
+            means.append(np.zeros((0, d)) if is_rigid else np.eye(6)[:, columns])
         return block_diag(*rigid), block_diag(*means)
 
     def _inner(self, matrix: csr_array) -> csr_array:
@@ -340,7 +340,7 @@ def read_modes(modes: ModesLike) -> ModesOptions:
     return read_options(ModesOptions, modes, "modes", ReductionError)
 
 
-def interface_shares(held: FixedInterfaceModel, V: FloatArray) -> FloatArray:
+def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:
     """(k,) share of each fixed-interface mode in the effective interface mass; all sum to one.
 
     Parameters
@@ -350,9 +350,9 @@ def interface_shares(held: FixedInterfaceModel, V: FloatArray) -> FloatArray:
     V : (i, k) float
         Modes of unit modal mass over the held body's own degrees of freedom.
     """
-    X = (held.fe.M @ held.modes)[held.dofs]
-    total = np.sum(X * held.mass_solve(X), axis=0)
-    counted = total > 1e-12 * np.diag(held.modes.T @ (held.fe.M @ held.modes))
+    X = (fixed.fe.M @ fixed.modes)[fixed.dofs]
+    total = np.sum(X * fixed.mass_solve(X), axis=0)
+    counted = total > 1e-12 * np.diag(fixed.modes.T @ (fixed.fe.M @ fixed.modes))
     return np.asarray(((V.T @ X)[:, counted] ** 2 / total[counted]).sum(axis=1) / counted.sum())
 
 

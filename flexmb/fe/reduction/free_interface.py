@@ -79,11 +79,11 @@ def free_interface(
         what = "goes with fixed-interface modes; give a count or a frequency"
         raise ReductionError(f"modes.effective_mass: {what}")
     directions = directions_of(mirror)
-    held = FixedInterfaceModel(fe, interfaces, directions, progress)
+    fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    omega2, V = _select_modes(held, relief, choice, mirror, progress)
-    F = np.concatenate([held.loads(), load_columns(fe, loads)], axis=1)
-    stiff, U = residual_vectors(fe, free_body_responses(held, relief, F), V)
+    omega2, V = _select_modes(fixed, relief, choice, mirror, progress)
+    F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
+    stiff, U = residual_vectors(fe, free_body_responses(fixed, relief, F), V)
     progress("modes", 1.0)
     return free_basis(fe, interfaces, directions, (omega2, V), (stiff, U), loads)
 
@@ -123,7 +123,7 @@ def free_basis(
 
 
 def free_modes_of(
-    held: FixedInterfaceModel,
+    fixed: FixedInterfaceModel,
     relief: InertiaRelief,
     count: int,
     mirror: SymmetryPlane | None = None,
@@ -142,17 +142,17 @@ def free_modes_of(
     progress : Progress
         Told the phase ``"modes"``.
     """
-    fe, limit = held.fe, free_count(held)
+    fe, limit = fixed.fe, free_count(fixed)
     if count == 0:
         return np.zeros(0), np.zeros((fe.numbering.n, 0))
 
     def lowest(number: int) -> tuple[FloatArray, FloatArray]:
         number = min(number, limit)
         if fe.numbering.n <= _DENSE or 2 * number + 12 >= limit:
-            return _dense(held, number)
+            return _dense(fixed, number)
 
         def static(f: FloatArray) -> FloatArray:
-            return relief.fields(held.free(relief.loads(f)))
+            return relief.fields(fixed.free(relief.loads(f)))
 
         return lowest_modes(fe.M, static, number, progress, static(start_vector(fe.numbering.n)))
 
@@ -164,20 +164,20 @@ def free_modes_of(
     return omega2, V @ mode_signs(omega2, polynomial_fields(fe).T @ (fe.M @ V))
 
 
-def free_count(held: FixedInterfaceModel) -> int:
+def free_count(fixed: FixedInterfaceModel) -> int:
     """How many elastic modes the free tied model has."""
-    return held.modes.shape[1] + held.count - len(held.directions)
+    return fixed.modes.shape[1] + fixed.count - len(fixed.directions)
 
 
 def _select_modes(
-    held: FixedInterfaceModel,
+    fixed: FixedInterfaceModel,
     relief: InertiaRelief,
     choice: ModesOptions,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
     if choice.count is not None:
-        omega2, V = free_modes_of(held, relief, choice.count, mirror, progress)
+        omega2, V = free_modes_of(fixed, relief, choice.count, mirror, progress)
         if choice.count > len(omega2):
             where = "" if mirror is None else " in the plane"
             what = f"the model has only {len(omega2)} elastic modes{where}"
@@ -185,17 +185,17 @@ def _select_modes(
         return omega2[: choice.count], V[:, : choice.count]
     count = _FIRST
     while True:
-        omega2, V = free_modes_of(held, relief, count, mirror, progress)
+        omega2, V = free_modes_of(fixed, relief, count, mirror, progress)
         below = int(np.searchsorted(omega2, (2 * np.pi * choice.frequency) ** 2))
-        if below < len(omega2) or len(omega2) < count or count >= free_count(held):
+        if below < len(omega2) or len(omega2) < count or count >= free_count(fixed):
             return omega2[:below], V[:, :below]
         count *= 2
 
 
-def _dense(held: FixedInterfaceModel, count: int) -> tuple[FloatArray, FloatArray]:
-    fields, fe = held.fields(), held.fe
+def _dense(fixed: FixedInterfaceModel, count: int) -> tuple[FloatArray, FloatArray]:
+    fields, fe = fixed.fields(), fixed.fe
     K, M = fields.T @ (fe.K @ fields), fields.T @ (fe.M @ fields)
-    rigid = len(held.directions)
+    rigid = len(fixed.directions)
     omega2, W = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), subset_by_index=[0, count + rigid - 1])
     return omega2[rigid:], fields @ W[:, rigid:]
 
@@ -312,8 +312,8 @@ def lowest_free(
     def lowest(number: int) -> Modes:
         number = min(number, limit)
         if n <= _DENSE or 2 * number + 12 >= n:
-            omega2, found = dense_modes(fe.K, fe.M, number + 6)
-            return omega2[6:], found[:, 6:]
+            omega2, V = dense_modes(fe.K, fe.M, number + 6)
+            return omega2[6:], V[:, 6:]
         return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
 
     if mirror is None:

@@ -61,10 +61,10 @@ class FrequencyCheck:
         """
         from scipy.optimize import linear_sum_assignment  # slow to load
 
-        found = np.full(len(self.full), -1)
+        partner = np.full(len(self.full), -1)
         rows, columns = linear_sum_assignment(self.mac, maximize=True)
-        found[rows] = columns
-        return found
+        partner[rows] = columns
+        return partner
 
     @property
     def likeness(self) -> FloatArray:
@@ -155,17 +155,17 @@ def compare_modes(
     return FrequencyCheck(frequency[:keep], elastic.frequencies, mac)
 
 
-def effective_masses(basis: ReducedBasis, held: FixedInterfaceModel) -> EffectiveMass:
+def effective_masses(basis: ReducedBasis, fixed: FixedInterfaceModel) -> EffectiveMass:
     """Effective masses of the fixed-interface modes in a basis that has some."""
-    fixed = np.flatnonzero(basis.columns("fixed-interface"))
+    rows = np.flatnonzero(basis.columns("fixed-interface"))
     static = basis.columns("constraint")
-    P = basis.M[np.ix_(fixed, static)]
+    P = basis.M[np.ix_(rows, static)]
     whole = np.diag(basis.rigid.T @ basis.M @ basis.rigid)
     return EffectiveMass(
-        tuple(basis.labels[k] for k in fixed),
-        np.sqrt(np.diag(basis.K)[fixed]) / (2 * np.pi),
+        tuple(basis.labels[k] for k in rows),
+        np.sqrt(np.diag(basis.K)[rows]) / (2 * np.pi),
         (P @ basis.rigid[static]) ** 2 / whole,
-        interface_shares(held, basis.basis[held.dofs][:, fixed]),
+        interface_shares(fixed, basis.basis[fixed.dofs][:, rows]),
     )
 
 
@@ -206,17 +206,17 @@ class StaticCheck:
 
 
 def interface_error(
-    held: FixedInterfaceModel, basis: ReducedBasis, elastic: ReducedModes
+    fixed: FixedInterfaceModel, basis: ReducedBasis, elastic: ReducedModes
 ) -> float | None:
     """The error at the interfaces; None where no load on them is without resultant."""
-    R = rigid_motion_of_interfaces(held.fe, held.interfaces, held.directions)
+    R = rigid_motion_of_interfaces(fixed.fe, fixed.interfaces, fixed.directions)
     size = np.linalg.norm(R, axis=0)
     Q = null_space((R / np.where(size > 0, size, 1.0)).T)
     if not Q.shape[1]:
         return None
-    F = held.loads() @ Q
-    full = F.T @ held.free(F)
-    motion = (basis.motion @ elastic.Z)[:, held.directions].reshape(len(R), -1)
+    F = fixed.loads() @ Q
+    full = F.T @ fixed.free(F)
+    motion = (basis.motion @ elastic.Z)[:, fixed.directions].reshape(len(R), -1)
     part = Q.T @ motion
     reduced = (part / elastic.omega2) @ part.T
     scale = 1.0 / np.sqrt(np.diag(full))
@@ -264,7 +264,7 @@ def unit_loads(
     ReductionError
         A node that is not of the body, or that follows a tie.
     """
-    found = []
+    loads = []
     for node in nodes:
         if not 0 <= node < len(fe.mesh.points) or fe.numbering.table[node, 0] < 0:
             what = f"node {node} is no node of the body"
@@ -278,5 +278,5 @@ def unit_loads(
                 raise ReductionError.from_problems([Problem("nodes", what)])
             f = np.zeros(fe.numbering.n)
             f[dof] = 1.0
-            found.append(LoadPattern(f"node {node} {DIRECTIONS[c]}", f, np.zeros(3), np.zeros(3)))
-    return tuple(found)
+            loads.append(LoadPattern(f"node {node} {DIRECTIONS[c]}", f, np.zeros(3), np.zeros(3)))
+    return tuple(loads)

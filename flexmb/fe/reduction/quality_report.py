@@ -71,15 +71,15 @@ class Stopwatch:
     def __init__(self, progress: Progress = silent) -> None:
         self._progress = progress
         self._last = time.perf_counter(), time.process_time()
-        self._found: dict[str, Phase] = {}
+        self._phases: dict[str, Phase] = {}
 
     def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
         """Charge the time since the last call to ``phase``, or to what lay between two phases."""
         now = time.perf_counter(), time.process_time()
-        entry = self._found.setdefault(phase, Phase(phase))
+        entry = self._phases.setdefault(phase, Phase(phase))
         charged = entry
         if fraction == 0.0:
-            charged = self._found.setdefault(_BETWEEN, Phase(_BETWEEN))
+            charged = self._phases.setdefault(_BETWEEN, Phase(_BETWEEN))
         charged.wall += now[0] - self._last[0]
         charged.cpu += now[1] - self._last[1]
         charged.peak = _peak()
@@ -88,15 +88,15 @@ class Stopwatch:
 
     def lap(self) -> tuple[Phase, ...]:
         """The phases so far; the next ones begin anew."""
-        phases, self._found = self.phases, {}
+        phases, self._phases = self.phases, {}
         return phases
 
     @property
     def phases(self) -> tuple[Phase, ...]:
         """The phases in the order they were first told of, what lay between them last."""
-        found = [part for name, part in self._found.items() if name != _BETWEEN]
-        between = self._found.get(_BETWEEN)
-        return (*found, between) if between is not None else tuple(found)
+        phases = [part for name, part in self._phases.items() if name != _BETWEEN]
+        between = self._phases.get(_BETWEEN)
+        return (*phases, between) if between is not None else tuple(phases)
 
 
 def _peak() -> int:
@@ -200,17 +200,17 @@ def quality_report(
     if mirror is not None:
         patterns = [_symmetric(load, mirror) for load in patterns]
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    held = (
+    fixed = (
         FixedInterfaceModel(fe, basis.interfaces, directions, watch) if basis.interfaces else None
     )
-    respond, lowest, limit = _full_model(fe, held, relief, mirror, watch)
+    respond, lowest, limit = _full_model(fe, fixed, relief, mirror, watch)
     frequencies = compare_modes(fe, elastic, lowest, limit, up_to)
     watch("modes", 1.0)
-    error = None if held is None else interface_error(held, basis, elastic)
+    error = None if fixed is None else interface_error(fixed, basis, elastic)
     missing = missing_compliance(elastic, relief, respond, patterns)
-    has_fixed = held is not None and basis.columns("fixed-interface").any()
+    has_fixed = fixed is not None and basis.columns("fixed-interface").any()
     Mab = fe.reduced_mass(elastic.Phi) if body is None else body.Mab
-    effective = effective_masses(basis, held) if held is not None and has_fixed else None
+    effective = effective_masses(basis, fixed) if fixed is not None and has_fixed else None
     shares = energy_shares(basis, elastic, Mab)
     watch("compare", 1.0)
     spent = [Phase(f"report: {part.name}", part.wall, part.cpu, part.peak) for part in watch.phases]
@@ -227,20 +227,20 @@ def quality_report(
 
 def _full_model(
     fe: FEMatrices,
-    held: FixedInterfaceModel | None,
+    fixed: FixedInterfaceModel | None,
     relief: InertiaRelief,
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[int], tuple[FloatArray, FloatArray]], int]:
     """Static response and lowest modes of the full free model, and how many it has."""
-    if held is None:
+    if fixed is None:
         inverse = relieved_inverse(fe, InertiaRelief(fe.M, fe.rigid), progress)
         limit = fe.numbering.n - 6
         return inverse, lambda k: lowest_free(fe, inverse, k, mirror, progress), limit
     return (
-        lambda f: relief.fields(held.free(f)),
-        lambda k: free_modes_of(held, relief, k, mirror, progress),
-        free_count(held),
+        lambda f: relief.fields(fixed.free(f)),
+        lambda k: free_modes_of(fixed, relief, k, mirror, progress),
+        free_count(fixed),
     )
 
 
@@ -250,20 +250,20 @@ def _symmetric(load: LoadPattern, mirror: SymmetryPlane) -> LoadPattern:
 
 
 def _inertia_check(fe: FEMatrices) -> InertiaCheck:
-    found = fe.rigid.T @ (fe.M @ fe.rigid)
+    matrix = fe.rigid.T @ (fe.M @ fe.rigid)
     inertia = fe.inertia
     S = inertia.S0 - np.outer(inertia.S1, inertia.S1) / inertia.mass
     J = np.trace(S) * np.eye(3) - S
-    told = np.zeros((6, 6))
-    told[:3, :3], told[3:, 3:] = inertia.mass * np.eye(3), J
-    size = np.sqrt(np.diag(told))
+    exact = np.zeros((6, 6))
+    exact[:3, :3], exact[3:, 3:] = inertia.mass * np.eye(3), J
+    size = np.sqrt(np.diag(exact))
     size = np.where(size > 0, size, 1.0)
-    error = float(np.abs((found - told) / np.outer(size, size)).max())
-    moment = found[:3, 3:]  # -m c~ with c from the integrals' centre to that of the matrix
-    offset = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / found[0, 0]
+    error = float(np.abs((matrix - exact) / np.outer(size, size)).max())
+    moment = matrix[:3, 3:]  # -m c~ with c from the integrals' centre to that of the matrix
+    offset = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / matrix[0, 0]
     center = fe.center + offset
     return InertiaCheck(
-        _row(found[0, 0], center, found[3:, 3:]), _row(inertia.mass, fe.center, J), error
+        _row(matrix[0, 0], center, matrix[3:, 3:]), _row(inertia.mass, fe.center, J), error
     )
 
 
@@ -288,16 +288,16 @@ class ReportTable:
 
 def report_tables(report: QualityReport) -> tuple[ReportTable, ...]:
     """The tables of a report, most important first."""
-    found = [_summary_table(report), _frequency_table(report), _mac_table(report)]
+    tables = [_summary_table(report), _frequency_table(report), _mac_table(report)]
     if report.effective is not None:
-        found.append(_effective_mass_table(report))
-    found += [
+        tables.append(_effective_mass_table(report))
+    tables += [
         _share_table(report),
         _static_table(report),
         _inertia_table(report),
         _phase_table(report),
     ]
-    return tuple(table for table in found if table.rows)
+    return tuple(table for table in tables if table.rows)
 
 
 def report_text(report: QualityReport) -> str:
@@ -352,18 +352,18 @@ def _mac_table(report: QualityReport) -> ReportTable:
 
 
 def _effective_mass_table(report: QualityReport) -> ReportTable:
-    found = report.effective
-    assert found is not None
-    axes = DIRECTIONS if found.share.shape[1] == 6 else ("1", "2", "3")
+    masses = report.effective
+    assert masses is not None
+    axes = DIRECTIONS if masses.share.shape[1] == 6 else ("1", "2", "3")
     rows = [
         (label, f"{f:.6g}", *(_share_text(v) for v in row), _share_text(part))
         for label, f, row, part in zip(
-            found.labels, found.frequency, found.share, found.interface, strict=True
+            masses.labels, masses.frequency, masses.share, masses.interface, strict=True
         )
     ]
-    total = found.share.sum(axis=0)
+    total = masses.share.sum(axis=0)
     rows.append(
-        ("all kept", "", *(_share_text(v) for v in total), _share_text(found.interface.sum()))
+        ("all kept", "", *(_share_text(v) for v in total), _share_text(masses.interface.sum()))
     )
     note = (
         "Effective mass over the body's own as all interfaces move together, and share in the "

@@ -88,12 +88,12 @@ def rigid_motion_of_interfaces(
     fe: FEMatrices, interfaces: tuple[ModelInterface, ...], directions: tuple[int, ...]
 ) -> FloatArray:
     """(c, r) motions of all interfaces in the rigid motions about the centre of mass."""
-    chosen = list(directions)
-    rows = [np.zeros((0, len(chosen)))]
+    columns = list(directions)
+    rows = [np.zeros((0, len(columns)))]
     for interface in interfaces:
         about = np.eye(6)
         about[:3, 3:] = -skew(interface.position - fe.center)
-        rows.append(about[np.ix_(chosen, chosen)])
+        rows.append(about[np.ix_(columns, columns)])
     return np.concatenate(rows)
 
 

@@ -82,8 +82,8 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
     X = X / np.sqrt(np.sum(responses * (fe.K @ responses), axis=0))
     energy = X.T @ (fe.K @ X)
     L, pivots, rank, _ = dpstrf(0.5 * (energy + energy.T), tol=_REPRESENTED, lower=1)
-    chosen = X[:, pivots[:rank] - 1]
-    Y = solve_triangular(L[:rank, :rank], chosen.T, lower=True).T if rank else chosen
+    independent = X[:, pivots[:rank] - 1]
+    Y = solve_triangular(L[:rank, :rank], independent.T, lower=True).T if rank else independent
     mass = Y.T @ (fe.M @ Y)
     sigma, Q = eigh(0.5 * (mass + mass.T)) if rank else (np.zeros(0), np.zeros((0, 0)))
     sigma, Q = sigma[::-1], Q[:, ::-1]
@@ -91,23 +91,23 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
 
 
 def fixed_interface_responses(
-    held: FixedInterfaceModel, relief: InertiaRelief, loads: tuple[LoadPattern, ...]
+    fixed: FixedInterfaceModel, relief: InertiaRelief, loads: tuple[LoadPattern, ...]
 ) -> FloatArray:
     """(n, r) responses of the held body to loads, and to the inertia of the motion they cause.
 
     With both, the response is exact whether reactions at the interfaces or the inertia of the
     free body balance the load.
     """
-    F = load_columns(held.fe, loads)
-    responses = held.solve(np.concatenate([F, relief.inertia(F)], axis=1))
-    return deforming_responses(held.fe, responses, np.concatenate([F, F], axis=1))
+    F = load_columns(fixed.fe, loads)
+    responses = fixed.solve(np.concatenate([F, relief.inertia(F)], axis=1))
+    return deforming_responses(fixed.fe, responses, np.concatenate([F, F], axis=1))
 
 
 def free_body_responses(
-    held: FixedInterfaceModel, relief: InertiaRelief, F: FloatArray
+    fixed: FixedInterfaceModel, relief: InertiaRelief, F: FloatArray
 ) -> FloatArray:
     """(n, r) deformation of the free body under loads F (n, r), about mean axes."""
-    return deforming_responses(held.fe, relief.fields(held.free(relief.loads(F))), F)
+    return deforming_responses(fixed.fe, relief.fields(fixed.free(relief.loads(F))), F)
 
 
 def deforming_responses(fe: FEMatrices, responses: FloatArray, F: FloatArray) -> FloatArray:
@@ -122,5 +122,5 @@ def deforming_responses(fe: FEMatrices, responses: FloatArray, F: FloatArray) ->
 
 def load_columns(fe: FEMatrices, loads: tuple[LoadPattern, ...]) -> FloatArray:
     """(n, r) the loads whose static response the basis shall hold."""
-    chosen = [load.f for load in loads if load.residual]
-    return np.stack(chosen, axis=1) if chosen else np.zeros((fe.numbering.n, 0))
+    columns = [load.f for load in loads if load.residual]
+    return np.stack(columns, axis=1) if columns else np.zeros((fe.numbering.n, 0))

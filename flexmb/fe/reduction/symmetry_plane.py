@@ -41,9 +41,9 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
     rows, columns, weights = [nodes[exact]], [nodes[twin[exact]]], [np.ones(exact.sum())]
     for start in range(0, (~exact).sum(), _BATCH):
         part = np.flatnonzero(~exact)[start : start + _BATCH]
-        found, shares = _interpolation(fe, images[part])
-        rows.append(np.repeat(nodes[part], found.shape[1]))
-        columns.append(found.ravel())
+        donors, shares = _interpolation(fe, images[part])
+        rows.append(np.repeat(nodes[part], donors.shape[1]))
+        columns.append(donors.ravel())
         weights.append(shares.ravel())
     S = _over_dofs(
         fe.numbering, normal, np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
@@ -103,10 +103,10 @@ def _interpolation(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray
         if shapes is None:
             others = True
             continue
-        chosen, N, distance = shapes(fe.mesh.points, block.nodes, at)
+        element, N, distance = shapes(fe.mesh.points, block.nodes, at)
         closer, width = distance < best, block.nodes.shape[1]
         nodes[closer], weights[closer] = fe.numbering.nodes[0], 0.0
-        nodes[closer, :width], weights[closer, :width] = block.nodes[chosen[closer]], N[closer]
+        nodes[closer, :width], weights[closer, :width] = block.nodes[element[closer]], N[closer]
         best = np.minimum(best, distance)
     if others:
         extent = np.ptp(fe.mesh.points, axis=0).max()
@@ -138,11 +138,11 @@ def _in_tets(
     arms = at[:, None] - corners[near, 0]
     local = np.linalg.solve(edges[near], arms[..., None])[..., 0]
     L = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
-    chosen = L.min(axis=2).argmax(axis=1)
+    best = L.min(axis=2).argmax(axis=1)
     row = np.arange(len(at))
-    L = np.clip(L[row, chosen], 0.0, None)  # a curved side lies beside the straight one
+    L = np.clip(L[row, best], 0.0, None)  # a curved side lies beside the straight one
     L /= L.sum(axis=1, keepdims=True)
-    element = near[row, chosen]
+    element = near[row, best]
     place = np.einsum("rk,rkc->rc", L, corners[element])
     N = [L[:, k] * (2 * L[:, k] - 1) for k in range(4)] + [4 * L[:, a] * L[:, b] for a, b in _EDGES]
     return element, np.stack(N, axis=1), np.linalg.norm(place - at, axis=1)
@@ -159,9 +159,9 @@ def _on_lines(
     share = np.sum((at[:, None] - start) * along, axis=2) / np.sum(along**2, axis=2)
     share = np.clip(share, 0.0, 1.0)
     gap = np.linalg.norm(at[:, None] - start - share[..., None] * along, axis=2)
-    row, chosen = np.arange(len(at)), gap.argmin(axis=1)
-    x = share[row, chosen]
-    return near[row, chosen], np.stack([1 - x, x], axis=1), gap[row, chosen]
+    row, best = np.arange(len(at)), gap.argmin(axis=1)
+    x = share[row, best]
+    return near[row, best], np.stack([1 - x, x], axis=1), gap[row, best]
 
 
 _SHAPES = {"tetra10": _in_tets, "line": _on_lines}
@@ -251,5 +251,5 @@ def symmetric_modes(
             break
         missing = (modes + _SPARE) / max(even.shape[1], 1)
         count = min(count + 2 * _SPARE + int(min(1.2 * missing - 1, 1.5) * count), limit)
-    found, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
-    return found, V @ (even @ W)
+    symmetric, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
+    return symmetric, V @ (even @ W)

@@ -37,7 +37,7 @@ _MAX_OUT_OF_PLANE = (
 UserModesLike = str | os.PathLike[str] | np.ndarray
 
 
-def read_user_modes(given: UserModesLike, length: float = 1.0) -> FloatArray:
+def read_user_modes(source: UserModesLike, length: float = 1.0) -> FloatArray:
     """The array of modes: itself, or the one array of an .npz file (or that named ``modes``).
 
     Parameters
@@ -52,9 +52,9 @@ def read_user_modes(given: UserModesLike, length: float = 1.0) -> FloatArray:
     ReductionError
         No such file, no array in it that is meant, not numbers.
     """
-    found = given if isinstance(given, np.ndarray) else _from_file(Path(given))
+    values = source if isinstance(source, np.ndarray) else _from_file(Path(source))
     try:
-        modes = np.array(found, dtype=float)
+        modes = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise ReductionError(f"modes: the array is not of real numbers: {error}") from error
     if modes.ndim == 3:

@@ -203,15 +203,15 @@ def _check_mechanism(
             rows.append(np.concatenate([direction if number < 3 else np.zeros(3), turn]))
     hold = np.linalg.svd(np.array(rows).reshape(-1, 6), compute_uv=False)
     if len(hold) < 6 or hold[-1] < _MECHANISM * hold[0]:
-        told = [
+        ends_text = [
             f"{', '.join(names)} at node {lines[row, side]}"
             for (row, side), names in zip(
                 ends, (section.releases.start, section.releases.end), strict=True
             )
             if names
         ]
-        what = f"section.releases: {' and '.join(told)} let the elements between move on their own"
-        raise MeshError(f"{what}, a mechanism: release less")
+        what = f"section.releases: {' and '.join(ends_text)} let the elements between move "
+        raise MeshError(f"{what}on their own, a mechanism: release less")
 
 
 @dataclass(frozen=True)
@@ -280,14 +280,14 @@ class TaperedSection:
                 name: _interpolate(value, vars(end.shape)[name], fraction)
                 for name, value in vars(start.shape).items()
             }
-            found = section_of(type(start.shape)(**dimensions), shear=start.by_shape, **mixed)
+            section = section_of(type(start.shape)(**dimensions), shear=start.by_shape, **mixed)
             if start.by_shape and end.by_shape:
-                return replace(found.with_material(self.material), orientation=start.orientation)
+                return replace(section.with_material(self.material), orientation=start.orientation)
             ky, kz = (
                 _interpolate(getattr(start, k), getattr(end, k), fraction) for k in ("ky", "kz")
             )
             same = {"orientation": start.orientation, "material": self.material}
-            return replace(found, ky=ky, kz=kz, by_shape=False, **same)
+            return replace(section, ky=ky, kz=kz, by_shape=False, **same)
         mixed |= {
             name: _interpolate(getattr(start, name), getattr(end, name), fraction)
             for name in ("A", "Iy", "Iz", "J", "ky", "kz", "shear_center")
@@ -318,8 +318,8 @@ def tapered(
     ReductionError
         Ends that do not fit together.
     """
-    given: dict[str, Any] = {"orientation": orientation, "material": material}
-    common = {name: value for name, value in given.items() if value is not None}
+    values: dict[str, Any] = {"orientation": orientation, "material": material}
+    common = {name: value for name, value in values.items() if value is not None}
     start, end = (replace(part, **common) for part in (start, end))
     return TaperedSection(start, end, join_releases(releases))
 
@@ -354,8 +354,8 @@ def section_values(
     section: Any, fractions: FloatArray, names: tuple[str, ...]
 ) -> dict[str, FloatArray]:
     """Values of a section by name at fractions of its chain, each in their shape."""
-    found = [[getattr(part, name) for name in names] for part in map(section.at, fractions.flat)]
-    columns = np.array(found, dtype=float).T
+    rows = [[getattr(part, name) for name in names] for part in map(section.at, fractions.flat)]
+    columns = np.array(rows, dtype=float).T
     return {
         name: column.reshape(fractions.shape) for name, column in zip(names, columns, strict=True)
     }

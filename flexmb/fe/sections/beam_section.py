@@ -82,7 +82,7 @@ class Releases:
         return bool(self.start or self.end)
 
 
-def join_releases(given: Releases | Mapping[str, Any] | None) -> Releases:
+def join_releases(releases: Releases | Mapping[str, Any] | None) -> Releases:
     """Releases from ``{start = ["ry", "rz"], end = ["rx"]}``.
 
     Raises
@@ -90,11 +90,11 @@ def join_releases(given: Releases | Mapping[str, Any] | None) -> Releases:
     ReductionError
         Unknown words.
     """
-    if given is None:
+    if releases is None:
         return Releases()
-    if isinstance(given, Releases):
-        return given
-    words, names = dict(given), ("start", "end")
+    if isinstance(releases, Releases):
+        return releases
+    words, names = dict(releases), ("start", "end")
     problems = [
         Problem(f"section.releases.{key}", "unknown key", names, nearest(key, names))
         for key in words
@@ -293,16 +293,16 @@ def principal(Iy: float, Iz: float, Iyz: float) -> tuple[float, float, float]:
     return first, second, angle
 
 
-def _vector_problems(name: str, given: object, size: int) -> list[Problem]:
+def _vector_problems(name: str, value: object, size: int) -> list[Problem]:
     words = {2: "two", 3: "three"}[size]
     try:
-        values = np.asarray(given, dtype=float)
+        values = np.asarray(value, dtype=float)
         good = values.shape == (size,) and bool(np.isfinite(values).all())
     except (TypeError, ValueError):
         good = False
     if good:
         return []
-    return [Problem(f"section.{name}", f"must be {words} numbers, given {given}")]
+    return [Problem(f"section.{name}", f"must be {words} numbers, given {value}")]
 
 
 class Shape(Protocol):
@@ -347,7 +347,7 @@ def section_of(
         Values that no section can have.
     """
     A, Iy, Iz, J = shape.values()
-    given = ky is not None or kz is not None
+    own_coefficients = ky is not None or kz is not None
     own = shape.shear(0.0) if shear else (math.inf, math.inf)
     angle, center = shape.tilt()
     return BeamSection(
@@ -366,7 +366,7 @@ def section_of(
         center,
         shape.points(),
         shape,
-        shear and not given,
+        shear and not own_coefficients,
     )
 
 

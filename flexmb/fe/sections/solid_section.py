@@ -45,35 +45,35 @@ class SolidSection:
 
     def __post_init__(self) -> None:
         problems = [
-            Problem(f"section.{name}", f"must be three numbers, not all zero, given {given!r}")
-            for name, given in (("axis1", self.axis1), ("axis2", self.axis2))
-            if given is not None and not _is_direction(given)
+            Problem(f"section.{name}", f"must be three numbers, not all zero, given {axis!r}")
+            for name, axis in (("axis1", self.axis1), ("axis2", self.axis2))
+            if axis is not None and not _is_direction(axis)
         ]
         if problems:
             raise ReductionError.from_problems(problems)
-        first, second = self._given_axes()
+        first, second = self._unit_axes()
         if np.linalg.norm(np.cross(first, second)) < 1e-6:
             what = f"is parallel to axis1, {tuple(first)}: give another direction of their plane"
             raise ReductionError.from_problems([Problem("section.axis2", what)])
 
     def with_material(self, default: AnyMaterial | None) -> SolidSection:
         """The section with its material known; warns if that can hardly be compressed."""
-        known = self if self.material is not None else replace(self, material=default)
-        ratio = 0.0 if known.material is None else _bulk_over_shear(known.material)
+        section = self if self.material is not None else replace(self, material=default)
+        ratio = 0.0 if section.material is None else _bulk_over_shear(section.material)
         if ratio > _MAX_BULK_RATIO:
             warnings.warn(
-                f'material "{known.material.name}": its bulk modulus is {ratio:.3g} times its '
+                f'material "{section.material.name}": its bulk modulus is {ratio:.3g} times its '
                 "shear modulus; solid elements, which interpolate displacements alone, may be too "
                 "stiff then: use first-order hexahedra, whose incompatible modes keep them soft, "
                 "or second-order tetrahedra, and compare two meshes",
                 FlexmbWarning,
                 stacklevel=2,
             )
-        return known
+        return section
 
     def axes(self) -> FloatArray:
         """(3, 3) the material axes as columns, body frame."""
-        first, second = self._given_axes()
+        first, second = self._unit_axes()
         third = np.cross(first, second)
         third /= np.linalg.norm(third)
         return np.stack([first, np.cross(third, first), third], axis=1)
@@ -87,16 +87,16 @@ class SolidSection:
         C = T.T @ C @ T
         return 0.5 * (C + C.T)
 
-    def _given_axes(self) -> tuple[FloatArray, FloatArray]:
+    def _unit_axes(self) -> tuple[FloatArray, FloatArray]:
         """Unit vectors along axis1 and axis2."""
         first = np.array((1.0, 0.0, 0.0) if self.axis1 is None else self.axis1, dtype=float)
         second = np.array((0.0, 1.0, 0.0) if self.axis2 is None else self.axis2, dtype=float)
         return first / np.linalg.norm(first), second / np.linalg.norm(second)
 
 
-def _is_direction(given: Vector) -> bool:
+def _is_direction(value: Vector) -> bool:
     try:
-        values = np.array(given, dtype=float)
+        values = np.array(value, dtype=float)
     except (TypeError, ValueError):
         return False
     return values.shape == (3,) and bool(np.isfinite(values).all()) and bool(values.any())

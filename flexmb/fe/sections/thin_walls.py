@@ -117,12 +117,12 @@ class ISection:
         _, Iy, Iz, J = self.values()
         middle = self._centroid()
         top, bottom = self.height - middle, -middle
-        found = []
+        points = []
         for end, z, width, thick in (
             ("top", top, self.width, self.flange),
             ("bottom", bottom, self.bottom_width, self.bottom_flange),
         ):
-            found += [
+            points += [
                 StressPoint(f"{end} +y", width / 2, z),
                 StressPoint(f"{end} -y", -width / 2, z),
                 StressPoint(
@@ -132,11 +132,11 @@ class ISection:
         clear = top - self.flange
         Q = self.width * self.flange * (top - self.flange / 2) + self.web * clear**2 / 2
         by_force = Q / (Iy * self.web)
-        found += [
+        points += [
             StressPoint(f"web {a}y", i * self.web / 2, 0.0, xz=(i * self.web / J, 0.0, by_force))
             for a, i in (("+", 1), ("-", -1))
         ]
-        return tuple(found)
+        return tuple(points)
 
     def tilt(self) -> tuple[float, Place]:
         top, _, bottom = self._parts()
@@ -174,14 +174,14 @@ class Box:
 
     def shear(self, nu: float) -> tuple[float, float]:
         b, h = self.y - self.web, self.z - self.flange
-        found = []
+        coefficients = []
         for along, across, wall, cap in (
             (b, h, self.flange, self.web),
             (h, b, self.web, self.flange),
         ):
             m, n = across * cap / (along * wall), across / along
-            found.append(_cowper(nu, m, 10 * n**2 * ((3 + nu) * m + 3 * m**2)))
-        return found[0], found[1]
+            coefficients.append(_cowper(nu, m, 10 * n**2 * ((3 + nu) * m + 3 * m**2)))
+        return coefficients[0], coefficients[1]
 
     def points(self) -> tuple[StressPoint, ...]:
         y, z, (_, Iy, Iz, _) = self.y / 2, self.z / 2, self.values()
@@ -189,16 +189,16 @@ class Box:
         inner_y, inner_z = y - self.web, z - self.flange
         by_z = (y * z**2 - inner_y * inner_z**2) / (Iy * 2 * self.web)
         by_y = (z * y**2 - inner_z * inner_y**2) / (Iz * 2 * self.flange)
-        found = [
+        points = [
             StressPoint(f"{a}y{b}z", i * y, j * z)
             for a, i in (("+", 1), ("-", -1))
             for b, j in (("+", 1), ("-", -1))
         ]
         for a, i in (("+", 1), ("-", -1)):
             torque = (i / (cell * self.web), -i / (cell * self.flange))
-            found.append(StressPoint(f"{a}y", i * y, 0.0, xz=(torque[0], 0.0, by_z)))
-            found.append(StressPoint(f"{a}z", 0.0, i * z, xy=(torque[1], by_y, 0.0)))
-        return tuple(found)
+            points.append(StressPoint(f"{a}y", i * y, 0.0, xz=(torque[0], 0.0, by_z)))
+            points.append(StressPoint(f"{a}z", 0.0, i * z, xy=(torque[1], by_y, 0.0)))
+        return tuple(points)
 
     def tilt(self) -> tuple[float, Place]:
         return 0.0, (0.0, 0.0)
@@ -314,7 +314,7 @@ class Angle:
             (rotated((self.web / 2 - cy, self.z - cz), turn), self.z - self.flange / 2, self.web),
         )
         A = sum(length * thick for _, length, thick in tips)
-        found = []
+        coefficients = []
         for axis in (0, 1):
             middle = sum(0.5 * (tip[axis] + heel[axis]) * b * t for tip, b, t in tips) / A
             bend = energy = 0.0
@@ -323,8 +323,8 @@ class Angle:
                 bend += thick * length * (start**2 + start * end + end**2) / 3
                 Q = thick * length * (start * s + 0.5 * (end - start) * s**2)
                 energy += float(GAUSS[1] @ Q**2) * 0.5 * length / thick
-            found.append(bend**2 / (A * energy))
-        return found[0], found[1]
+            coefficients.append(bend**2 / (A * energy))
+        return coefficients[0], coefficients[1]
 
     def points(self) -> tuple[StressPoint, ...]:
         turn, (cy, cz), J = self.tilt()[0], self._centroid(), self.values()[3]
@@ -335,7 +335,7 @@ class Angle:
             "toe z": (0.0, self.z),
             "toe z inside": (self.web, self.z),
         }
-        found = [
+        points = [
             StressPoint(name, *rotated((y - cy, z - cz), turn)) for name, (y, z) in places.items()
         ]
         for name, place, along in (
@@ -343,8 +343,8 @@ class Angle:
             ("leg z", (0.0, self.z / 2), (0.0, -self.web / J)),
         ):
             (y, z), (xy, xz) = rotated((place[0] - cy, place[1] - cz), turn), rotated(along, turn)
-            found.append(StressPoint(name, y, z, xy=(xy, 0.0, 0.0), xz=(xz, 0.0, 0.0)))
-        return tuple(found)
+            points.append(StressPoint(name, y, z, xy=(xy, 0.0, 0.0), xz=(xz, 0.0, 0.0)))
+        return tuple(points)
 
     def tilt(self) -> tuple[float, Place]:
         turn, (cy, cz) = principal(*self._second())[2], self._centroid()

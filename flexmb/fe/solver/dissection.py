@@ -163,12 +163,12 @@ def _axes(places: FloatArray) -> list[FloatArray]:
     """Coordinates along the axes and the principal axes, rounded so that layers are seen."""
     centred = places - places.mean(axis=0)
     turned = centred @ np.linalg.eigh(centred.T @ centred)[1]
-    found = []
+    axes = []
     for x in (*centred.T, *turned.T):
         extent = np.ptp(x)
         if extent > _SLIM * np.ptp(places, axis=0).max():
-            found.append(np.round((x - x.min()) / (extent * _DIGITS)))
-    return found
+            axes.append(np.round((x - x.min()) / (extent * _DIGITS)))
+    return axes
 
 
 def _position(inner: csr_array, x: FloatArray, weights: FloatArray) -> tuple[float, float]:

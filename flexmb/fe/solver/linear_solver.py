@@ -269,14 +269,14 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
         compute = _small(scale)
     else:
         compute = _pardiso(progress) if PARDISO_INSTALLED else _large(K, points, progress)
-    found = None
+    factors = None
     with suppress(NotPositive):  # left behind at once, with all the memory its traceback holds
-        found = compute(K)
-    if found is None:
+        factors = compute(K)
+    if factors is None:
         raise _why(K, compute, points)
-    require_stiff(K, found.solve, points)
+    require_stiff(K, factors.solve, points)
     progress("factor", 1.0)
-    return found
+    return factors
 
 
 def _canonical(K: csr_array) -> csr_array:

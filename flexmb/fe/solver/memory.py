@@ -51,22 +51,22 @@ def require_memory(needed: float, what: str) -> None:
 
 def available_memory() -> float | None:
     """Bytes this process may still take; None where the system does not tell."""
-    told: list[float | None] = []
+    limits: list[float | None] = []
     if sys.platform == "linux":
         groups = _cgroups(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
-        told = [_meminfo(Path("/proc/meminfo")), *groups]
-    found = [value for value in told if value is not None]
-    return min(found) if found else _physical()
+        limits = [_meminfo(Path("/proc/meminfo")), *groups]
+    values = [value for value in limits if value is not None]
+    return min(values) if values else _physical()
 
 
 def _own_limit() -> float | None:
     text = os.environ.get(_VARIABLE, "").strip()
     if not text:
         return None
-    found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *([KMGT]B|)", text, re.IGNORECASE)
+    match = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *([KMGT]B|)", text, re.IGNORECASE)
     try:
-        assert found is not None
-        return float(found[1]) * _UNITS[found[2].upper()]
+        assert match is not None
+        return float(match[1]) * _UNITS[match[2].upper()]
     except (AssertionError, ValueError):
         what = f'must be a size such as "6 GB", given "{text}"'
         raise ReductionError.from_problems([Problem(_VARIABLE, what)]) from None
@@ -91,21 +91,21 @@ def _cgroups(path: Path, root: Path) -> list[float | None]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
-    found: list[float | None] = []
+    limits: list[float | None] = []
     for line in lines:
         _, controllers, group = line.split(":", 2)
         if not controllers:
-            found += _left(root, group, "memory.max", "memory.current", "inactive_file")
+            limits += _left(root, group, "memory.max", "memory.current", "inactive_file")
         elif "memory" in controllers.split(","):
             names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-            found += _left(root / "memory", group, *names)
-    return found
+            limits += _left(root / "memory", group, *names)
+    return limits
 
 
 def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[float | None]:
     """Limit less usage of a group and of all above it; file cache counts as free."""
     here = root / path.strip("/")
-    found: list[float | None] = []
+    limits: list[float | None] = []
     for folder in (here, *here.parents):
         if not folder.is_relative_to(root):
             break
@@ -117,8 +117,8 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
             cached = next((float(row.split()[1]) for row in rows if row.startswith(cache)), 0.0)
         except (OSError, ValueError):
             continue
-        found.append(most - used + cached)
-    return found
+        limits.append(most - used + cached)
+    return limits
 
 
 def _physical() -> float | None:

@@ -76,22 +76,22 @@ class Fronts:
     def memory(self) -> float:
         """Largest number of bytes that factors and waiting updates take at one time."""
         own, border = self.sizes
-        kept = waiting = most = 0.0
+        factors = waiting = most = 0.0
         updates = border**2
         for k, parent_of in enumerate(self.children):
-            kept += own[k] * (own[k] + border[k])
-            most = max(most, kept + waiting + updates[k])
+            factors += own[k] * (own[k] + border[k])
+            most = max(most, factors + waiting + updates[k])
             waiting += updates[k] - updates[parent_of].sum()
         return 8.0 * most
 
     @property
     def children(self) -> list[list[int]]:
         """Fronts whose updates each front takes."""
-        found: list[list[int]] = [[] for _ in self.parents]
+        children: list[list[int]] = [[] for _ in self.parents]
         for child, parent in enumerate(self.parents):
             if parent >= 0:
-                found[parent].append(child)
-        return found
+                children[parent].append(child)
+        return children
 
 
 def fronts(graph: Graph, dissection: Dissection) -> Fronts:

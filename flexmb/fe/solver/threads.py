@@ -32,7 +32,7 @@ class _Library:
 
 @cache
 def _libraries() -> tuple[_Library, ...]:
-    found = []
+    libraries = []
     for module in (_fblas, _umath_linalg):
         try:
             library = ctypes.CDLL(module.__file__)
@@ -42,11 +42,11 @@ def _libraries() -> tuple[_Library, ...]:
             f"{prefix}_%s_num_threads{suffix}" for prefix in _PREFIXES for suffix in _SUFFIXES
         ):
             if hasattr(library, name % "get") and hasattr(library, name % "set"):
-                found.append(
+                libraries.append(
                     _Library(getattr(library, name % "get"), getattr(library, name % "set"))
                 )
                 break
-    return tuple(found)
+    return tuple(libraries)
 
 
 def set_threads(counts: tuple[int, ...]) -> None:

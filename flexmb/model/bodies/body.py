@@ -23,13 +23,13 @@ from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
 from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.values.orientation import Orientation
 from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
-from flexmb.model.values.reading import Entry, Reader, Spec, choice, fail, given, names_of, units_of
+from flexmb.model.values.reading import Entry, Reader, Spec, choice, context_of, fail, quote
 from flexmb.units import UNIT_SYSTEMS, unit_system
 
 
 def _read_units(value: Any, info: ValidationInfo) -> str:
     if value == "scene":
-        return units_of(names_of(info)).name
+        return context_of(info).units.name
     try:
         return unit_system(value).name
     except FlexmbError as error:
@@ -48,7 +48,7 @@ def _read_source(value: Any, info: ValidationInfo) -> Any:
         return value
     if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
         return Path(value).as_posix()
-    raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
+    raise fail(Problem("", f"a flexible-body file is expected, given {quote(value)}"))
 
 
 FlexibleSource = Annotated[Any, Reader(_read_source, form={"type": "string"})]
@@ -83,7 +83,7 @@ _HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
 def _color(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
         near = nearest(str(value), COLORS)
-        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS), near))
+        raise fail(Problem("", f"unknown color {quote(value)}", ("#rrggbb", *COLORS), near))
     return value
 
 
@@ -116,15 +116,15 @@ class BodySpec(Spec):
     color: Annotated[str, Reader(_color, form=choice(COLORS))] | None = None
 
     @model_validator(mode="after")
-    def _origin_is_told_once(self) -> Self:
-        told = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
-        if told and "origin" in self.initial:
-            what = f'is the body\'s "{told[0]}" already; say it in one place'
+    def _check_origin(self) -> Self:
+        words = [key for key in ("velocity", "angular_velocity") if getattr(self, key) is not None]
+        if words and "origin" in self.initial:
+            what = f'is the body\'s "{words[0]}" already; say it in one place'
             raise fail(Problem("initial.origin", what))
         return self
 
     @property
-    def asked_velocities(self) -> dict[str, InitialVelocity]:
+    def initial_velocities(self) -> dict[str, InitialVelocity]:
         """Initial velocities by marker, those of the origin among them."""
         if self.velocity is None and self.angular_velocity is None:
             return dict(self.initial)
@@ -148,12 +148,12 @@ class RigidBodySpec(BodySpec):
     material: MaterialField | None = None
 
     @model_validator(mode="after")
-    def _mass_is_told_once(self) -> Self:
-        told = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
-        names = " and ".join(f'"{key}"' for key in told)
-        if len(told) > 1:
+    def _check_mass(self) -> Self:
+        words = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
+        names = " and ".join(f'"{key}"' for key in words)
+        if len(words) > 1:
             raise fail(Problem("", f"the mass is told twice, by {names}"))
-        if not told:
+        if not words:
             what = 'has no mass: give "mass" and "inertia", or a "shape" with "density", '
             raise fail(Problem("", what + '"material" or "mass"; or "mesh" for a flexible body'))
         if self.shape is None and self.mass is None:

@@ -15,8 +15,7 @@ from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
-from flexmb.model.values.names import GROUND
-from flexmb.model.values.reading import Spec
+from flexmb.model.values.reading import GROUND, Spec
 
 __all__ = ["body_problems", "far_markers"]
 
@@ -46,18 +45,18 @@ def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Pr
 
 
 def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
-    key, given = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
-    if isinstance(given, Spec):
+    key, source = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
+    if isinstance(source, Spec):
         return
     if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
-        key, given = "flexbody", spec.flexbody
-    if given is None:
+        key, source = "flexbody", spec.flexbody
+    if source is None:
         return
-    path = scope.model.path(given)
+    path = scope.model.path(source)
     if os.path.isdir(path):  # unlike Path.is_dir it answers for any name, however long
-        yield Problem(f"{where}.{key}", f'"{given}" is a folder, not a file ({path})')
+        yield Problem(f"{where}.{key}", f'"{source}" is a folder, not a file ({path})')
     elif not os.path.exists(path):
-        yield Problem(f"{where}.{key}", f'no file "{given}" ({path})', (), _neighbours(path))
+        yield Problem(f"{where}.{key}", f'no file "{source}" ({path})', (), _neighbours(path))
 
 
 def _neighbours(path: Path) -> tuple[str, ...]:

@@ -138,8 +138,8 @@ def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Arra
     if marker.node is not None:
         row = nodes.row(marker.node)
         if row < 0:
-            known = f"{nodes.ids[0]} to {nodes.ids[-1]}"
-            raise SceneError(f"the flexible body has no node {marker.node}; it has nodes {known}")
+            numbers = f"{nodes.ids[0]} to {nodes.ids[-1]}"
+            raise SceneError(f"the flexible body has no node {marker.node}; it has nodes {numbers}")
     else:
         row = int(np.argmin(((nodes.position - np.array(marker.position)) ** 2).sum(axis=1)))
     if nodes.Phi_r is None:
