@@ -33,7 +33,7 @@ from flexmb.engine.joints.joint import (
     row_constant,
 )
 from flexmb.engine.row_kinds import DISTANCE, POINT, ROW_KINDS
-from flexmb.engine.tables import FOLLOW, ROW, Functions
+from flexmb.engine.tables import COUPLED_COORDINATE, ROW, Functions
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
@@ -53,7 +53,7 @@ class Entry(NamedTuple):
     b: int
     offset: float = 0.0
     fun: int = -1
-    follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
+    coupled: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
     I: int = -1  # noqa: E741
     J: int = -1
 
@@ -62,7 +62,7 @@ def _row_word(row: Entry) -> str:
     """What a row is."""
     if row.fun >= 0:
         return "driven"
-    if row.follows:
+    if row.coupled:
         return "coordinate"
     return ROW_KINDS[row.kind].word.format(a="xyz"[row.a], b="xyz"[row.b])
 
@@ -132,25 +132,25 @@ def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray
     at, slot = 0, n_functions
     for row, n, i, j in groups.groups:
         for r in range(n):
-            kind, a, b, offset, fun, follows, I, J = groups.rows[row + r]  # noqa: E741
+            kind, a, b, offset, fun, coupled, I, J = groups.rows[row + r]  # noqa: E741
             jac = []
             for body in (i, j):
                 jac.append(at if body >= 0 else -1)
                 at += size[body] if body >= 0 else 0
-            if follows:
+            if coupled:
                 fun, slot = slot, slot + 1
-            entries.append((kind, I, J, a, b, fun, *jac, r, len(follows), offset))
+            entries.append((kind, I, J, a, b, fun, *jac, r, len(coupled), offset))
     return np.array(entries, ROW)
 
 
-def follow_table(groups: Groups) -> np.ndarray:
-    """FOLLOW rows in the order of the rows; links are filled in later."""
+def coupled_coordinate_table(groups: Groups) -> np.ndarray:
+    """COUPLED_COORDINATE rows in the order of the rows; links are filled in later."""
     entries = [
         (k, coordinate, -1, n == 0, factor)
         for k, row in enumerate(groups.rows)
-        for n, (coordinate, factor) in enumerate(row.follows)
+        for n, (coordinate, factor) in enumerate(row.coupled)
     ]
-    return np.array(entries, FOLLOW)
+    return np.array(entries, COUPLED_COORDINATE)
 
 
 OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
@@ -304,12 +304,12 @@ class _GroupBuilder:
         """A row by which the scalar coordinate of that name follows a joint coordinate."""
         row, between = self._measured(joint, coordinate)
         self.note_side(coordinate)
-        self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
+        self.add(owner, between, [Entry(*row, coupled=((self.place[owner], 1.0),))])
 
     def add_line(self, owner: str, between: tuple[str, str]) -> None:
         """A row by which the scalar coordinate of that name follows a distance."""
         I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
-        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
+        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, coupled=((self.place[owner], 1.0),))])
 
     def coupled_entry(self, coupled: CoupledRow) -> tuple[Entry, Ends]:
         """A row that follows scalar coordinates, and its markers."""
@@ -317,8 +317,8 @@ class _GroupBuilder:
         offset = coupled.offset
         if coupled.relative:
             offset += row_constant(self.model, (*row, True), *between)
-        follows = tuple((self.place[name], factor) for name, factor in coupled.follows)
-        return Entry(*row, offset, follows=follows), between
+        factors = tuple((self.place[name], factor) for name, factor in coupled.factors)
+        return Entry(*row, offset, coupled=factors), between
 
     def _measured(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
         """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
