@@ -271,32 +271,26 @@ class _Builder:
             if key in self.scene:
                 setattr(self.model, key, self.single(key, kind))
         if self.model.study is not None:
-            self.knobs(self.model.study.vary)
+            for name in self.model.study.vary:
+                problem = resolve_knob(self.scene, name)[1]
+                if problem is not None:
+                    self.problems += under(f"study.vary.{name}", [problem])
         self.model.view = self.single("view", ViewSpec) or ViewSpec()
         checks = self.scene.get("check", [])
         if not isinstance(checks, list | tuple):
             self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
             checks = []
         for i, data in enumerate(checks):
-            if isinstance(data, Mapping) and "body" in data:
-                frequency, problems = read_entry(FrequencyCheckSpec, data, self.names)
-                self.problems += under(f"check[{i}]", problems)
-                if frequency is not None:
-                    self.model.frequency_checks.append(frequency)
-                continue
-            channel = data.get("sensor") if isinstance(data, Mapping) else None
-            slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
-            terms = ReadContext(self.names, self.model.units, slot)
-            spec, problems = read_entry(CheckSpec, data, terms)
+            table = data if isinstance(data, Mapping) else {}
+            check: type[Spec] = FrequencyCheckSpec if "body" in table else CheckSpec
+            channel = table.get("sensor")
+            unit = self.model.channel_unit(channel) if isinstance(channel, str) else None
+            context = ReadContext(self.names, self.model.units, unit)
+            spec, problems = read_entry(check, data, context)
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
-                self.model.checks.append(spec)
-
-    def knobs(self, names: Iterable[str]) -> None:
-        for name in names:
-            problem = resolve_knob(self.scene, name)[1]
-            if problem is not None:
-                self.problems += under(f"study.vary.{name}", [problem])
+                of_run = check is CheckSpec
+                (self.model.checks if of_run else self.model.frequency_checks).append(spec)
 
     def single(self, key: str, cls: type[S]) -> S | None:
         spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
