@@ -158,7 +158,8 @@ def node_modes(
     progress("recovery", 1.0)
     groups = {name: np.intersect1d(part, nodes) for name, part in fe.mesh.node_sets.items()}
     moved = everywhere[table[nodes, :3]]
-    return NodeModes(nodes, fe.mesh.points[nodes], moved, rotation[nodes], groups)
+    turns = rotation[nodes] if fe.blocks else None  # without elements no rotation is known
+    return NodeModes(nodes, fe.mesh.points[nodes], moved, turns, groups)
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:
