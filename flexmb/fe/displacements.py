@@ -16,7 +16,7 @@ from flexmb.fe.assembly.interfaces import RigidInterface
 from flexmb.fe.elements.beam_elements import BeamFields
 from flexmb.fe.elements.blocks import Block
 from flexmb.fe.meshes.facets import skin_lines, skin_triangles
-from flexmb.fe.sections.thin_walls import outline
+from flexmb.fe.sections.beam_section import outline
 from flexmb.fe.stress import smooth_parts
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.parts import NodeModes, Surface
