@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexmb.errors import MaterialError, Problem
 
 FloatArray = NDArray[np.float64]
+Three = tuple[float, float, float]
 
 
 def _positive(name: str, value: float, unit: str) -> list[Problem]:
@@ -26,9 +27,42 @@ def _positive(name: str, value: float, unit: str) -> list[Problem]:
     return [Problem(f"material.{name}", f"must be positive, given {value:g} {unit}")]
 
 
+class _Elastic:
+    """Stiffness of a linear elastic material from its constants (E1, E2, E3), nu and G."""
+
+    def constants(self) -> tuple[Three, Three, Three]:
+        """(E1, E2, E3), (nu12, nu23, nu13) and (G12, G23, G13)."""
+        raise NotImplementedError
+
+    def stiffness(self) -> FloatArray:
+        """(6, 6) stress per strain, order 11, 22, 33, 23, 31, 12, engineering shear strains."""
+        E, nu, (G12, G23, G13) = self.constants()
+        C = np.zeros((6, 6))
+        C[:3, :3] = np.linalg.inv(_compliance(E, nu))
+        C[3:, 3:] = np.diag([G23, G13, G12])
+        return 0.5 * (C + C.T)
+
+    def plane_stress(self) -> FloatArray:
+        """(3, 3) stress per strain in the plane 1, 2 without stress across it: 11, 22, 12."""
+        (E1, E2, _), (nu12, _, _), (G12, _, _) = self.constants()
+        share = 1 - nu12 * (nu12 * E2 / E1)
+        return np.array(
+            [
+                [E1 / share, nu12 * E2 / share, 0.0],
+                [nu12 * E2 / share, E2 / share, 0.0],
+                [0.0, 0.0, G12],
+            ]
+        )
+
+    def transverse_shear(self) -> FloatArray:
+        """(2, 2) shear stress 13, 23 per shear strain."""
+        _, _, (_, G23, G13) = self.constants()
+        return np.diag([G13, G23])
+
+
 @dataclass(frozen=True)
-class Material:
-    """Linear elastic, isotropic material in SI units."""
+class Material(_Elastic):
+    """Linear elastic, isotropic material in SI units; its axes 1, 2, 3 are any."""
 
     name: str
     E: float  # Pa
@@ -50,21 +84,12 @@ class Material:
         """Shear modulus [Pa]."""
         return self.E / (2 * (1 + self.nu))
 
-    def stiffness(self) -> FloatArray:
-        """(6, 6) stress per strain, order xx, yy, zz, yz, zx, xy, engineering shear strains."""
-        return _orthotropic_stiffness((self.E,) * 3, (self.nu,) * 3, (self.G,) * 3)
-
-    def plane_stress(self) -> FloatArray:
-        """(3, 3) stress per strain in a plane without stress across it, order xx, yy, xy."""
-        return _plane_stress(self.E, self.E, self.nu, self.G)
-
-    def transverse_shear(self) -> FloatArray:
-        """(2, 2) shear stress xz, yz per shear strain."""
-        return self.G * np.eye(2)
+    def constants(self) -> tuple[Three, Three, Three]:
+        return (self.E,) * 3, (self.nu,) * 3, (self.G,) * 3
 
 
 @dataclass(frozen=True)
-class OrthotropicMaterial:
+class OrthotropicMaterial(_Elastic):
     """Linear elastic material with three planes of symmetry, SI units, material axes 1, 2, 3.
 
     Parameters
@@ -83,9 +108,9 @@ class OrthotropicMaterial:
     """
 
     name: str
-    E: tuple[float, float, float]
-    nu: tuple[float, float, float]
-    G: tuple[float, float, float]
+    E: Three
+    nu: Three
+    G: Three
     density: float
     source: str = "given by the user"
 
@@ -99,22 +124,11 @@ class OrthotropicMaterial:
         if problems:
             raise MaterialError.from_problems(problems)
 
-    def stiffness(self) -> FloatArray:
-        """(6, 6) stress per strain, order 11, 22, 33, 23, 31, 12, engineering shear strains."""
-        return _orthotropic_stiffness(self.E, self.nu, self.G)
-
-    def plane_stress(self) -> FloatArray:
-        """(3, 3) stress per strain in the plane 1, 2 without stress across it: 11, 22, 12."""
-        return _plane_stress(self.E[0], self.E[1], self.nu[0], self.G[0])
-
-    def transverse_shear(self) -> FloatArray:
-        """(2, 2) shear stress 13, 23 per shear strain."""
-        return np.diag([self.G[2], self.G[1]])
+    def constants(self) -> tuple[Three, Three, Three]:
+        return self.E, self.nu, self.G
 
 
 AnyMaterial = Material | OrthotropicMaterial
-
-Three = tuple[float, float, float]
 
 
 def _compliance(E: Three, nu: Three) -> FloatArray:
@@ -125,25 +139,6 @@ def _compliance(E: Three, nu: Three) -> FloatArray:
     S[1, 2] = S[2, 1] = -nu23 / E[1]
     S[0, 2] = S[2, 0] = -nu13 / E[0]
     return S
-
-
-def _orthotropic_stiffness(E: Three, nu: Three, G: Three) -> FloatArray:
-    C = np.zeros((6, 6))
-    C[:3, :3] = np.linalg.inv(_compliance(E, nu))
-    C[3:, 3:] = np.diag([G[1], G[2], G[0]])
-    return 0.5 * (C + C.T)
-
-
-def _plane_stress(E1: float, E2: float, nu12: float, G12: float) -> FloatArray:
-    nu21 = nu12 * E2 / E1
-    share = 1 - nu12 * nu21
-    return np.array(
-        [
-            [E1 / share, nu12 * E2 / share, 0.0],
-            [nu12 * E2 / share, E2 / share, 0.0],
-            [0.0, 0.0, G12],
-        ]
-    )
 
 
 _EN1993 = "EN 1993-1-1:2005, 3.2.6 (E, nu); EN 1991-1-1:2002, table A.4 (density)"

@@ -14,7 +14,8 @@ from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import ACCELERATIONS, BEGIN, VELOCITIES, integrate, solve_level
+from flexmb.engine.entries import integrate, solve_stage
+from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, VELOCITIES
 from flexmb.engine.work import new_output, new_run, new_work
 
 _REFERENCES = Path(__file__).parent / "references"
@@ -122,7 +123,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
         start(state, made.layout)
         scratch = new_work(made.system)
         for level in (VELOCITIES, ACCELERATIONS, BEGIN):
-            solve_level(made.system, state, scratch, level)
+            solve_stage(made.system, state, scratch, level)
         state.aa[:] = state.vd
     work = new_work(made.system, len(made.layout.channels), chosen)
     knobs = method.Settings(

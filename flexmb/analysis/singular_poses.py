@@ -19,7 +19,8 @@ from flexmb.analysis.assembly.rank import MAX_COORDINATES, Decomposition
 from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import EVALUATE, analyse_kinematics
+from flexmb.engine.entries import analyse_kinematics
+from flexmb.engine.kinematics_loop import EVALUATE
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.status import sentence, worst_place
@@ -27,7 +28,7 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import new_run
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
-from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
 

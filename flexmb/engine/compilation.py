@@ -27,8 +27,6 @@ from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit
 from flexmb.errors import CompilationError
 from flexmb.progress import Progress, silent
 
-__all__ = ["compile_units"]
-
 # A process grows by some 4 MB a unit; after so many a new one takes over.
 _MOST_UNITS = 60
 # Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved
@@ -139,7 +137,7 @@ class _Work:
         return len(self.workers) < _cores() and left > _WORTH_A_PROCESS * len(self.workers)
 
     def _next(self, worker: _Worker | None) -> str:
-        """The unit that a worker has least to do for beside the others; then the longest.
+        """The unit that costs a worker least compared with the others; then the longest.
 
         A process translates a kernel once for all units that it compiles.
         """
@@ -289,10 +287,10 @@ class _Worker:
             self.lock.release()
 
 
-def _cost(name: str, known: Collection[FunctionType] = ()) -> float:
+def _cost(name: str, translated: Collection[FunctionType] = ()) -> float:
     """Bytes of code to compile for a unit, where a process knows some kernels already."""
     kernels = reached(UNITS[name]).kernels
-    again = sum(size for kernel, size in kernels.items() if kernel in known)
+    again = sum(size for kernel, size in kernels.items() if kernel in translated)
     return sum(kernels.values()) - _TRANSLATION * again
 
 

@@ -45,8 +45,6 @@ from flexmb.engine import jit
 from flexmb.engine.records import Array, is_record, layout
 from flexmb.engine.unit_cache import write_unit
 
-__all__ = ["compile_unit", "main"]
-
 # `fastmath=True` would let the compiler assume that no NaN exists and make isfinite(nan) true;
 # these four flags keep NaN honest and still allow vectorised sums. Without reference counting
 # (`_nrt`) nothing can allocate: Numba refuses a kernel that would.
@@ -173,7 +171,7 @@ def _plain(hint: Any) -> Any:
 class KernelType(types.Dispatcher):  # type: ignore[misc]
     """Type of a kernel, which is compiled once for all constants that it is called with.
 
-    Numba by itself compiles a function anew for each integer that stands in a call.
+    Numba by itself compiles a function again for each integer that stands in a call.
     """
 
     def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:

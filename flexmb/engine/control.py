@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import weighted_size
+from flexmb.engine.events import next_end
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import (
     FINE,
@@ -23,7 +24,6 @@ from flexmb.engine.method import (
     TOO_SMALL,
 )
 from flexmb.engine.state import Run
-from flexmb.engine.time_events import next_end
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from flexmb.engine import initial_conditions, kinematics_loop, march
 from flexmb.engine.functions.function import run_program
-from flexmb.engine.initial_conditions import (
-    ACCELERATIONS,
-    BEGIN,
-    POSITIONS,
-    REMEMBER,
-    RESIDUAL,
-    VELOCITIES,
-)
 from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
-from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import Method
 from flexmb.engine.records import Packed, units_in
@@ -24,13 +15,6 @@ from flexmb.engine.units import call, call_ready, prepare_units
 from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
-__all__ = [
-    "all_units",
-    "ACCELERATIONS", "BEGIN", "CORRECT", "EVALUATE", "POINTS", "POSITIONS", "REMEMBER", "RESIDUAL",
-    "VELOCITIES", "analyse_kinematics", "evaluate_rows", "integrate", "integration_units",
-    "kinematics_units", "prepare_integration", "prepare_kinematics", "solve_level",
-]  # fmt: skip
-
 
 def all_units() -> tuple[Unit, ...]:
     """All units there are, of all kinds and methods."""
@@ -38,7 +22,7 @@ def all_units() -> tuple[Unit, ...]:
     return tuple(UNITS[name] for name in sorted(UNITS))
 
 
-def solve_level(system: System, state: State, work: Work, level: int) -> float:
+def solve_stage(system: System, state: State, work: Work, level: int) -> float:
     """Solve one level of the state in place with M as the metric.
 
     Parameters

@@ -1,37 +1,53 @@
-"""Events: moments at which a force changes its law, so that a step should end there.
+"""Events: moments at which a force changes its law or a function of time jumps; steps end there.
 
-What is watched is told by the kinds (stage `events`): each contact by its depth and the rate of
-this, one with friction by what makes it slide or stick; so is friction in each joint, and each
-bound of a stop by its penetration. What may peak above zero and return within a step is found by
-its values and rates at both ends of the step: by their tangents, and by the cubic through them.
-With error control a step in which one of them crosses zero, and not just at
-its end, is repeated shorter, so that it ends a little beyond the crossing (regula falsi; each
-shorter step is closer, and tries are bounded). After it begins one of a small length, as forces may
-grow fast from there. With fixed steps nothing is shortened.
-Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math.
-Appl. 39 (2000) 43.
+State events: what is watched is told by the kinds (stage `events`): each contact by its depth and
+the rate of this, one with friction by what makes it slide or stick; so is friction in each joint,
+and each bound of a stop by its penetration. What may peak above zero and return within a step shows
+in its values and rates at both ends of the step: by their tangents, and by the cubic through them.
+With error control a step in which one of them crosses zero, and not just at its end, is repeated
+shorter, so that it ends a little beyond the crossing (regula falsi; each shorter step is closer,
+and tries are bounded). After it begins one of a small length, as forces may grow fast from there.
+With fixed steps nothing is shortened. Source: Shampine & Thompson, Event location for ordinary
+differential equations, Comput. Math. Appl. 39 (2000) 43.
+
+Time events: the formulas of the methods take forces and motions for smooth within a step. Where a
+function of time or its derivative jumps (the end of a step function, a corner of a table) a step
+ends just before, and the state is computed again on the far side, as at the start of a run:
+velocities back on their constraints (where the speed of a driver jumps, by the impulse of the
+joints), accelerations and multipliers from the equations of motion, a short step. All of it follows
+from `State` alone, so that a resumed run repeats it.
 """
 
 from __future__ import annotations
 
 import math
 
+from flexmb.engine.algebra.vector import copy, store
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.stages import pose_stage, reaction_stage, velocity_stage, walk
+from flexmb.engine.kernels.projection import VELOCITIES, accelerations
+from flexmb.engine.kernels.stages import (
+    energies,
+    feedback_stage,
+    pose_stage,
+    powers,
+    reaction_stage,
+    velocity_stage,
+    walk,
+)
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 
-# A step is short enough if a crossing is this share of it before its end, by a straight line.
-_NEAR = 0.02
-_BEYOND = 1.01  # where it is aimed at, over the way to the crossing
-_TRIES = 10
-# Steps are not made shorter for events than this share of the run.
-_SHORTEST = 1e-7
+# A step is short enough if a crossing is this fraction of it before its end, by a straight line.
+_NEAR_END = 0.02
+_OVERSHOOT = 1.01  # where it is aimed at, over the way to the crossing
+_MAX_TRIES = 10
+# Steps are not made shorter for events than this fraction of the run.
+_MIN_STEP_FRACTION = 1e-7
 # Steps after an event in which no other one shortens steps, so that what flutters about zero, such
 # as friction without load, does not stop the run.
-_REST = 5.0
-# First step after an event, over the one before it was shortened.
-_RESTART = 0.1
+_STEPS_AFTER_EVENT = 5.0
+# First step after an event, over the one before it was shortened: estimates begin again.
+_RESTART_FRACTION = 0.1
 
 
 @kernel
@@ -72,7 +88,7 @@ def _crossing(events, k):
 
 
 @kernel
-def _hidden(events, k, h):
+def _peak(events, k, h):
     """Share of the step at which k may peak above zero, below it at both ends; 1: never.
 
     Where the tangents of both ends meet, which a value that rises ever slower does not exceed; or,
@@ -101,14 +117,14 @@ def _hidden(events, k, h):
 
 
 @kernel
-def _next(events, h):
+def _first_crossing(events, h):
     """Share of the step at which the first of all crosses zero; 1: none does.
 
     With h = 0 only what has crossed in the end counts.
     """
     share = 1.0
     for k in range(events.now.shape[0]):
-        share = min(share, _crossing(events, k), _hidden(events, k, h))
+        share = min(share, _crossing(events, k), _peak(events, k, h))
     return share
 
 
@@ -120,14 +136,14 @@ def missed_event(run: Run, h: float) -> int:
         return 0
     _stages(run, run.trial_point)
     walk(run.stages.events, run, run.trial_point)
-    share = _next(events, h)
-    tried = memory["event_trials"] >= _TRIES or memory["steps_until_event_search"] > 0.0
-    if share >= 1.0 - _NEAR or tried:
+    share = _first_crossing(events, h)
+    tried = memory["event_trials"] >= _MAX_TRIES or memory["steps_until_event_search"] > 0.0
+    if share >= 1.0 - _NEAR_END or tried:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
-    shorter = h * max(share * _BEYOND, 1e-3)
-    if shorter < _SHORTEST * (settings.end - settings.start):
+    shorter = h * max(share * _OVERSHOOT, 1e-3)
+    if shorter < _MIN_STEP_FRACTION * (settings.end - settings.start):
         return 0
     memory["event_trials"] += 1.0
     memory["next_step"] = shorter
@@ -142,19 +158,122 @@ def accept_events(run: Run, h: float) -> int:
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
     memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, 0.0)
-    if _next(run.work.events, 0.0) < 1.0:
+    if _first_crossing(run.work.events, 0.0) < 1.0:
         if memory["steps_until_event_search"] == 0.0:
             run.state.count[0]["events"] += 1
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
-        longest = max(_RESTART * longest, _SHORTEST * (settings.end - settings.start))
+        longest = max(
+            _RESTART_FRACTION * longest, _MIN_STEP_FRACTION * (settings.end - settings.start)
+        )
         if memory["steps_until_event_search"] == 0.0:
             memory["next_step"] = min(memory["next_step"], longest)
-            memory["steps_until_event_search"] = _REST
+            memory["steps_until_event_search"] = _STEPS_AFTER_EVENT
         memory["event_trials"] = 0.0
     elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
         memory["next_step"] = min(memory["next_step"], h)
         memory["event_trials"] += 1.0
-        if memory["event_trials"] > 2.0 * _TRIES:
+        if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
     _watch(run, run.state_point, run.work.events.before)
     return FINE
+
+
+@kernel
+def next_end(time_events, t, end):
+    """Where a step that begins at t must end at the latest [s]."""
+    k = _passed(time_events, t)
+    if k < time_events.shape[0]:
+        return min(time_events[k, 0], end)
+    return end
+
+
+@kernel
+def _passed(time_events, t):
+    """How many events have their near side at t or before."""
+    low, high = 0, time_events.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if time_events[middle, 0] <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@unit
+def cross_time_event(run: Run, cp: float) -> int:
+    """Take a state just before an event to its far side; returns the status.
+
+    cp is the factor of the tangent that M is added to, as for reported accelerations. A jump within
+    the tolerance of the next step changes nothing but the time.
+    """
+    st, settings, time_events = run.state, run.settings, run.system.time_events
+    k = _passed(time_events, st.t[0]) - 1
+    if k < 0 or time_events[k, 0] != st.t[0]:
+        return FINE
+    st.t[0] = time_events[k, 1]
+    status = _accelerate(run, cp)
+    allowed = settings.tolerance * st.memory[0]["max_displacement"]
+    if status == FINE and _jump(run.system.weights, st, run.work.trial) > allowed:
+        _restart(run)
+    return status
+
+
+@kernel
+def _accelerate(run, cp):
+    """Velocities, accelerations and multipliers of the far side in the trial state."""
+    st, tr = run.state, run.work.trial
+    st.count[0]["factorisations"] += 1
+    st.memory[0]["factor_age"] = -1.0
+    tr.t[0] = st.t[0]
+    copy(st.q, tr.q)
+    copy(st.v, tr.v)
+    copy(st.vd, tr.vd)
+    copy(st.lam, tr.lam)
+    copy(st.history, run.work.now.history)
+    return accelerations(run, run.trial_point, cp, VELOCITIES)
+
+
+@kernel
+def _jump(weights, st, tr):
+    """What the jumps of velocities and accelerations do to positions within the next step."""
+    h = st.memory[0]["next_step"]
+    jump = 0.0
+    for i in range(weights.shape[0]):
+        moved = h * abs(tr.v[i] - st.v[i]) + 0.5 * h * h * abs(tr.vd[i] - st.vd[i])
+        jump = max(jump, weights[i] * moved)
+    return jump
+
+
+@kernel
+def _restart(run):
+    """The trial state becomes the state; powers again, memory of steps forgotten."""
+    st, tr, total, at = run.state, run.work.trial, run.work.energies, run.state_point
+    energies(run, at)
+    before = total[0]
+    store(tr.v, st.v)
+    store(tr.vd, st.vd)
+    store(tr.lam, st.lam)
+    copy(st.vd, st.vd_before)
+    copy(st.vd, st.aa)
+    copy(st.lam, st.lam_before)
+    for i in range(st.jerk.shape[0]):
+        st.jerk[i] = 0.0
+        st.jerk_before[i] = 0.0
+    velocity_stage(run, at)
+    rows = run.system.rows
+    for k in range(rows.shape[0]):
+        if rows[k]["fun"] >= 0:  # only drivers do work by impulses
+            energies(run, at)
+            st.work_done[0] += total[0] - before
+            break
+    feedback_stage(run, at)
+    reaction_stage(run, at)
+    powers(run, at)
+    copy(run.work.powers, st.power)
+    for k in range(3):
+        st.power_before[0, k] = st.power_before[1, k] = math.nan
+    st.memory[0]["steps_at_this_size"] = 0.0
+    st.memory[0]["velocity_error"] = 0.0
+    st.memory[0]["steps_until_growth"] = 0.0
+    st.memory[0]["next_step"] *= _RESTART_FRACTION

@@ -14,12 +14,6 @@ from functools import cache
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
-__all__ = [
-    "UNITS", "Reached", "Unit", "call_channel", "call_matrix", "call_row", "call_row_tangent",
-    "call_row_value", "call_stage", "call_step", "call_value", "compile_with", "kernel", "reached",
-    "unit",
-]  # fmt: skip
-
 
 class Unit:
     """A function that is compiled alone; called from Python it runs without compilation.

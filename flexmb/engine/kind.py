@@ -25,7 +25,7 @@ the Run, `tables` the kind's own record, `at` the Point where the stage is evalu
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix
     jacobian    (run, tables, at)           status; constraint rows, into the iteration matrix
-    coupling    (run, tables, at, cv, cp)   status; unsymmetric terms beside the rows
+    coupling    (run, tables, at, cv, cp)   status; unsymmetric terms in addition to the rows
     mass        (run, tables, at)           status; Factor.sol = M Trial.res
     energy      (run, tables, at)           status; adds to Work.energies
     power       (run, tables, at)           status; adds to Work.powers
@@ -48,7 +48,7 @@ Constraint rows: units of a `RowKind`, `at` the RowWork, a and b axes of the mar
 A row is C = measure − f, f its constant and its function of time. The gradient g (12) holds the
 partial derivatives of the measure for the virtual motion (δx_I, δφ_I, δx_J, δφ_J) in global axes,
 so λ g is the pair of wrenches of the row. The tangent H (12, 12), rows and columns as g, is the
-change of g with that motion; what the change of the lever arms adds is in `bodies.tangent`. A
+change of g with that motion; what the change of the moment arms adds is in `bodies.wrench`. A
 tangent may use at.g as scratch.
 
 Sensors: units of a `Measure` (a term of a sum) and of a `ChannelKind`, with `sensors` the Sensors:
@@ -94,8 +94,8 @@ class Kind:
         Whether its wrenches need the velocities of markers.
     works : bool
         Whether it does work, or may.
-    stiff : bool
-        Whether it may be stiff.
+    stiff : bool or callable
+        Whether it may be stiff, or what tells that of its tables.
     unsymmetric : callable, optional
         Tells of its tables whether its tangent is far from symmetric.
     scratch : callable, optional
@@ -111,7 +111,7 @@ class Kind:
     couples: tuple[Couple, ...] = ()
     uses_velocity: bool = False
     works: bool = False
-    stiff: bool = False
+    stiff: bool | Callable[[Any], bool] = False
     unsymmetric: Callable[[Any], bool] | None = None
     scratch: Callable[[Any], Any] | None = None
 
@@ -119,6 +119,10 @@ class Kind:
     def core(self) -> bool:
         """Whether every model has it."""
         return self.lower is None
+
+    def is_stiff(self, tables: Any) -> bool:
+        """Whether it may be stiff."""
+        return self.stiff(tables) if callable(self.stiff) else self.stiff
 
     def is_unsymmetric(self, tables: Any) -> bool:
         """Whether its tangent is far from symmetric."""
@@ -189,7 +193,7 @@ class ChannelKind:
     reads : str
         What it is read from: "terms", "state", "coordinate", "forces", or other "channels".
     counts_turns : bool
-        Whether it is an angle that goes on through full turns.
+        Whether it is an angle that counts full turns.
     """
 
     value: Unit

@@ -363,7 +363,7 @@ def remember_point(run: Run, path: Path, h: float) -> int:
 def check_branch(run: Run, path: Path, h: float, last: int) -> int:
     """Compare the trial point with the state before it (0); returns the status.
 
-    `last` = 1: there is no smaller increment, so a kink in a function is taken as it is.
+    `last` = 1: there is no smaller increment, so a jump in the slope of a function is accepted.
     """
     functions, fun, w = run.system.functions, run.work.con.fun, run.system.weights
     v0, vd0, v, vd = run.state.v, run.state.vd, run.work.trial.v, run.work.trial.vd

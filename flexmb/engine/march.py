@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmb.engine import control
 from flexmb.engine.algebra.vector import copy, largest, store
-from flexmb.engine.events import accept_events, begin_events, missed_event
+from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
@@ -37,7 +37,6 @@ from flexmb.engine.method import (
 )
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
-from flexmb.engine.time_events import cross_time_event
 
 # With fixed steps what Newton's method leaves by an old factor is a bias: an output renews one that
 # has served so many steps.

@@ -234,8 +234,7 @@ def _blocks(of: ModelTables) -> Blocks:
     pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
     follows = [
-        {c for row in groups.in_group(k) for c, _ in row.entry.follows}
-        for k in range(len(groups.groups))
+        {c for row in groups.in_group(k) for c, _ in row.follows} for k in range(len(groups.groups))
     ]
     for group, coordinate in of.lowering.reaction_loads:
         follows[group].add(coordinate)
@@ -246,7 +245,7 @@ def _blocks(of: ModelTables) -> Blocks:
         columns=bodies + [[0]] * len(of.lowering.scalars),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
-        group_coordinates=[tuple(len(bodies) + c for c in sorted(found)) for found in follows],
+        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in follows],
         couples=[(i, j) for i, j in pairs if i != j],
         group_sliders=_group_curve_points(groups, first),
     )

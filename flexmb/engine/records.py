@@ -18,11 +18,6 @@ import numpy as np
 
 from flexmb.engine.jit import Unit
 
-__all__ = [
-    "Array", "Complexes", "Field", "Integers", "Matrix", "Packed", "Records", "Units", "Vector",
-    "array_ndim", "array_of", "is_record", "layout", "pack", "units_in",
-]  # fmt: skip
-
 
 class Array(NamedTuple):
     """An array of a dtype with a number of dimensions."""
@@ -140,7 +135,7 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
 def _add_words(
     record: Any, words: list[int], owned: list[Any], address_of: Callable[[Unit], int]
 ) -> None:
-    """Append the words of a record, and to `owned` what they point at beside its arrays."""
+    """Append the words of a record, and to `owned` what they point at in addition to its arrays."""
     for name, _, kind, table in layout(type(record))[0]:
         value = getattr(record, name)
         if table:
@@ -161,12 +156,12 @@ def _addresses(
     values: Any, table: str, owned: list[Any], address_of: Callable[[Unit], int]
 ) -> np.ndarray:
     if table == "units":
-        found = [0 if unit is None else address_of(unit) for unit in values]
+        numbers = [0 if unit is None else address_of(unit) for unit in values]
     else:
         packed = [pack(record, address_of) for record in values]
         owned.append(packed)
-        found = [one.address for one in packed]
-    addresses = np.array(found, np.int64)
+        numbers = [one.address for one in packed]
+    addresses = np.array(numbers, np.int64)
     owned.append(addresses)
     return addresses
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 from flexmb.engine.joints import axis_rows, line_rows, point_joint
 from flexmb.engine.kind import RowKind
 
-__all__ = [
-    "ANGLE", "DISTANCE", "DOT1", "DOT2", "MOMENT", "POINT", "RADIAL", "ROW_KINDS", "TWIST",
-]  # fmt: skip
-
 ROW_KINDS: list[RowKind] = []
 """All kinds of rows, by number."""
 

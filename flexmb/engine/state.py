@@ -215,7 +215,7 @@ class Before(NamedTuple):
 
 
 class Events(NamedTuple):
-    """What the step control watches: each value crosses zero where a force changes its law.
+    """What the step control watches: each value crosses zero where a force changes its formula.
 
     Columns: the value, and its rate where it may peak unseen within a step, else NaN.
     """

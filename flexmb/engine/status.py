@@ -20,11 +20,11 @@ from flexmb.engine.state import Work
 _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
     NOT_FINITE: "the solution is no longer finite",
-    TOO_SMALL: "no step is small enough for the accuracy asked for",
+    TOO_SMALL: "the step size fell below its minimum: the requested accuracy cannot be reached",
     ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
     "undefined",
-    NO_LOOP: "forces that depend on accelerations or reactions find none that fit them",
-    SELF_LOCKING: "friction in the joints and the reactions that cause it do not settle",
+    NO_LOOP: "the algebraic loop between forces and accelerations or reactions does not converge",
+    SELF_LOCKING: "the iteration between joint friction and joint reactions does not converge",
     NO_PARTITION: "no choice of independent coordinates determines the dependent ones",
 }
 _LOCKS = (
@@ -34,8 +34,8 @@ _LOCKS = (
 _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
     "singular pose, or a jump in a force or driver",
-    NOT_FINITE: "smaller steps were tried; check functions of time, and laws of springs, at this "
-    "moment",
+    NOT_FINITE: "smaller steps were tried; check functions of time, and force characteristics, at "
+    "this moment",
     TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
     NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
@@ -78,13 +78,13 @@ def _curve_end(compiled: Compiled, work: Work, time: float) -> str:
             end = "beginning" if s < 0.0 else "end"
             return (
                 f"at t = {time:.6g} s {joint} leaves its curve at the {end} of it: lengthen the "
-                "curve there, say closed = true for one that turns on, or keep the motion within it"
+                "curve there, set closed = true if it is a closed curve, or limit the motion to it"
             )
     return f"at t = {time:.6g} s a joint leaves its curve at an end"
 
 
 def worst_place(compiled: Compiled, work: Work) -> str:
-    """Name of the constraint row or the body with the largest correction still wanted."""
+    """Name of the constraint row or the body with the largest remaining correction."""
     system, layout = compiled.system, compiled.layout
     size = np.abs(work.factor.sol[system.kkt.place[: layout.nv]]) * system.weights
     size = np.where(np.isfinite(size), size, np.inf)

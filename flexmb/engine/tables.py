@@ -105,7 +105,7 @@ TERM = np.dtype(
     align=True,
 )
 
-# One scalar coordinate s beside the bodies: m s'' + c s' + k (s - s0) = u(t) + reactions of the
+# One scalar coordinate s: m s'' + c s' + k (s - s0) = u(t) + reactions of the
 # rows that follow it. Without mass it is a parameter that rows decide; with mass and damping its
 # velocity is a first-order state.
 COORDINATE = np.dtype(
@@ -308,7 +308,7 @@ class Functions:
 
     resolve: Callable[[Expression], Expression]
     programs: list[Expression] = field(default_factory=list)
-    _known: dict[Ops, int] = field(default_factory=dict)
+    _numbers: dict[Ops, int] = field(default_factory=dict)
 
     def add(self, expression: Expression) -> int:
         """Index of a function as the scene gives it."""
@@ -316,7 +316,7 @@ class Functions:
 
     def put(self, expression: Expression) -> int:
         """Index of a function over measured channels and states in SI."""
-        k = self._known.setdefault(expression.ops, len(self.programs))
+        k = self._numbers.setdefault(expression.ops, len(self.programs))
         if k == len(self.programs):
             self.programs.append(expression)
         return k

@@ -30,11 +30,6 @@ from pathlib import Path
 from flexmb.errors import FlexmbWarning
 from flexmb.folders import cache_root, is_writable
 
-__all__ = [
-    "Stored", "cache_folders", "engine_hash", "file_of", "leave_cache", "read_stored", "read_unit",
-    "sources_of", "unit_file", "write_unit",
-]  # fmt: skip
-
 _ENGINE = Path(__file__).parent
 _IMPORT = re.compile(
     r"^\s*(?:from\s+(flexmb\.engine[\w.]*)\s+import\s+(\([^)]*\)|[^\n]*)"
@@ -108,7 +103,7 @@ def engine_hash() -> str:
 
 @functools.cache
 def _machine() -> str:
-    """What machine code depends on beside its source: processor, and versions of the compilers."""
+    """What machine code depends on but for its source: processor, versions of the compilers."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()

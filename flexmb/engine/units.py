@@ -24,11 +24,6 @@ from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
-__all__ = [
-    "call", "call_ready", "hand_over", "interpretation", "interpreted", "load_units",
-    "missing_units", "prepare_units",
-]  # fmt: skip
-
 _in_python = ContextVar("_in_python", default=False)
 _ENGINE = "flexmb.engine."
 
@@ -86,14 +81,14 @@ def _loader() -> _Loader:
 
 
 def _collect(
-    names: Iterable[str], stored: dict[str, Stored], known: Callable[[str], bool]
+    names: Iterable[str], stored: dict[str, Stored], is_loaded: Callable[[str], bool]
 ) -> list[str]:
     """Add units and all they call to `stored`; returns the names of those that are missing."""
     missing, seen = [], set()
     waiting = list(names)
     while waiting:
         name = waiting.pop()
-        if name in seen or known(name):
+        if name in seen or is_loaded(name):
             continue
         seen.add(name)
         if name not in stored and (file := read_stored(name)) is not None:

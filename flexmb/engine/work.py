@@ -48,11 +48,6 @@ from flexmb.engine.state import (
 )
 from flexmb.engine.tables import System
 
-__all__ = [
-    "equal_times", "kinds_of", "new_output", "new_path", "new_plan", "new_run", "new_state",
-    "new_work", "output_run", "row_units", "sensor_units", "sizes", "stages_of", "units_of",
-]  # fmt: skip
-
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
 _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(9)), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from flexmb.model.tasks.dynamics import ACCURACY, OPTIONS
+from flexmb.model.scenes.dynamics import ACCURACY, OPTIONS
 from flexmb.studies.channel_errors import Difference, Reading, difference, error_text
 from flexmb.studies.settings import Setting
 
@@ -52,24 +52,12 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Reference:
-    """The run that errors are measured against.
-
-    Attributes
-    ----------
-    reading : Reading or None
-        The reference; None where there is none.
-    floors : dict
-        Smallest error that can be shown, by quantity.
-    sentence : str
-        Which run it is and what confirms it, or why there is none.
-    physics : str
-        Key of its model.
-    """
+    """The run that errors are measured against; `reading` is None where there is none."""
 
     reading: Reading | None
-    floors: dict[str, float] = field(default_factory=dict)
-    sentence: str = ""
-    physics: str = ""
+    floors: dict[str, float] = field(default_factory=dict)  # smallest error to show, by quantity
+    sentence: str = ""  # which run it is and what confirms it, or why there is none
+    physics: str = ""  # key of its model
 
     def shown(self, name: str) -> bool:
         """Whether errors of a quantity can be shown at all."""

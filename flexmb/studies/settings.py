@@ -24,9 +24,9 @@ from flexmb.folders import output_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.scenes.dynamics import OPTIONS
 from flexmb.model.scenes.scene import load_scene, raw_scene
-from flexmb.model.tasks.dynamics import OPTIONS
-from flexmb.model.tasks.study import override, resolve_knob
+from flexmb.model.scenes.study import override, resolve_knob
 from flexmb.model.values.reading import under
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.workers import content_key
@@ -44,30 +44,14 @@ _SMALL = 1e-3  # smaller values are written with an exponent
 
 @dataclass(frozen=True)
 class StudySource:
-    """A scene before any knob is changed.
-
-    Attributes
-    ----------
-    model : Model
-        The model of the scene.
-    scene : dict
-        The scene as plain data.
-    folder : Path
-        What relative paths of the scene are relative to.
-    output : Path
-        Folder of the study.
-    overrides : dict
-        Values that are changed for all settings.
-    file : str
-        The scene file, empty for a model from Python.
-    """
+    """A scene before any knob is changed."""
 
     model: Model
-    scene: dict[str, Any]
-    folder: Path
-    output: Path
-    overrides: dict[str, Any] = field(default_factory=dict)
-    file: str = ""
+    scene: dict[str, Any]  # as plain data
+    folder: Path  # what relative paths of the scene are relative to
+    output: Path  # folder of the study
+    overrides: dict[str, Any] = field(default_factory=dict)  # changed for all settings
+    file: str = ""  # the scene file, empty for a model from Python
 
     @classmethod
     def of_scene(
@@ -138,36 +122,16 @@ def is_numerical(knob: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One combination of values.
+    """One combination of values."""
 
-    Attributes
-    ----------
-    values : dict
-        Knob to value, as given.
-    model : Model or None
-        The model; None where it refuses the values.
-    scene : dict
-        The scene of the model as plain data.
-    dynamics : dict
-        Its `[dynamics]` with all numbers worked out, as the scene would write them.
-    refusal : str
-        Why the model refuses the values.
-    group : str
-        Key of the machine that is described, however finely.
-    physics : str
-        Key of the model, apart from the numbers of its integration.
-    rank : tuple
-        The larger, the finer the model within its group.
-    """
-
-    values: dict[str, Any]
-    model: Model | None = None
-    scene: dict[str, Any] = field(default_factory=dict)
-    dynamics: dict[str, Any] = field(default_factory=dict)
-    refusal: str = ""
-    group: str = ""
-    physics: str = ""
-    rank: tuple[int, ...] = ()
+    values: dict[str, Any]  # by knob
+    model: Model | None = None  # None where it refuses the values
+    scene: dict[str, Any] = field(default_factory=dict)  # of the model, as plain data
+    dynamics: dict[str, Any] = field(default_factory=dict)  # of it, with all numbers worked out
+    refusal: str = ""  # why the model refuses the values
+    group: str = ""  # key of the machine, however finely it is described
+    physics: str = ""  # key of the model, apart from the numbers of its integration
+    rank: tuple[int, ...] = ()  # the larger, the finer the model within its group
 
 
 def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> list[Setting]:

@@ -51,32 +51,16 @@ _GUARD = (
 
 @dataclass(frozen=True)
 class Job:
-    """A run, or with no repeats the reduction of the flexible bodies of its model.
+    """A run, or with no repeats the reduction of the flexible bodies of its model."""
 
-    Attributes
-    ----------
-    label : str
-        Its values, for people.
-    scene : dict
-        The scene; its paths are relative to `source`.
-    source, folder, bodies : str
-        Folders: of the scene, of the result and record, of the reduced bodies (empty: none).
-    repeats : int
-        How often to integrate.
-    workers : int
-        How many runs are done at the same time.
-    limit : float
-        Seconds after which one integration is given up; 0 for none.
-    """
-
-    label: str
-    scene: dict[str, Any]
-    source: str
-    folder: str
-    bodies: str = ""
-    repeats: int = 1
-    workers: int = 1
-    limit: float = 0.0
+    label: str  # its values, for people
+    scene: dict[str, Any]  # its paths are relative to `source`
+    source: str  # folder of the scene
+    folder: str  # of the result and record
+    bodies: str = ""  # folder of the reduced bodies; empty: none
+    repeats: int = 1  # how often to integrate
+    workers: int = 1  # how many runs are done at the same time
+    limit: float = 0.0  # s, after which one integration is given up; 0: none
 
 
 def content_key(data: Any) -> str:

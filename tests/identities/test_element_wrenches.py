@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from enginekit import Bench
 
-from flexmb.engine.entries import RESIDUAL, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.model import Model
 
@@ -69,9 +70,9 @@ def test_what_is_read_is_what_acts(name):
 def test_a_law_of_no_length_is_told():
     """The status, and the row."""
     bench, _ = bench_of("law")
-    assert solve_level(bench.sys, bench.state, bench.work, RESIDUAL) == FINE
+    assert solve_stage(bench.sys, bench.state, bench.work, RESIDUAL) == FINE
     rows = bench.sys.kinds["force_characteristics"].rows
     rows["J"] = rows["I"]
     bench.work.fault[0] = -1
-    assert solve_level(bench.sys, bench.state, bench.work, RESIDUAL) == ZERO_LENGTH
+    assert solve_stage(bench.sys, bench.state, bench.work, RESIDUAL) == ZERO_LENGTH
     assert bench.work.fault[0] == 0

@@ -15,7 +15,7 @@ from generators import BODIES, Mechanism, random_rotation
 # The difference rules leave 1e-12 of the size of the numbers here.
 DIFFERENCES = 1e-8
 LAST_DIGITS = 1e-11
-KINDS = ("six_component_forces", "force_characteristics", "action_reaction_loads")
+KINDS = ("six_component_forces", "force_characteristics", "loads")
 
 
 def matrix(rng, size=6):

@@ -160,7 +160,7 @@ def test_nortons_four_bar(planar, word):
 SPATIAL = """
 import numpy as np
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import ACCELERATIONS, solve_level
+from flexmb.engine.entries import ACCELERATIONS, solve_stage
 from flexmb.engine.work import new_state, new_work
 from flexmb.model import Model
 from linkages import swept
@@ -228,7 +228,7 @@ for rod in ("link", "universal"):
     lam, vd = [], []
     for k, t in enumerate(rows["t"]):
         state.t[0], state.q[:], state.v[:] = t, rows["q"][k], rows["v"][k]
-        solve_level(compiled.system, state, work, ACCELERATIONS)
+        solve_stage(compiled.system, state, work, ACCELERATIONS)
         lam.append(state.lam.copy())
         vd.append(state.vd.copy())
     found[rod + ".lam"], found[rod + ".lam_dynamics"] = rows["lam"], lam

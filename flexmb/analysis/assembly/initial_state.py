@@ -24,16 +24,10 @@ from flexmb.analysis.assembly.positions import (
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import (
-    ACCELERATIONS,
-    BEGIN,
-    REMEMBER,
-    RESIDUAL,
-    VELOCITIES,
-    solve_level,
-)
+from flexmb.engine.entries import solve_stage
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
+from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, REMEMBER, RESIDUAL, VELOCITIES
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
@@ -120,17 +114,17 @@ def assemble(
         velocities.set(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
-            solve_level(stiff, state, work, VELOCITIES)
+            solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, begin)
 
     close(begin is None)
     notes = velocities.notes(state) if begin is None else []
-    solve_level(system, state, work, REMEMBER)
+    solve_stage(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
-    solve_level(system, state, work, REMEMBER)
+    solve_stage(system, state, work, REMEMBER)
     _solve_accelerations(system, state, work)
-    solve_level(system, state, work, BEGIN)
+    solve_stage(system, state, work, BEGIN)
     return Assembled(state, work, (*notes, *_stop_notes(compiled, model, state, work)))
 
 
@@ -141,7 +135,7 @@ def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues
         state.v[start.iv] = start.value
     follow = [start for start in free if start.program >= 0]
     for _ in follow:
-        solve_level(compiled.system, state, work, RESIDUAL)
+        solve_stage(compiled.system, state, work, RESIDUAL)
         for start in follow:
             state.v[start.iv] = work.con.fun[start.program, 0]
 
@@ -189,7 +183,7 @@ def _equilibrate(
 
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
-    code = solve_level(system, state, work, ACCELERATIONS)
+    code = solve_stage(system, state, work, ACCELERATIONS)
     if code != FINE:
         no_length = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(_ACCELERATION_ERRORS.get(int(code), no_length))

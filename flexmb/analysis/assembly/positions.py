@@ -26,14 +26,15 @@ from flexmb.analysis.assembly.gaps import (
 from flexmb.analysis.assembly.jacobian import ConstraintPose, ConstraintRows, column_scales
 from flexmb.analysis.assembly.rank import null_space
 from flexmb.engine.compile import Compiled, compile_system
-from flexmb.engine.entries import POSITIONS, RESIDUAL, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
 from flexmb.model.scenes.sections import read_named
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 
 FIXED_WEIGHT = 1e10
 """Weight of a fixed body."""
@@ -75,8 +76,8 @@ def mass_corrector(system: System, state: State, work: Work | None = None) -> Co
     scratch = work if work is not None else new_work(system)
     return Corrector(
         scratch,
-        lambda: float(solve_level(system, state, scratch, POSITIONS)),
-        lambda: solve_level(system, state, scratch, RESIDUAL),
+        lambda: float(solve_stage(system, state, scratch, POSITIONS)),
+        lambda: solve_stage(system, state, scratch, RESIDUAL),
     )
 
 
@@ -161,7 +162,7 @@ def _approach_guess(model: Model, compiled: Compiled, state: State, make: MakeCo
     for joint, guess in model.assembly.guess.items():
         for coordinate, value in guess.coordinates.items():
             entry = {"joint": joint, coordinate: value}
-            spec, problems = read_named("drivers", f"{joint}_{coordinate}", entry, Terms())
+            spec, problems = read_named("drivers", f"{joint}_{coordinate}", entry, ReadContext())
             assert not problems  # the guess was checked with the model
             extended.drivers[f"guess_of_{joint}_{coordinate}"] = spec  # type: ignore[assignment]
     with warnings.catch_warnings():

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled, with_markers
-from flexmb.engine.entries import BEGIN, VELOCITIES, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import BEGIN, VELOCITIES
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
 from flexmb.engine.work import new_work
@@ -76,7 +77,7 @@ class InitialVelocities:
                 one,
             )
             for name, spec in model.bodies.items()
-            for marker, one in spec.asked_velocities.items()
+            for marker, one in spec.initial_velocities.items()
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()
@@ -87,7 +88,7 @@ class InitialVelocities:
         """Set v of a state with closed positions."""
         if not self._prescribed:
             state.v[:] = 0.0
-            solve_level(self._system, state, self._work, VELOCITIES)
+            solve_stage(self._system, state, self._work, VELOCITIES)
             return
         self._measure(state)
         wanted = self._wanted()
@@ -96,7 +97,7 @@ class InitialVelocities:
         for n in range(_MAX_ROUNDS):
             before, missed = state.v.copy(), left
             state.v[:] = self._guess(state, aim)
-            solve_level(self._system, state, self._work, VELOCITIES)
+            solve_stage(self._system, state, self._work, VELOCITIES)
             self._measure(state)
             missing = wanted - self._present()
             left = self._size(missing)
@@ -144,7 +145,7 @@ class InitialVelocities:
     def _measure(self, state: State) -> None:
         """MarkerTable as they are and move in this state; the state is left as it is."""
         aside = state._replace(power=state.power.copy(), angles=state.angles.copy())
-        solve_level(self._system, aside, self._work, BEGIN)
+        solve_stage(self._system, aside, self._work, BEGIN)
 
     def _wanted(self) -> Array:
         """(n, 2, 3) velocity and angular velocity of each marker as prescribed, global, or NaN."""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import RESIDUAL, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import Work
 from flexmb.engine.status import sentence
 from flexmb.engine.work import new_state, new_work
@@ -99,7 +100,7 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
     state = new_state(compiled.system, len(compiled.layout.channels))
     work = new_work(compiled.system)
     state.t[0], state.q[:], state.v[:] = rows.t[row], rows.q[row], rows.v[row]
-    solve_level(compiled.system, state, work, RESIDUAL)
+    solve_stage(compiled.system, state, work, RESIDUAL)
     gaps: NDArray[np.float64] = work.con.C
     return gaps
 

@@ -16,12 +16,13 @@ from flexmb.analysis.dynamics.settings import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.verified import PACE
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import ACCELERATIONS, prepare_integration, solve_level
+from flexmb.engine.entries import prepare_integration, solve_stage
+from flexmb.engine.initial_conditions import ACCELERATIONS
 from flexmb.engine.integrators import chosen_method, method_name
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
-from flexmb.model.tasks.dynamics import METHODS
+from flexmb.model.scenes.dynamics import METHODS
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 
@@ -109,5 +110,5 @@ def _first_pose(
     except (KeyError, ValueError):
         return first.q, None  # of another version, which is told
     work = new_work(compiled.system)
-    solve_level(compiled.system, first, work, ACCELERATIONS)
+    solve_stage(compiled.system, first, work, ACCELERATIONS)
     return first.q, constraint_rank(compiled, work)

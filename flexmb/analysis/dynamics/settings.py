@@ -10,7 +10,7 @@ import numpy as np
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import kinds_of
-from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
     "Steps", "compared_times", "damps_vibrations", "kept_settings", "local_tolerance",
@@ -119,7 +119,7 @@ def loop_settings(
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
-    stiff = any(kind.stiff for kind in kinds)
+    stiff = any(kind.is_stiff(system.kinds[kind.name]) for kind in kinds)
     newton = _NEWTON if chosen.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,

@@ -45,46 +45,26 @@ def _guarded(d, a, sign):
 @unit
 def factor(kkt: Kkt, fac: Factor) -> int:
     """Factor fac.low (and fac.up) in place; returns the number of replaced pivots."""
-    if fac.symmetric[0] == 1:
-        return factor_symmetric(kkt, fac)
-    return factor_pair(kkt, fac)
-
-
-@unit
-def factor_pair(kkt: Kkt, fac: Factor) -> int:
-    """Factor fac.low and fac.up in place; returns the number of replaced pivots."""
-    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
-    Wl, Wu = fac.Wl, fac.Wu
-    fixes = 0
-    for p in range(panels.shape[0]):
-        fixes += _factor_panel_pair(panels[p], low, up, Wl, Wu, d)
-        _update_pair(panels[p], updates, low, up, Wl, Wu)
-    return fixes
-
-
-@unit
-def factor_symmetric(kkt: Kkt, fac: Factor) -> int:
-    """Factor fac.low in place; returns the number of replaced pivots."""
-    panels, updates, low, Wl, d = kkt.panels, kkt.updates, fac.low, fac.Wl, fac.d
-    fixes = 0
-    for p in range(panels.shape[0]):
-        fixes += _factor_panel(panels[p], low, Wl, d)
-        _update_low(panels[p], updates, low, Wl)
-    return fixes
+    return _factor(kkt.panels, kkt.updates, fac)
 
 
 @unit
 def factor_complex(kkt: Kkt, fac: ComplexFactor) -> int:
     """Factor a complex matrix in place; returns the number of replaced pivots."""
-    panels, updates, low, up, d = kkt.panels, kkt.updates, fac.low, fac.up, fac.d
-    fixes = 0
+    return _factor(kkt.panels, kkt.updates, fac)
+
+
+@kernel
+def _factor(panels, updates, fac):
+    low, up, Wl, Wu, d = fac.low, fac.up, fac.Wl, fac.Wu, fac.d
+    symmetric, fixes = fac.symmetric[0] == 1, 0
     for p in range(panels.shape[0]):
-        if fac.symmetric[0] == 1:
-            fixes += _factor_panel(panels[p], low, fac.Wl, d)
-            _update_low(panels[p], updates, low, fac.Wl)
+        if symmetric:
+            fixes += _factor_panel(panels[p], low, Wl, d)
+            _update_low(panels[p], updates, low, Wl)
         else:
-            fixes += _factor_panel_pair(panels[p], low, up, fac.Wl, fac.Wu, d)
-            _update_pair(panels[p], updates, low, up, fac.Wl, fac.Wu)
+            fixes += _factor_panel_pair(panels[p], low, up, Wl, Wu, d)
+            _update_pair(panels[p], updates, low, up, Wl, Wu)
     return fixes
 
 

@@ -311,7 +311,7 @@ class MarkerTable:
     bodies: list[str]
     pool: Pool
     rows: list[tuple[Any, ...]] = field(default_factory=list)
-    known: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    numbers_of: dict[tuple[Any, ...], int] = field(default_factory=dict)
     modes: dict[bytes, int] = field(default_factory=dict)
     framed: set[int] = field(default_factory=set)  # markers whose axes matter
     numbers: dict[str, int] = field(init=False)  # of the bodies by name
@@ -324,12 +324,12 @@ class MarkerTable:
         row = self._row(marker)
         body, modes, rho, arm, R = row
         key = body, modes, rho.tobytes(), arm.tobytes(), R.tobytes()
-        if key not in self.known:
-            self.known[key] = len(self.rows)
+        if key not in self.numbers_of:
+            self.numbers_of[key] = len(self.rows)
             self.rows.append(row)
         if not point:
-            self.framed.add(self.known[key])
-        return self.known[key]
+            self.framed.add(self.numbers_of[key])
+        return self.numbers_of[key]
 
     def frame_together(self, pairs: Sequence[tuple[int, int]]) -> None:
         """Let the axes of both markers of a pair matter where those of one do."""

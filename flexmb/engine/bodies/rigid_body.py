@@ -64,31 +64,17 @@ def turn_bodies(run: Run, of: Bodies, at: Point) -> int:
     return FINE
 
 
-@kernel
-def _put_inertia(J):
-    """From second moments, J = tr(S) I − S."""
-    trace = J[0, 0] + J[1, 1] + J[2, 2]
-    for a in range(3):
-        for b in range(3):
-            J[a, b] = (trace if a == b else 0.0) - J[a, b]
-
-
-@kernel
-def prepare_bodies(bodies, body_now, rows):
-    """J and c of undeformed bodies."""
-    for n in range(rows.shape[0]):
-        body, J, c = bodies[rows[n]], body_now[rows[n]]["J"], body_now[rows[n]]["c"]
-        for a in range(3):
-            c[a] = body["S1"][a]
-            for b in range(3):
-                J[a, b] = body["S0"][a, b]
-        _put_inertia(J)
-
-
 @unit
 def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
-    """J and c of rigid bodies, which never change."""
-    prepare_bodies(run.system.parts.bodies, run.work.now.body, of.rows)
+    """J = tr(S) I − S and c of undeformed bodies; those of rigid bodies never change."""
+    bodies, body_now, rows = run.system.parts.bodies, run.work.now.body, of.rows
+    for n in range(rows.shape[0]):
+        S, J, c = bodies[rows[n]]["S0"], body_now[rows[n]]["J"], body_now[rows[n]]["c"]
+        trace = S[0, 0] + S[1, 1] + S[2, 2]
+        for a in range(3):
+            c[a] = bodies[rows[n]]["S1"][a]
+            for b in range(3):
+                J[a, b] = (trace if a == b else 0.0) - S[a, b]
     return FINE
 
 

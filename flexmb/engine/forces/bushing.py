@@ -15,9 +15,8 @@ import numpy as np
 
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.algebra.vector import copy, inner, part
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces import relative_motion
-from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.forces.relative_motion import (
     RelativeMotion,
     new_relative_motion,

@@ -32,7 +32,7 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces.contact_geometry import (
     normal_change,
     penetration,
@@ -41,7 +41,6 @@ from flexmb.engine.forces.contact_geometry import (
     relative_velocity,
     separation,
 )
-from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,

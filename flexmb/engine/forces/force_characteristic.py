@@ -15,9 +15,8 @@ import numpy as np
 
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.algebra.vector import copy
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
-from flexmb.engine.forces.damping_tangent import add_rate_arms, add_rates
-from flexmb.engine.forces.load import pull_back
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
+from flexmb.engine.forces.load import pull_back_unit_force
 from flexmb.engine.forces.spring_damper import (
     COMPONENT_OF,
     COORDINATE_OF,
@@ -281,9 +280,9 @@ def put_unit_force(run: Run, forces: ForceCharacteristics, at: Point, part: int)
     _put_measure(run, forces, at, k)
     copy(forces.scratch.now[0]["g"], w)
     if on == 0:
-        pull_back(run, forces.rows[k]["J"], 6)
+        pull_back_unit_force(run, forces.rows[k]["J"], 6)
     else:
-        pull_back(run, forces.rows[k]["I"], 0)
+        pull_back_unit_force(run, forces.rows[k]["I"], 0)
     return 0.0
 
 

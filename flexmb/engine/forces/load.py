@@ -1,9 +1,8 @@
 """Loads: forces and torques on markers, their components functions of time or of channels.
 
-`LOADS` act on one marker, in global axes or in its own. `ACTION_REACTION_LOADS` have the axes of
-any marker, or their opposite on another body: a force F at marker J acts on the body of marker I at
-the same point with the wrench (−F, −h × F), h = x_J − x_I, so that the two have no moment; a torque
-likewise.
+A load has global axes or those of any marker. Its opposite may act on another body: a force F at
+marker J acts on the body of marker I at the same point with the wrench (−F, −h × F), h = x_J − x_I,
+so that the two have no moment; a torque likewise.
 """
 
 from __future__ import annotations
@@ -14,10 +13,8 @@ import numpy as np
 
 from flexmb.engine.algebra.blocks import add_body_block, add_coupling, add_skew, clear
 from flexmb.engine.algebra.rotation import cross, transform
-from flexmb.engine.algebra.vector import put
 from flexmb.engine.bodies.wrench import (
     add_moment_arms,
-    add_own,
     add_pair,
     add_pulled_back,
     marker_jacobian,
@@ -33,36 +30,50 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
 
-# Force or torque at `marker` with components in global axes (`axes` = -1) or in its own.
+# Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
+# ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
 LOAD = np.dtype(
-    [("marker", "i8"), ("axes", "i8"), ("torque", "i8"), ("fun", "i8", (3,))],
+    [
+        ("marker", "i8"),
+        ("other", "i8"),
+        ("axes", "i8"),
+        ("torque", "i8"),
+        ("fun", "i8", (3,)),
+        ("couple", "i8"),  # LINK between the bodies of other and marker
+        ("couple_marker", "i8"),  # between those of marker and axes
+        ("couple_other", "i8"),  # between those of other and axes
+    ],
     align=True,
 )
 
 
 class Loads(NamedTuple):
-    """Forces and torques on one marker each."""
+    """Forces and torques on markers."""
 
     rows: array_of(LOAD)
 
 
 def lower_loads(lowering: Lowering) -> Loads | None:
-    """LOAD rows of loads on one marker in global axes or its own; None if the model has none."""
+    """LOAD rows; None if the model has none. Links are filled in later."""
     rows: list[tuple[object, ...]] = []
     for name, spec in lowering.forces("force", "torque"):
-        if spec.reaction is None and spec.axes_marker is None:
-            marker, k = lowering.marker(spec.at), len(rows)
-            programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
-            axes = marker if spec.axes == "body" else -1
-            rows.append((marker, axes, spec.type == "torque", programs))
-            lowering.add_element(name, "loads", k)
-            for a, program in enumerate(programs):
-                lowering.add_action(program, "loads", k, 0, a, marker)
+        k, axes_marker = len(rows), spec.at if spec.axes == "body" else spec.axes_marker
+        marker, other, axes = (
+            -1 if reference is None else lowering.marker(reference)
+            for reference in (spec.at, spec.reaction, axes_marker)
+        )
+        programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
+        rows.append((marker, other, axes, spec.type == "torque", programs, -1, -1, -1))
+        lowering.add_element(name, "loads", k)
+        for a, program in enumerate(programs):
+            for on, end in enumerate((marker, other)):
+                if end >= 0:
+                    lowering.add_action(program, "loads", k, on, a, end)
     return Loads(np.array(rows, LOAD)) if rows else None
 
 
 @unit
-def pull_back(run: Run, k: int, first: int) -> int:
+def pull_back_unit_force(run: Run, k: int, first: int) -> int:
     """feedback.left = Jᵀ w of marker k, w the six numbers of dense.g[1] from `first` on.
 
     The first velocity coordinate of its body and how many it has go into feedback.block.
@@ -80,146 +91,12 @@ def pull_back(run: Run, k: int, first: int) -> int:
 
 @kernel
 def _vector(load, markers, fun):
-    """Force or torque of a load of either kind, global axes."""
+    """Force or torque of a load, global axes."""
     f = load["fun"]
     x, y, z = fun[f[0], 0], fun[f[1], 0], fun[f[2], 0]
     if load["axes"] >= 0:
         return transform(markers[load["axes"]]["R"], x, y, z)
     return x, y, z
-
-
-@unit
-def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
-    """Forces and torques on their markers."""
-    rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
-    for k in range(rows.shape[0]):
-        W, o = markers[rows[k]["marker"]]["W"], 3 * rows[k]["torque"]
-        x, y, z = _vector(rows[k], markers, fun)
-        W[o] += x
-        W[o + 1] += y
-        W[o + 2] += z
-    return FINE
-
-
-@unit
-def add_powers(run: Run, loads: Loads, at: Point) -> int:
-    """Power of all forces and torques."""
-    rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
-    for k in range(rows.shape[0]):
-        mn = markers[rows[k]["marker"]]
-        x, y, z = _vector(rows[k], markers, fun)
-        u = mn["om"] if rows[k]["torque"] == 1 else mn["vx"]
-        out[2] += x * u[0] + y * u[1] + z * u[2]
-    return FINE
-
-
-@unit
-def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int:
-    """−cp ∂Q/∂q of all loads: a follower turns with its marker, and moment arms change."""
-    if cv == 0.0 and cp == 0.0:
-        return FINE
-    rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
-    H, w = d.H, d.g[1]
-    for k in range(rows.shape[0]):
-        i, o = rows[k]["marker"], 3 * rows[k]["torque"]
-        x, y, z = _vector(rows[k], markers, fun)
-        if rows[k]["axes"] >= 0:
-            clear(H, 12, 12)
-            add_skew(H, o, 3, 1.0, (x, y, z))  # δF = δφ × F, so −∂F/∂φ = F~
-            add_own(run, i, 0, cp)
-        for c in range(6):
-            w[c] = 0.0
-        put(w, o, -x, -y, -z)
-        add_moment_arms(run, i, -1, cp)
-    return FINE
-
-
-@unit
-def put_wrench(run: Run, loads: Loads, at: Point, c: int) -> float:
-    """Wrench of the load that channel c reads, on J of a pair."""
-    row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
-    w, pair = d.g[1], d.pair
-    for r in range(12):
-        w[r] = 0.0
-    x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
-    put(w, 6 + 3 * row["torque"], x, y, z)
-    pair[0], pair[1] = row["marker"], row["marker"]
-    return 0.0
-
-
-@unit
-def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
-    """Generalised force per unit of one component of a load, for feedback (`engine.kind`)."""
-    row, a, w = loads.rows[part // 6], part % 3, run.work.dense.g[1]
-    k, o = row["marker"], 3 * row["torque"]
-    for c in range(6):
-        w[c] = 0.0
-    if row["axes"] >= 0:
-        R = run.work.now.marker[k]["R"]
-        put(w, o, R[0, a], R[1, a], R[2, a])
-    else:
-        w[o + a] = 1.0
-    pull_back(run, k, 0)
-    return 0.0
-
-
-LOADS = Kind(
-    "loads",
-    Loads,
-    {
-        "wrench": add_wrenches,
-        "matrix": add_tangents,
-        "power": add_powers,
-        "wrenches": put_wrench,
-        "unit_force": put_unit_force,
-    },
-    lower=lower_loads,
-    works=True,
-)
-
-
-# Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
-# ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
-ACTION_REACTION_LOAD = np.dtype(
-    [
-        ("marker", "i8"),
-        ("other", "i8"),
-        ("axes", "i8"),
-        ("torque", "i8"),
-        ("fun", "i8", (3,)),
-        ("couple", "i8"),  # LINK between the bodies of other and marker
-        ("couple_marker", "i8"),  # between those of marker and axes
-        ("couple_other", "i8"),  # between those of other and axes
-    ],
-    align=True,
-)
-
-
-class ActionReactionLoads(NamedTuple):
-    """Loads in foreign axes or with their opposite on another body."""
-
-    rows: array_of(ACTION_REACTION_LOAD)
-
-
-def lower_action_reaction_loads(lowering: Lowering) -> ActionReactionLoads | None:
-    """ACTION_REACTION_LOAD rows; None if the model has none. Links are filled in later."""
-    rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("force", "torque"):
-        if spec.reaction is None and spec.axes_marker is None:
-            continue
-        k, axes_marker = len(rows), spec.at if spec.axes == "body" else spec.axes_marker
-        marker, other, axes = (
-            -1 if reference is None else lowering.marker(reference)
-            for reference in (spec.at, spec.reaction, axes_marker)
-        )
-        programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
-        rows.append((marker, other, axes, spec.type == "torque", programs, -1, -1, -1))
-        lowering.add_element(name, "action_reaction_loads", k)
-        for a, program in enumerate(programs):
-            for on, end in enumerate((marker, other)):
-                if end >= 0:
-                    lowering.add_action(program, "action_reaction_loads", k, on, a, end)
-    return ActionReactionLoads(np.array(rows, ACTION_REACTION_LOAD)) if rows else None
 
 
 @kernel
@@ -251,7 +128,7 @@ def _put_pair(load, markers, x, y, z, w):
 
 
 @unit
-def add_pair_wrenches(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
     """Forces and torques on their markers, the opposite on the others."""
     rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
     for k in range(rows.shape[0]):
@@ -263,7 +140,7 @@ def add_pair_wrenches(run: Run, loads: ActionReactionLoads, at: Point) -> int:
 
 
 @unit
-def add_pair_powers(run: Run, loads: ActionReactionLoads, at: Point) -> int:
+def add_powers(run: Run, loads: Loads, at: Point) -> int:
     """Power of all forces and torques with their opposites."""
     rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
     for k in range(rows.shape[0]):
@@ -284,7 +161,7 @@ def add_pair_powers(run: Run, loads: ActionReactionLoads, at: Point) -> int:
 
 
 @unit
-def put_pair_wrench(run: Run, loads: ActionReactionLoads, at: Point, c: int) -> float:
+def put_wrench(run: Run, loads: Loads, at: Point, c: int) -> float:
     """Wrench pair of the load that channel c reads; without another marker on its own alone."""
     row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
     x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
@@ -295,7 +172,7 @@ def put_pair_wrench(run: Run, loads: ActionReactionLoads, at: Point, c: int) -> 
 
 
 @unit
-def put_pair_unit_force(run: Run, loads: ActionReactionLoads, at: Point, part: int) -> float:
+def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
     """Generalised force per unit of one component on one marker, for feedback (`engine.kind`)."""
     row, on, a = loads.rows[part // 6], part // 3 % 2, part % 3
     markers = run.work.now.marker
@@ -304,14 +181,14 @@ def put_pair_unit_force(run: Run, loads: ActionReactionLoads, at: Point, part: i
         x, y, z = transform(markers[row["axes"]]["R"], x, y, z)
     _put_pair(row, markers, x, y, z, run.work.dense.g[1])
     if on == 0:
-        pull_back(run, row["marker"], 6)
+        pull_back_unit_force(run, row["marker"], 6)
     else:
-        pull_back(run, row["other"], 0)
+        pull_back_unit_force(run, row["other"], 0)
     return 0.0
 
 
 @unit
-def add_pair_tangents(run: Run, loads: ActionReactionLoads, at: Point, cv: float, cp: float) -> int:
+def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int:
     """−cp ∂Q/∂q of all loads: arms between the markers, moment arms, and turning axes."""
     if cv == 0.0 and cp == 0.0:
         return FINE
@@ -378,23 +255,29 @@ def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
     return FINE
 
 
-ACTION_REACTION_LOADS = Kind(
-    "action_reaction_loads",
-    ActionReactionLoads,
+def _is_stiff(loads: Loads) -> bool:
+    """Whether some have the axes of another marker or their opposite on another body."""
+    rows = loads.rows
+    foreign = (rows["axes"] >= 0) & (rows["axes"] != rows["marker"])
+    return bool((foreign | (rows["other"] >= 0)).any())
+
+
+LOADS = Kind(
+    "loads",
+    Loads,
     {
-        "wrench": add_pair_wrenches,
-        "matrix": add_pair_tangents,
-        "power": add_pair_powers,
-        "wrenches": put_pair_wrench,
-        "unit_force": put_pair_unit_force,
+        "wrench": add_wrenches,
+        "matrix": add_tangents,
+        "power": add_powers,
+        "wrenches": put_wrench,
+        "unit_force": put_unit_force,
     },
-    lower=lower_action_reaction_loads,
+    lower=lower_loads,
     couples=(
         ("couple", "other", "marker"),
         ("couple_marker", "marker", "axes"),
         ("couple_other", "other", "axes"),
     ),
-    uses_velocity=True,
     works=True,
-    stiff=True,
+    stiff=_is_stiff,
 )

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.blocks import clear
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair
-from flexmb.engine.forces.damping_tangent import add_rate_arms
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms
 from flexmb.engine.functions.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.row import separation

@@ -46,7 +46,7 @@ from flexmb.model.sensors.control import State
 
 
 class Entry(NamedTuple):
-    """One row on two markers, as `tables.ROW` says."""
+    """One row between markers I and J, as `tables.ROW` says."""
 
     kind: int
     a: int
@@ -54,6 +54,8 @@ class Entry(NamedTuple):
     offset: float = 0.0
     fun: int = -1
     follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
+    I: int = -1  # noqa: E741
+    J: int = -1
 
 
 def _row_word(row: Entry) -> str:
@@ -65,19 +67,11 @@ def _row_word(row: Entry) -> str:
     return ROW_KINDS[row.kind].word.format(a="xyz"[row.a], b="xyz"[row.b])
 
 
-class MarkedEntry(NamedTuple):
-    """A row with its markers."""
-
-    entry: Entry
-    I: int  # noqa: E741
-    J: int
-
-
 @dataclass
 class Groups:
     """Constraint rows, group by group."""
 
-    rows: list[MarkedEntry] = field(default_factory=list)
+    rows: list[Entry] = field(default_factory=list)
     groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
@@ -98,10 +92,10 @@ class Groups:
         self.numbers.setdefault(name, len(self.groups))
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
-        self.rows += [MarkedEntry(row, I, J) for row in rows]
+        self.rows += [row._replace(I=I, J=J) for row in rows]
         self.names += [f"{name}: {what}" for what in words or map(_row_word, rows)]
 
-    def in_group(self, k: int) -> list[MarkedEntry]:
+    def in_group(self, k: int) -> list[Entry]:
         """The rows of a group."""
         row, n, _, _ = self.groups[k]
         return self.rows[row : row + n]
@@ -111,7 +105,7 @@ def coupled_bodies(groups: Groups) -> list[tuple[int, int]]:
     """Pairs of bodies whose tangents a group couples: all but mere coincidence."""
     pairs = []
     for k, (_, _, i, j) in enumerate(groups.groups):
-        curved = any(ROW_KINDS[row.entry.kind].tangent for row in groups.in_group(k))
+        curved = any(ROW_KINDS[row.kind].tangent for row in groups.in_group(k))
         if curved and i >= 0 and j >= 0:
             pairs.append((i, j))
     return pairs
@@ -124,7 +118,7 @@ def groups_within_bodies(groups: Groups) -> list[str]:
 
 def row_weights(groups: Groups, length: float) -> np.ndarray:
     """(nc,) size of one unit of every row: metres over the model size, radians."""
-    angular = [ROW_KINDS[row.entry.kind].angular for row in groups.rows]
+    angular = [ROW_KINDS[row.kind].angular for row in groups.rows]
     return np.where(np.array(angular, bool), 1.0, 1.0 / length)
 
 
@@ -138,7 +132,7 @@ def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray
     at, slot = 0, n_functions
     for row, n, i, j in groups.groups:
         for r in range(n):
-            (kind, a, b, offset, fun, follows), I, J = groups.rows[row + r]  # noqa: E741
+            kind, a, b, offset, fun, follows, I, J = groups.rows[row + r]  # noqa: E741
             jac = []
             for body in (i, j):
                 jac.append(at if body >= 0 else -1)
@@ -154,14 +148,9 @@ def follow_table(groups: Groups) -> np.ndarray:
     entries = [
         (k, coordinate, -1, n == 0, factor)
         for k, row in enumerate(groups.rows)
-        for n, (coordinate, factor) in enumerate(row.entry.follows)
+        for n, (coordinate, factor) in enumerate(row.follows)
     ]
     return np.array(entries, FOLLOW)
-
-
-def joint_springs(model: Model) -> dict[str, JointSpringSpec]:
-    """The springs on joint coordinates, by name."""
-    return {n: spec for n, spec in model.forces.items() if isinstance(spec, JointSpringSpec)}
 
 
 OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
@@ -170,10 +159,9 @@ OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
 
 def followers(model: Model) -> dict[str, OnJoint]:
     """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+    kinds = (JointSpringSpec, JointStopSpec, JointFrictionSpec)
     forces = model.forces.items()
-    stops = {n: spec for n, spec in forces if isinstance(spec, JointStopSpec)}
-    frictions = {n: spec for n, spec in forces if isinstance(spec, JointFrictionSpec)}
-    return {**joint_springs(model), **stops, **frictions}
+    return {name: spec for kind in kinds for name, spec in forces if isinstance(spec, kind)}
 
 
 def joint_coordinate(model: Model, spec: OnJoint) -> str:

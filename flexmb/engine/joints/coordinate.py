@@ -1,10 +1,10 @@
-"""Scalar coordinates beside the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
+"""Scalar coordinates in addition to the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
 
 A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
 then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
 mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. States
-beside the bodies have mass one and no row, ṡ is the state and u its rate; they have no energy.
-Values and rates of the sums stand beside those of the functions in Constraints.fun.
+have mass one and no row, ṡ is the state and u its rate; they have no energy.
+Values and rates of the sums stand with those of the functions in Constraints.fun.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def put_forces(run: Run, of: Coordinates, at: Point) -> int:
 def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> int:
     """m + cv c + cp k on the diagonal.
 
-    At the acceleration level, cv = 0, stiffness stands beside the mass so that stiff modes do not
+    At the acceleration level, cv = 0, stiffness is added to the mass so that stiff modes do not
     spoil reactions; a coordinate without mass has no such mode.
     """
     panels, low, up = run.system.kkt.panels, run.work.factor.low, run.work.factor.up

@@ -9,7 +9,8 @@ from linkages import bar, four_bar, four_bar_angles, swept
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import RESIDUAL, solve_level
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.model import Model
@@ -72,7 +73,7 @@ def gaps_as_placed(compiled):
     """The gaps of a linkage before it is assembled."""
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = compiled.initial_q
-    solve_level(compiled.system, state, work, RESIDUAL)
+    solve_stage(compiled.system, state, work, RESIDUAL)
     return joint_gaps(compiled, work)
 
 

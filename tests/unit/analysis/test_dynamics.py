@@ -14,13 +14,14 @@ from flexmb.analysis.dynamics.analysis import dynamics
 from flexmb.analysis.dynamics.settings import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import VELOCITIES, integrate, prepare_integration, solve_level
+from flexmb.engine.entries import integrate, prepare_integration, solve_stage
+from flexmb.engine.initial_conditions import VELOCITIES
 from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import load_scene
-from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.scenes.dynamics import DynamicsSpec
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 
@@ -137,6 +138,6 @@ def test_an_interruption_keeps_what_there_is(model, compiled, monkeypatch):
 def test_a_first_state_satisfies_the_constraints(model, compiled):
     first = assemble(compiled, model)
     assert np.abs(first.work.con.C).max() < 1e-13 * compiled.length
-    solve_level(compiled.system, first.state, first.work, VELOCITIES)  # keeps how far v was off
+    solve_stage(compiled.system, first.state, first.work, VELOCITIES)  # keeps how far v was off
     assert first.work.con.drift[0] < 1e-12 * np.abs(first.state.v).max()
     assert np.isfinite(first.state.lam).all()

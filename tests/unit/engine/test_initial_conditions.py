@@ -7,21 +7,15 @@ import pytest
 from enginekit import Bench
 from generators import Mechanism
 
-from flexmb.engine.entries import (
-    ACCELERATIONS,
-    BEGIN,
-    POSITIONS,
-    RESIDUAL,
-    VELOCITIES,
-    solve_level,
-)
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, POSITIONS, RESIDUAL, VELOCITIES
 from flexmb.engine.method import FINE, ZERO_LENGTH
 
 SOLVED = 1e-8
 
 
 def solve(bench, level):
-    return solve_level(bench.sys, bench.state, bench.work, level)
+    return solve_stage(bench.sys, bench.state, bench.work, level)
 
 
 @pytest.fixture(scope="module")

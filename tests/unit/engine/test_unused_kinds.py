@@ -9,6 +9,7 @@ from flexmb.engine import units
 from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import chosen_method
 
+RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rates"}
 FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
 SLIDER_CRANK = {"functions.function.evaluate_functions", "joints.axis_rows", "joints.row",
                 "sensors.joint_coordinate", "sensors.marker_motion",
@@ -18,11 +19,10 @@ SLIDER_CRANK = {"functions.function.evaluate_functions", "joints.axis_rows", "jo
 # are part of units that all scenes call.
 OWN = {
     None: set(),
-    "spring": {"forces.damping_tangent", "forces.spring_damper"},
-    "law": {"forces.damping_tangent", "forces.force_characteristic",
-            "forces.spring_damper.integral"},
-    "bushing": {"forces.bushing", "forces.damping_tangent", "forces.relative_motion"},
-    "contact": {"forces.contact", "forces.damping_tangent"},
+    "spring": {"bodies.wrench.add_rate_arms", "forces.spring_damper"},
+    "law": RATES | {"forces.force_characteristic", "forces.spring_damper.integral"},
+    "bushing": RATES | {"forces.bushing", "forces.relative_motion"},
+    "contact": RATES | {"forces.contact"},
     "revolute joint": {"joints.axis_rows", "joints.row"},
     "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
                        "joints.row"},

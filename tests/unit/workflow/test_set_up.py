@@ -129,7 +129,7 @@ def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     joint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (initial_state, positions, velocities):
-        monkeypatch.setattr(module, "solve_level", at_rest)
+        monkeypatch.setattr(module, "solve_stage", at_rest)
 
     def make(n: int) -> Model:
         return chain(joint, n)
