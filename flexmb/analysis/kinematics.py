@@ -13,8 +13,6 @@ import numpy as np
 
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
 from flexmb.analysis.assembly.rank import MAX_COORDINATES
-from flexmb.analysis.dynamics.analysis import Outcome, Sink
-from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_problems
 from flexmb.analysis.monitors import (
@@ -22,7 +20,15 @@ from flexmb.analysis.monitors import (
     SingularOrientationMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
+from flexmb.analysis.procedure import (
+    ChunkRows,
+    Ending,
+    Outcome,
+    PhaseTimer,
+    Sink,
+    assemble_first_state,
+    run_chunks,
+)
 from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,
@@ -53,7 +59,7 @@ class PreparedKinematics:
 
     pose: KinematicPose
     settings: KinematicsSettings
-    timer: Clock
+    timer: PhaseTimer
     notes: tuple[str, ...]
     not_unique: tuple[str, ...]  # joints and drivers whose reactions are not unique
 

@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration
@@ -83,7 +83,7 @@ def set_up(n, joint="spherical", **fields):
     lap("tables")
     prepare_integration(compiled.system, generalized_alpha(0.8))
     begin = time.process_time()
-    prepare(compiled, model)
+    prepare_dynamics(compiled, model)
     lap("first state")
     with tempfile.TemporaryDirectory() as folder:
         file, rows = Path(folder) / "result.h5", model.dynamics.outputs + 1

@@ -26,8 +26,6 @@ from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
-__all__ = ["LinearElasticityMonitor", "joined_modes"]
-
 Array = NDArray[np.float64]
 
 #: Deflection over the length of a body above which linear elasticity is doubtful.

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics import run as module
-from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics import integration as module
+from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.analysis.dynamics.integration import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration, solve_stage

@@ -6,8 +6,7 @@ import numpy as np
 from enginekit import Bench
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.run import Run
-from flexmb.analysis.dynamics.settings import loop_settings
+from flexmb.analysis.dynamics.integration import Integration, loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import FINE
@@ -43,14 +42,14 @@ def test_a_resumed_run_goes_on_to_the_bit():
 
     def fresh(state):
         copy = State(*(np.array(part) for part in state))
-        return Run(compiled, chosen_method(spec), settings, copy)
+        return Integration(compiled, chosen_method(spec), settings, copy)
 
     first = assemble(compiled, model).state
     whole, part = fresh(first), fresh(first)
     history = []
     while not whole.finished:
-        assert whole.march(25) == FINE
-        assert part.march(25) == FINE
+        assert whole.integrate(25) == FINE
+        assert part.integrate(25) == FINE
         part = fresh(part.state)
         history.append(np.array(whole.state.history))
     for name, value in whole.state._asdict().items():

@@ -176,7 +176,7 @@ print(compile_units({list(SMALL)!r}))
 def test_an_import_leaves_numba_alone(project):
     """Neither the modules of Numba nor its settings, such as the user's own cache, are touched."""
     code = """
-import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.analysis
+import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.dynamics
 assert not any(name.split(".")[0] == "numba" for name in sys.modules)
 import numba
 print(numba.config.CACHE_DIR)
