@@ -14,7 +14,7 @@ import numpy as np
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
 from flexmb.analysis.assembly.rank import MAX_COORDINATES
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
     ContactLossMonitor,
     SingularOrientationMonitor,
@@ -182,11 +182,8 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
             lambda: call_kinematics(system, at, scratch, path, EVALUATE),
         )
 
-    try:
+    with driver_reasons(compiled, model):
         close_positions(compiled, model, state, make)
-    except AssemblyError as error:
-        reasons = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(reasons) from None
     return KinematicPose(compiled, model, state, work, new_path(compiled.system))
 
 

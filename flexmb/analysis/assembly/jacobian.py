@@ -9,7 +9,6 @@ of the bodies; each takes one equation for itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -293,11 +292,6 @@ def joint_rows(compiled: Compiled) -> Mask:
 def element(path: str) -> str:
     """The section and name of what a path is of: couplers have a reaction for each joint."""
     return ".".join(path.split(".")[:2])
-
-
-def elements(paths: Iterable[str]) -> tuple[str, ...]:
-    """The elements of paths, each once."""
-    return tuple(dict.fromkeys(element(path) for path in paths))
 
 
 def plain_name(path: str) -> str:

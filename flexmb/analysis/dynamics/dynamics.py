@@ -7,7 +7,6 @@ shortened so that outputs at equal intervals fall on steps.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
@@ -27,7 +26,7 @@ from flexmb.analysis.dynamics.passes import (
     unstable_step,
 )
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
     ContactLossMonitor,
     GrowthMonitor,
@@ -45,7 +44,7 @@ from flexmb.engine.integrators import (
     reason_of_method,
 )
 from flexmb.engine.units import prepare_units
-from flexmb.errors import AssemblyError, SceneError
+from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -88,58 +87,32 @@ def prepare_dynamics(
     name = method_name(spec, _is_flexible(compiled))
     integrator = chosen_method(spec, name)
 
-    def first_state() -> _FirstState:
-        return _first_state(compiled, model, spec.start, begin)
+    def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
+        with driver_reasons(compiled, model):
+            assembled = assemble(compiled, model, start=spec.start, begin=begin)
+        rank = constraint_rank(compiled, assembled.work)
+        if rank is None or rank == compiled.layout.nc:
+            return assembled, rank, (), []
+        return assembled, rank, *redundant_reactions(compiled, model, assembled.state.q)
 
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
-    settings = loop_settings(compiled, spec, integrator, first.rank == n_free(compiled))
-    notes = [*first.assembled.notes, *_friction_notes(model), *first.notes]
-    notes += algebraic_loop_notes(model)
+    assembled, rank, not_unique, redundancy = first
+    settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
+    notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
         change = f"from {spec.step:g} s to {grid.step:.6g} s"
         end = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
         notes.append(f"step shortened {change} to meet {end}")
     return prepared_run(
-        compiled, model, name, first.assembled.state, settings, timer=timer, notes=tuple(notes),
-        not_unique=first.not_unique,
+        compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
+        not_unique=not_unique,
     )  # fmt: skip
 
 
 def _is_flexible(compiled: Compiled) -> bool:
     return bool(compiled.system.parts.bodies["m"].any())
-
-
-@dataclass(frozen=True)
-class _FirstState:
-    """The first state, rank of its rows, elements whose reactions are not unique, and notes."""
-
-    assembled: Assembled
-    rank: int | None
-    not_unique: tuple[str, ...]
-    notes: list[str]
-
-
-def _first_state(
-    compiled: Compiled, model: Model, start: str, begin: StartValues | None
-) -> _FirstState:
-    """Assemble, and look for redundant equations.
-
-    Raises
-    ------
-    AssemblyError
-        No consistent first state, or drivers that contradict each other or the joints.
-    """
-    try:
-        assembled = assemble(compiled, model, start=start, begin=begin)
-    except AssemblyError as error:
-        reasons = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(reasons) from None
-    rank = constraint_rank(compiled, assembled.work)
-    if rank is None or rank == compiled.layout.nc:
-        return _FirstState(assembled, rank, (), [])
-    return _FirstState(assembled, rank, *redundant_reactions(compiled, model, assembled.state.q))
 
 
 def _friction_notes(model: Model) -> Iterator[str]:

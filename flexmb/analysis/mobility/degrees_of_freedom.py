@@ -34,7 +34,7 @@ from flexmb.analysis.assembly.positions import (
 from flexmb.analysis.assembly.rank import null_space, one_blas_thread
 from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
-    driver_problems,
+    driver_reasons,
     is_locked,
     locked_sentence,
 )
@@ -47,7 +47,6 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
-from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.model.values.reading import GROUND, split_reference
@@ -221,13 +220,10 @@ def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, l
     start = length_corrector(compiled, state, weights)
     start.evaluate()
     gaps = joint_gaps(compiled, start.work)
-    try:
+    with driver_reasons(compiled, model):
         moved = close_positions(
             compiled, model, state, lambda of, at: length_corrector(of, at, weights)
         )
-    except AssemblyError as error:
-        problems = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(problems) from None
     return ConstraintRows(compiled).evaluate(state.q), assembly_notes(gaps, moved, model.units)
 
 
