@@ -49,15 +49,7 @@ def with_geometric_stiffening(
         At least one.
     progress : Progress
         Told the phase ``"stiffening"``.
-
-    Raises
-    ------
-    ReductionError
-        There is no interface.
     """
-    if not interfaces:
-        what = "needs at least one interface, where the forces act that stiffen the body"
-        raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
     held, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
     fields = _centrifugal_fields(fe)
     loads = [np.asarray(fe.M @ w) for w, _ in fields]
@@ -83,6 +75,23 @@ def with_geometric_stiffening(
             replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
         ),
     )
+
+
+def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> None:
+    """Refuse a model whose geometric stiffness is not known.
+
+    Raises
+    ------
+    ReductionError
+        There is no interface, or no element.
+    """
+    what = ""
+    if not interfaces:
+        what = "needs at least one interface, where the forces act that stiffen the body"
+    elif not fe.blocks:
+        what = "needs the stress in the elements, of which given matrices tell nothing"
+    if what:
+        raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
 
 
 _PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
