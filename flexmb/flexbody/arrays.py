@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ReductionError
 
-__all__ = ["Checker", "FloatArray", "IntArray"]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

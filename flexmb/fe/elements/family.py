@@ -13,8 +13,6 @@ from typing import Any, Protocol
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["STRESS", "ComponentMass", "Family", "ScalarMass"]
-
 STRESS = ("xx", "yy", "zz", "yz", "zx", "xy")
 """Order of stress components."""
 

@@ -17,8 +17,6 @@ from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
 from flexmb.model.values.reading import GROUND, Spec
 
-__all__ = ["body_problems", "far_markers"]
-
 _FAR = 0.5  # of the body's length; a marker further from its nodes is likely a slip of units
 
 
