@@ -22,8 +22,6 @@ from flexmb.model.values.reading import Entry, Spec, fail
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-__all__ = ["GroundSpec", "Marker", "MarkerSpec", "PlacedMarker", "place"]
-
 Array = NDArray[np.float64]
 
 
