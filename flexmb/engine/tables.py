@@ -135,7 +135,7 @@ ROW = np.dtype(
         ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
         ("jac_J", _I),
         ("in_group", _I),  # its place in its group
-        ("follows", _I),  # number of scalar coordinates that it follows in place of `fun`
+        ("coupled", _I),  # number of scalar coordinates that it follows in place of `fun`
         ("offset", _F),  # constant that its measure keeps
     ],
     align=True,
@@ -143,7 +143,7 @@ ROW = np.dtype(
 
 # One scalar coordinate that a row follows, times a factor: the row's slot in Constraints.fun holds
 # the sum and its rate. The entries of a row stand together, the one that begins it with first = 1.
-FOLLOW = np.dtype(
+COUPLED_COORDINATE = np.dtype(
     [
         ("row", _I),
         ("coordinate", _I),
@@ -264,7 +264,7 @@ class System(NamedTuple):
 
     parts: Parts
     rows: array_of(ROW)
-    follows: array_of(FOLLOW)
+    coupled: array_of(COUPLED_COORDINATE)
     groups: array_of(GROUP)
     kkt: Kkt
     weights: Vector  # (nv,) size of one unit of each velocity coordinate's increment

@@ -177,7 +177,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     nq, nv, nc = sizes(system)
     m, history = system.parts.bodies["m"], system.history
     nfun = len(system.functions.start) - 1
-    nfun += int(np.sum(system.follows["first"]))
+    nfun += int(np.sum(system.coupled["first"]))
     depth = max(system.functions.depth, system.sensors.programs.depth, system.program_depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
