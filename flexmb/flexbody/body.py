@@ -80,6 +80,9 @@ class FlexBody:
         Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
         Where the body comes from: hashes, material, options, versions.
+    centrifugal_stiffness : (3, 3, m, m) float, optional
+        Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
+        interfaces the geometric stiffening of the body. None: left out.
 
     Raises
     ------
@@ -105,6 +108,7 @@ class FlexBody:
     section_forces: SectionForceModes | None = None
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
+    centrifugal_stiffness: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")
@@ -181,6 +185,8 @@ def _convert(body: FlexBody, check: Checker) -> None:
         "K": (m, m),
         "D": (m, m),
     }
+    if body.centrifugal_stiffness is not None:
+        shapes["centrifugal_stiffness"] = (3, 3, m, m)
     for name, shape in shapes.items():
         value = getattr(body, name)
         value = np.zeros(shape) if value is None else value
@@ -242,6 +248,10 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
 
 
 def _check_parts(body: FlexBody, check: Checker) -> None:
+    bends = {part.bend is not None for part in body.interfaces}
+    if body.m and bends | {body.centrifugal_stiffness is not None} == {False, True}:
+        what = "geometric stiffening needs both the centrifugal loads and a bend of each interface"
+        check.add("centrifugal_stiffness", f"{what}: one of them alone is wrong")
     for field_ in ("interfaces", "loads"):
         names = [part.name for part in getattr(body, field_)]
         for name in sorted({name for name in names if names.count(name) > 1}):

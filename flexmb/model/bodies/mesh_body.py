@@ -166,7 +166,10 @@ def mode_count(modes: Any, default: int = 20) -> int:
     return count if isinstance(count, int) else default
 
 
-_OPTIONS = ("sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress")
+_OPTIONS = (
+    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
+    "geometric_stiffening",
+)  # fmt: skip
 
 
 class MeshBodySpec(BodySpec):
@@ -174,6 +177,7 @@ class MeshBodySpec(BodySpec):
 
     `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
+    With `geometric_stiffening` forces and rotation stiffen or soften the body.
     """
 
     mesh: MeshSource
@@ -190,6 +194,7 @@ class MeshBodySpec(BodySpec):
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
+    geometric_stiffening: bool = False
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
