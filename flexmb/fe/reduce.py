@@ -2,7 +2,7 @@
 
 In: a mesh with its unit system, a material, named interfaces, a number of modes. Out: a
 :class:`FlexBody` in SI. Each step (read, assemble, reduce, orthonormalise, integrals, recovery) is
-a function of its own in this package, for whoever needs what lies between.
+a function of its own in this package.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def reduce(
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Called with the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
@@ -365,7 +365,7 @@ def make_body(
     damping : float
         Damping ratio of every mode.
     progress : Progress
-        Told the phases ``"integrals"`` and ``"recovery"``.
+        Called with the phases ``"integrals"`` and ``"recovery"``.
     """
     progress("integrals", 0.0)
     ties = reduced.interfaces

@@ -34,7 +34,7 @@ from flexmb.flexbody.parts import (
 )
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
-_RIGID = 1e-10  # least share of a mode's mass matrix that must be left beside rigid motion
+_RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
 _MASSLESS = 1e-12  # relative; a smaller moment of inertia is that of a line of masses about itself
 _SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
 _PLANES = ((1, 2), (2, 0), (0, 1))  # the components of a cross product
@@ -230,7 +230,7 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
     """The modes and the six motions of the body frame must be independent.
 
     Else the mass matrix at rest is singular. About the centre and in principal axes its rigid block
-    is diagonal; what is left of the modal mass beside it, relative to all of it, is compared.
+    is diagonal; what remains of the modal mass, relative to all of it, is compared.
     """
     if body.m == 0:
         return

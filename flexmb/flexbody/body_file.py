@@ -101,8 +101,8 @@ TABLE = (
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
     Dataset("load_vectors/modal", "f8", ("d", "m"), "work per unit eta", True),
-    Dataset("provenance/key", "text", ("s",), "what is told"),
-    Dataset("provenance/value", "text", ("s",), "and what it is"),
+    Dataset("provenance/key", "text", ("s",), "names of entries"),
+    Dataset("provenance/value", "text", ("s",), "their values"),
 )
 
 _PARTS = {  # groups that hold one part of a body, by the field that has it

@@ -7,7 +7,7 @@ quadratic fit through the nearest points for others.
 In: a body and the normal of the plane, in body axes. Out: the same body with those combinations of
 its modes that mirror themselves at the plane through the centre of mass; in them the plane's
 points stay in it. How much of a mode is antisymmetric is measured at the nodes, whose motion is
-compared with the mirrored one; a body that tells no nodes is judged by the kinetic energy along the
+compared with the mirrored one; a body without nodes is judged by the kinetic energy along the
 normal. Interfaces must lie in the plane.
 """
 
@@ -277,7 +277,7 @@ def _with_plane_interfaces(
 
 
 def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
-    """The body in the modes made of `kept` (m, k); `dropped` are told as such."""
+    """The body in the modes made of `kept` (m, k); `dropped` are listed as such."""
     if not inside.shape[1]:
         what = f"has no modes in the plane {plane}"
         raise ReductionError.from_problems([Problem(f"body {body.name}", what)])

@@ -34,7 +34,7 @@ def body_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
-    """Initial velocities are asked at markers that exist."""
+    """Initial velocities are of markers that exist."""
     for name in spec.initial:
         missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
         if missing is not None:
