@@ -8,11 +8,7 @@ import math
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import constraint_jacobian
-from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
     complete_poses,
@@ -26,6 +22,10 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_jacobian
+from flexmb.engine.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 

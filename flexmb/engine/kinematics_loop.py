@@ -14,11 +14,7 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.initial_conditions import correct_positions
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import read_reactions
-from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
     complete_poses,
@@ -31,6 +27,10 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.initial_conditions import correct_positions
+from flexmb.engine.iteration_matrix import factorise_metric
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (
     KinematicsSettings,
     Path,

@@ -118,18 +118,18 @@ def control_overhead(model, compiled, accuracy):
     )
     ratios, iterations = [], np.zeros(2)
     for _ in range(_REPEATS + 1):
-        seconds, state = _march(compiled, chosen, controlled, first)
+        seconds, state = _integrate(compiled, chosen, controlled, first)
         steps = int(state.count[0]["steps"])
         fixed = method.Settings(
             0.0, duration, duration, duration / steps, 0.0, 0.0, 2, 1e-8, 15, 1, stiff, 0
         )
-        other, last = _march(compiled, chosen, fixed, first)
+        other, last = _integrate(compiled, chosen, fixed, first)
         ratios.append(seconds / other)
         iterations[:] = state.count[0]["residuals"], last.count[0]["residuals"]
     return median(ratios[1:]), steps, int(state.count[0]["rejected"]), iterations / steps
 
 
-def _march(compiled, chosen, settings, first):
+def _integrate(compiled, chosen, settings, first):
     """CPU time of a whole run from the first state, and the last one."""
     state = type(first)(*(array.copy() for array in first))
     channels = len(compiled.layout.channels)

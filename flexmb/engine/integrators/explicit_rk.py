@@ -24,8 +24,8 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.method import FINE, Method
+from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
