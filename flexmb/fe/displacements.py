@@ -16,7 +16,7 @@ from flexmb.fe.assembly.interfaces import RigidInterface
 from flexmb.fe.elements.beam_elements import BeamFields
 from flexmb.fe.elements.blocks import Block
 from flexmb.fe.meshes.facets import skin_lines, skin_triangles
-from flexmb.fe.sections.thin_walls import outline
+from flexmb.fe.sections.beam_section import outline
 from flexmb.fe.stress import smooth_parts
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.parts import NodeModes, Surface
@@ -158,7 +158,8 @@ def node_modes(
     progress("recovery", 1.0)
     groups = {name: np.intersect1d(part, nodes) for name, part in fe.mesh.node_sets.items()}
     moved = everywhere[table[nodes, :3]]
-    return NodeModes(nodes, fe.mesh.points[nodes], moved, rotation[nodes], groups)
+    turns = rotation[nodes] if fe.blocks else None  # without elements no rotation is known
+    return NodeModes(nodes, fe.mesh.points[nodes], moved, turns, groups)
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:

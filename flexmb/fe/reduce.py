@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from skfem import CellBasis
+from skfem import Mesh as SkfemMesh
 
-from flexmb.errors import FlexmbWarning, MeshError, Problem, ReductionError
+from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
 from flexmb.fe.assembly.interfaces import (
     InterfaceLike,
@@ -30,7 +32,6 @@ from flexmb.fe.assembly.interfaces import (
 from flexmb.fe.assembly.loads import load_options, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
@@ -54,6 +55,7 @@ from flexmb.fe.reduction.reduced_basis import (
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.reduction_key import mesh_hash, reduction_key
+from flexmb.fe.scikit_fem import has_stress, mesh_from_skfem, model_from_basis, require_basis
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
@@ -67,10 +69,10 @@ Words = Mapping[str, Mapping[str, Any]]
 
 
 def reduce(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh | CellBasis,
     *,
     units: str = "SI",
-    material: MaterialLike,
+    material: MaterialLike | None = None,
     interfaces: Mapping[str, InterfaceLike] | None = None,
     modes: Any = None,
     damping: float = 0.0,
@@ -84,6 +86,8 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
+    stiffness: Any = None,
+    mass: Any = None,
     inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -91,9 +95,10 @@ def reduce(
 
     Parameters
     ----------
-    mesh : path, mapping or Mesh
+    mesh : path, mapping, Mesh, skfem.Mesh or skfem.CellBasis
         A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. Its
         volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
+        Or a basis of scikit-fem, in SI, with its own ``stiffness`` and ``mass``.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
@@ -127,6 +132,9 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
+    stiffness, mass : (N, N) sparse, optional
+        With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
+        for stress alone.
     inspect : callable, optional
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
@@ -144,16 +152,26 @@ def reduce(
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
     progress("read", 0.0)
-    model, ends, findings = _prepare(
-        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
-    )
-    attempts.raise_errors()
+    if isinstance(mesh, CellBasis):
+        fe = _own_model(mesh, stiffness, mass, material, units, sections, connections)
+        ends = attempts(make_interfaces, fe, interfaces or {}) or ()
+        attempts.raise_errors()
+        findings = model_findings(fe, ends)
+        where = where if has_stress(fe) else "none"
+    else:
+        require_basis(stiffness, mass)
+        if material is None:
+            raise MaterialError.from_problems([Problem("material", "is missing")])
+        model, ends, findings = _prepare(
+            attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
+        )
+        attempts.raise_errors()
+        assert model is not None
+        fe = assemble_model(model, mass_matrix, progress)
+        check_releases(fe, [part.nodes for part in ends])
+        if sentence := mass_sentence(fe, point_mass(masses)):
+            findings.append(Finding("warning", sentence))
     progress("read", 1.0)
-    assert model is not None
-    fe = assemble_model(model, mass_matrix, progress)
-    check_releases(fe, [part.nodes for part in ends])
-    if sentence := mass_sentence(fe, point_mass(masses)):
-        findings.append(Finding("warning", sentence))
     for finding in findings:
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
@@ -176,14 +194,37 @@ def reduce(
     options |= {"reduction": reduction, "plane": plane, "stress": where}
     made = sections_from(sections)
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
-    if not isinstance(mesh, Mesh):
+    if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source)
 
 
+def _own_model(
+    basis: CellBasis,
+    stiffness: Any,
+    mass: Any,
+    material: MaterialLike | None,
+    units: str,
+    sections: Any,
+    connections: Mapping[str, Any],
+) -> FEMatrices:
+    """The model of a basis; options that belong to a mesh are refused."""
+    others = {**connections, "sections": sections}
+    if unit_system(units).name != "SI":
+        others["units"] = units
+    problems = [
+        Problem(name, "does not go with a basis of scikit-fem, whose matrices are complete, in SI")
+        for name, value in others.items()
+        if value
+    ]
+    if problems:
+        raise ReductionError.from_problems(problems)
+    return model_from_basis(basis, stiffness, mass, None if material is None else resolve(material))
+
+
 def _prepare(
     attempts: Attempts,
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     scale: float,
     material: MaterialLike | None,
     sections: Mapping[str, Any] | None,
@@ -192,7 +233,7 @@ def _prepare(
     **connections: Words | None,
 ) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
     """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
-    read = attempts(mesh_from, mesh)
+    read = attempts(mesh_from_skfem if isinstance(mesh, SkfemMesh) else mesh_from, mesh)
     made = attempts(sections_from, sections)
     resolved = None if material is None else attempts(resolve, material)
     if read is None:
@@ -229,7 +270,7 @@ def _in_plane(
 
 
 def survey(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     *,
     units: str = "SI",
     material: MaterialLike | None = None,
@@ -280,7 +321,7 @@ def survey(
 
 
 def mesh_problems(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     interfaces: Mapping[str, Any] | None = None,
     sections: Any = None,
     **options: Any,
@@ -334,7 +375,7 @@ def make_body(
             for tie, q in zip(ties, motion, strict=True)
         ),
         modes=mode_infos(fe, reduced, elastic, inertia.Mab),
-        surface=surface(fe, nodes),
+        surface=surface(fe, nodes) if fe.blocks else None,
         nodes=nodes,
         loads=tuple(
             LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
@@ -369,7 +410,7 @@ def _provenance(
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
         "mesh": fe.mesh.source,
-        "material": json.dumps(asdict(fe.material)),
+        "material": "" if fe.material is None else json.dumps(asdict(fe.material)),
         "interfaces": json.dumps(dict(interfaces), default=str),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
         **{name: _option_text(value) for name, value in options.items() if value is not None},

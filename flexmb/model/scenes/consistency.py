@@ -17,7 +17,7 @@ from flexmb.model.bodies.carriers import body_problems
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
-from flexmb.model.joints.coupler_loops import coupler_loop_problems
+from flexmb.model.joints.coupler import coupler_loop_problems
 from flexmb.model.joints.driver import twice_driven
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import planar_problems
