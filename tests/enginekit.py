@@ -263,9 +263,9 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
-        for follow in self.sys.follows:
-            column = self.scalars[follow["coordinate"]]["iv"]
-            dense[follow["row"], column] = -follow["factor"]
+        for entry in self.sys.coupled:
+            column = self.scalars[entry["coordinate"]]["iv"]
+            dense[entry["row"], column] = -entry["factor"]
         if len(self.sliders):
             S = self.matrix()
             for slider in self.sliders:

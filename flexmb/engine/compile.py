@@ -143,7 +143,7 @@ def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
     return System(
         parts=parts,
         rows=rows,
-        follows=order.follows,
+        coupled=order.coupled,
         groups=order.groups,
         kkt=order.kkt,
         weights=np.append(body_weights(model, lowering.flexbodies, length), scalar_weights),
@@ -175,7 +175,7 @@ def core_tables(
     rigid = parts.bodies["m"] == 0
     modal = parts.markers["modes"] >= 0
     point = parts.markers["point"] == 1
-    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
+    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["coupled"] == 0))
     points = _joints_of_points(parts, rows, groups)
     coincident = rows["kind"] == POINT
     others = coincident & ~np.repeat(points, groups["n"])

@@ -16,7 +16,7 @@ from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
     coupled_bodies,
-    follow_table,
+    coupled_coordinate_table,
     groups_within_bodies,
     joint_groups,
     scalar_coordinates,
@@ -141,20 +141,20 @@ class EquationOrder:
 
     kkt: Kkt
     groups: NDArray[np.void]
-    follows: NDArray[np.void]
+    coupled: NDArray[np.void]
     curve_markers: NDArray[np.void]
 
 
 def order_equations(of: ModelTables) -> EquationOrder:
     """Order the equations; tells all tables where their blocks are."""
     symbolic = analyse(_blocks(of))
-    groups, follows = _place_groups(of, symbolic), follow_table(of.lowering.groups)
-    _place_coordinates(follows, groups, of.coordinates, symbolic)
+    groups, coupled = _place_groups(of, symbolic), coupled_coordinate_table(of.lowering.groups)
+    _place_coordinates(coupled, groups, of.coordinates, symbolic)
     _place_kinds(of, symbolic)
     curve_markers = of.lowering.groups.curve_points.table(
         of.lowering.groups.groups, len(of.bodies), symbolic, of.before
     )
-    return EquationOrder(symbolic.kkt, groups, follows, curve_markers)
+    return EquationOrder(symbolic.kkt, groups, coupled, curve_markers)
 
 
 def normal_axis(spec: BodySpec, plane: str) -> int:
@@ -201,11 +201,11 @@ def _blocks(of: ModelTables) -> Blocks:
     )
     pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
-    follows = [
-        {c for row in groups.in_group(k) for c, _ in row.follows} for k in range(len(groups.groups))
+    coupled = [
+        {c for row in groups.in_group(k) for c, _ in row.coupled} for k in range(len(groups.groups))
     ]
     for group, coordinate in of.lowering.reaction_loads:
-        follows[group].add(coordinate)
+        coupled[group].add(coordinate)
     curve_points, first = groups.curve_points, len(bodies) + of.before
     pairs += curve_points.couples(groups.groups, first)
     pairs += [] if of.feedback is None else of.feedback.couples
@@ -213,7 +213,7 @@ def _blocks(of: ModelTables) -> Blocks:
         columns=bodies + [[0]] * len(of.lowering.scalars),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
-        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in follows],
+        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in coupled],
         couples=[(i, j) for i, j in pairs if i != j],
         group_sliders=_group_curve_points(groups, first),
     )
@@ -241,14 +241,14 @@ def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
     return np.array(rows, GROUP)
 
 
-def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
+def _place_coordinates(coupled, groups, scalars, symbolic: Symbolic) -> None:
     """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
     n_bodies = len(symbolic.panel_of) - len(groups) - len(scalars)
     scalars["panel"] = symbolic.panel_of[n_bodies : n_bodies + len(scalars)]
     group_of = np.repeat(np.arange(len(groups)), groups["n"])
-    for follow in follows:
-        pair = int(group_of[follow["row"]]), n_bodies + int(follow["coordinate"])
-        follow["link"] = symbolic.coordinate_links[pair]
+    for entry in coupled:
+        pair = int(group_of[entry["row"]]), n_bodies + int(entry["coordinate"])
+        entry["link"] = symbolic.coordinate_links[pair]
 
 
 def _place_kinds(of: ModelTables, symbolic: Symbolic) -> None:

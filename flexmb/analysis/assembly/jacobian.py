@@ -242,8 +242,8 @@ def dense_jacobian(compiled: Compiled, work: Work) -> Array:
             mine, count = bodies["m"] == m, np.arange(6 + m)
             k = on_body[mine, None]
             Cq[k, bodies["iv"][mine, None] + count] += jac[places[k] + count]
-    for follow in system.follows:
-        Cq[follow["row"], parts.coordinates[follow["coordinate"]]["iv"]] -= follow["factor"]
+    for coupled in system.coupled:
+        Cq[coupled["row"], parts.coordinates[coupled["coordinate"]]["iv"]] -= coupled["factor"]
     markers = work.now.marker
     for curve, now in zip(parts.curve_markers, work.now.curve_marker, strict=True):
         # rows on curve markers change with the places of these along their curves
