@@ -16,7 +16,6 @@ import numpy as np
 from scipy.sparse import csr_array, issparse
 from skfem import CellBasis, ElementVector
 from skfem import Mesh as SkfemMesh
-from skfem.io.meshio import to_meshio
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -43,6 +42,8 @@ def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:
     MeshError
         A mesh without elements that flexmb has a name for.
     """
+    from skfem.io.meshio import to_meshio  # meshio is loaded in 0.2 s, only where it is needed
+
     written = to_meshio(mesh)
     points = np.zeros((len(written.points), 3))
     points[:, : written.points.shape[1]] = written.points
