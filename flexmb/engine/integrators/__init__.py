@@ -1,6 +1,6 @@
 """The methods that a scene can name: for each, what makes it.
 
-Their words are `model.tasks.methods`; the contract is in `engine.method`.
+Their words are `model.scenes.dynamics`; the contract is in `engine.method`.
 """
 
 from __future__ import annotations
