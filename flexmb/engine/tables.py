@@ -55,11 +55,13 @@ FLEX_LAYOUT = (
 )
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
-# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node.
+# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node. Where the translation of the
+# carrier is of second order in eta, `bend` is the pool offset of three forms K_d (m, m), else < 0.
 MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
+        ("bend", _I),
         ("point", _I),  # 1: only its place matters (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed

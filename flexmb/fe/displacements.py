@@ -71,7 +71,7 @@ def _extruded(
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Rings of corners (r, p, 3) and their nodes (r,), and triangles between and across them.
 
-    Elements that go on into each other share the ring at their node.
+    Elements that continue each other share the ring at their node.
     """
     pieces = [len(part) for part in outline(_end_sections(blocks[0], fe)[0][0])]
     keys, corners = [], []
@@ -145,7 +145,7 @@ def node_modes(
     interfaces : tuple of RigidInterface
         Their nodes take ``interface_rotations`` (i, 3, m).
     progress : Progress
-        Told the phase ``"recovery"``.
+        Called with the phase ``"recovery"``.
     """
     nodes, table = fe.numbering.nodes, fe.numbering.table
     everywhere = fe.expand(Phi)

@@ -2,7 +2,7 @@
 
 In: a mesh with its unit system, a material, named interfaces, a number of modes. Out: a
 :class:`FlexBody` in SI. Each step (read, assemble, reduce, orthonormalise, integrals, recovery) is
-a function of its own in this package, for whoever needs what lies between.
+a function of its own in this package.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
 from flexmb.fe.reduction.methods import reduce_model, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -86,6 +87,7 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
+    geometric_stiffening: bool = False,
     stiffness: Any = None,
     mass: Any = None,
     inspect: Callable[..., None] | None = None,
@@ -132,6 +134,9 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
+    geometric_stiffening : bool
+        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+        when it bends; needs an interface; three static solutions for each, and six more.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
         for stress alone.
@@ -139,7 +144,7 @@ def reduce(
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Called with the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
@@ -171,6 +176,8 @@ def reduce(
         check_releases(fe, [part.nodes for part in ends])
         if sentence := mass_sentence(fe, point_mass(masses)):
             findings.append(Finding("warning", sentence))
+    if geometric_stiffening:
+        require_stresses(fe, ends)
     progress("read", 1.0)
     for finding in findings:
         if finding.level == "warning":
@@ -185,6 +192,8 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
+    if geometric_stiffening:
+        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
@@ -192,6 +201,7 @@ def reduce(
     options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
+    options["geometric_stiffening"] = geometric_stiffening
     made = sections_from(sections)
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
@@ -355,7 +365,7 @@ def make_body(
     damping : float
         Damping ratio of every mode.
     progress : Progress
-        Told the phases ``"integrals"`` and ``"recovery"``.
+        Called with the phases ``"integrals"`` and ``"recovery"``.
     """
     progress("integrals", 0.0)
     ties = reduced.interfaces

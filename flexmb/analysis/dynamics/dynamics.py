@@ -39,7 +39,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units
 from flexmb.engine.integrators import (
     STIFF_METHOD,
-    chosen_method,
+    make_integrator,
     method_name,
     reason_of_method,
 )
@@ -85,7 +85,7 @@ def prepare_dynamics(
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
     name = method_name(spec, _is_flexible(compiled))
-    integrator = chosen_method(spec, name)
+    integrator = make_integrator(spec, name)
 
     def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
         with driver_reasons(compiled, model):
@@ -149,7 +149,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
         if ending.status == _STIFF:
             # what the explicit method cannot do is reported by the other one
             prepare_units(
-                integration_units(compiled.system, chosen_method(spec, STIFF_METHOD)), progress
+                integration_units(compiled.system, make_integrator(spec, STIFF_METHOD)), progress
             )
             again = prepared.by_method(STIFF_METHOD)
         elif ending.status == "failed" and finished is not None and not current.growth.sentence:

@@ -30,7 +30,7 @@ from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD, chosen_method
+from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD, make_integrator
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
@@ -135,7 +135,7 @@ class PreparedDynamics:
 
     def by_method(self, name: str) -> PreparedDynamics:
         """The same run from its start by another integrator."""
-        tolerance = local_tolerance(self.spec, chosen_method(self.spec, name), self.run.compiled)
+        tolerance = local_tolerance(self.spec, make_integrator(self.spec, name), self.run.compiled)
         return self._restarted(name, self.settings._replace(tolerance=tolerance, turn=1.0))
 
     def _restarted(self, name: str, settings: Settings) -> PreparedDynamics:
@@ -151,7 +151,7 @@ def prepared_run(
     """A run from a state by an integrator, with a scout where it controls its error."""
     spec = model.dynamics
     assert spec is not None
-    integrator, times, verified = chosen_method(spec, name), output_times(spec), None
+    integrator, times, verified = make_integrator(spec, name), output_times(spec), None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
     if spec.verify is not False and settings.step == 0.0:
         compared = compared_times(spec)

@@ -17,7 +17,7 @@ from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS
-from flexmb.engine.integrators import chosen_method, method_name
+from flexmb.engine.integrators import make_integrator, method_name
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
@@ -56,7 +56,7 @@ def prepare_resumed(
     passes = arrays.get("passes")
     if passes is not None and passes.dtype == PASSES:
         name = tuple(METHODS)[int(passes[0]["method"])]
-    integrator = chosen_method(spec, name)
+    integrator = make_integrator(spec, name)
     units = prepare_integration(compiled.system, integrator, progress)
     timer.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, arrays, result, rows)

@@ -332,3 +332,6 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     if run.settings.works == 1:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
     return FINE
+
+
+METHODS = {"coordinate-partitioning": make_method}

@@ -96,3 +96,6 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
     normalise(run.system.parts.bodies, tr.q)
     return FINE
+
+
+METHODS = {"explicit-rk": make_method}

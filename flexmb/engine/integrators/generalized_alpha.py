@@ -347,3 +347,11 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
 def interpolate(run: Run, alpha: Alpha, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
     return interpolate_step(run, share)  # type: ignore[no-any-return]
+
+
+METHODS = {
+    "generalized-alpha": make_method,
+    "hht": make_hht,
+    "newmark": make_newmark,
+    "trapezoidal": make_trapezoidal,
+}

@@ -273,3 +273,6 @@ def _estimate_error(run, radau, h):
 def interpolate(run: Run, radau: Radau, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
     return interpolate_step(run, share)  # type: ignore[no-any-return]
+
+
+METHODS = {"radau": make_method}

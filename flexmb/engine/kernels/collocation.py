@@ -22,8 +22,6 @@ from flexmb.engine.method import (
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
-__all__ = ["STAGES", "Radau", "correct_stages", "factorise_stages", "filter_motion"]
-
 STAGES = 3
 
 

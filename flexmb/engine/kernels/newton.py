@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from flexmb.engine.jit import kernel
 
-__all__ = ["REFACTOR_ABOVE", "give_up"]
-
 REFACTOR_ABOVE = 0.3
 """Contraction by an old factor above which it is renewed within a step."""
 # By a new one: above which the unsymmetric matrix is factored instead, and the step given up.

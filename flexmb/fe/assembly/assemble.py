@@ -191,7 +191,7 @@ def assemble(
     sections : mapping of str to section, optional
         By mesh group, or under ``"all"``; lines and surfaces need one to belong to the body.
     progress : Progress
-        Told the phase ``"assemble"``.
+        Called with the phase ``"assemble"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group, nodes: group}}``.
 

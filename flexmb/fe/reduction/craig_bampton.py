@@ -40,7 +40,7 @@ from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
-_SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
+_SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
 
 
 def craig_bampton(
@@ -63,7 +63,7 @@ def craig_bampton(
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Called with the phases ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
@@ -127,7 +127,7 @@ def guyan(
     Raises
     ------
     ReductionError
-        Modes are asked for, or a part that nothing holds.
+        Modes are requested, or a part that is not supported.
     """
     if read_modes(modes) != ModesOptions(count=0):
         raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')

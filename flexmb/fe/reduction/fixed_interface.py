@@ -96,7 +96,7 @@ class BorderedSolver:
     points : (n, 3) float
         Place of each degree of freedom [m].
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class FixedInterfaceModel:
     directions : tuple of int
         Motions of an interface that exist, of six; the others are held for good.
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------

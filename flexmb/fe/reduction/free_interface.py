@@ -146,7 +146,7 @@ def free_modes_of(
     mirror : Mirror, optional
         Only symmetric ones.
     progress : Progress
-        Told the phase ``"modes"``.
+        Called with the phase ``"modes"``.
     """
     fe, limit = fixed.fe, free_count(fixed)
     if count == 0:
@@ -209,7 +209,7 @@ def free_modes(
     modes : int, mapping or ModesOptions
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
-        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern

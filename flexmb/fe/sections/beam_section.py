@@ -138,7 +138,7 @@ class BeamSection:
         Place of the shear centre from the centroid, principal axes [m]; the section twists about
         it.
     points : tuple of StressPoint
-        Where stress is told.
+        Where stress is reported.
     shape : Shape, optional
         The dimensions all this is from.
     by_shape : bool
@@ -242,7 +242,7 @@ def general(
     Iyz : float
         int y z dA [m^4]; the principal axes are found from it.
     points : mapping of str to (y, z), optional
-        Places from the centroid where stress is told [m]: axial stress only.
+        Places from the centroid where stress is reported [m]: axial stress only.
     ky, kz : float
         Shear coefficients along the principal axes.
     shear_center : (y, z)
@@ -318,7 +318,7 @@ class Shape(Protocol):
         ...
 
     def points(self) -> tuple[StressPoint, ...]:
-        """Where stress is told."""
+        """Where stress is reported."""
         ...
 
     def outline(self) -> list[FloatArray]:

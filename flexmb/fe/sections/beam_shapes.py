@@ -21,15 +21,12 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.sections.beam_section import (
     BeamSection,
     Place,
-    Shape,
     StressPoint,
     polygon,
     positive,
     section_of,
 )
 from flexmb.flexbody.arrays import FloatArray
-
-__all__ = ["Shape", "circle", "positive", "rectangle", "section_of", "tube"]
 
 _AROUND = 16  # corners of a drawn circle
 _ODD = np.arange(1, 40, 2)

@@ -3,7 +3,7 @@
 Each front adds up the entries of the rows it eliminates and the updates of its children, eliminates
 (potrf, trsm) and leaves an update (syrk) to its parent: nearly all work is on full matrices. Only
 lower triangles are formed. :class:`Fronts` are known before any number is computed, and with them
-the entries, operations and memory of the factorisation. It is kept beside scipy's SuperLU because
+the entries, operations and memory of the factorisation. It is used besides scipy's SuperLU because
 that has no symmetric mode: at 92 000 unknowns of a solid it takes several times the time and
 memory. Sources: Duff, Reid (1983), ACM Trans. Math. Softw. 9(3), 302-325; Liu (1992), SIAM Review
 34(1), 82-109.
@@ -155,7 +155,7 @@ class Multifrontal:
     fronts : Fronts
         Of its pattern.
     progress : Progress
-        Told the phase ``"factor"`` by the share of operations done.
+        Called with the phase ``"factor"`` by the share of operations done.
 
     Raises
     ------

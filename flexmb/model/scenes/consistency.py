@@ -41,7 +41,7 @@ def model_problems(
         problems += part(scope)
     problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
     if not problems:  # what is in the plane is known of entries that hold together
-        problems += planar_problems(model, flexbodies)
+        problems += planar_problems(scope)
     return problems
 
 
