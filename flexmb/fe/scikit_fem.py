@@ -22,12 +22,13 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.mass import Inertia, join
 from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.elements.blocks import FAMILIES, Block
+from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.solid_elements import Solid
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
+from flexmb.units import unit_system
 
 _SAME = 1e-9  # relative: entries of matrices, reference coordinates
 _RIGID = 1e-6  # stiffness against rigid motions, relative to its diagonal
@@ -243,3 +244,22 @@ def require_basis(stiffness: Any, mass: Any) -> None:
     ]
     if problems:
         raise MeshError.from_problems(problems)
+
+
+def refuse_mesh_options(units: str, **others: Any) -> None:
+    """Refuse options of a mesh that come with a basis.
+
+    Raises
+    ------
+    ReductionError
+        Which were given.
+    """
+    if unit_system(units).name != "SI":
+        others["units"] = units
+    problems = [
+        Problem(name, "does not go with a basis of scikit-fem, whose matrices are complete, in SI")
+        for name, value in others.items()
+        if value
+    ]
+    if problems:
+        raise ReductionError.from_problems(problems)
