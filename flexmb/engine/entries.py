@@ -103,11 +103,6 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
     return int(call(time_loop.integrate_steps, run, aside, n_steps))
 
 
-def prepare_kinematics(system: System, progress: Progress = silent) -> int:
-    """Load all units of a kinematic analysis; as `prepare_integration`."""
-    return prepare_units(kinematics_units(system), progress)
-
-
 def kinematics_units(system: System) -> list[Unit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
     units = [kinematics_loop.kinematics_loop, initial_conditions.evaluate_rows]

@@ -56,7 +56,13 @@ from flexmb.fe.reduction.reduced_basis import (
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.reduction_key import mesh_hash, reduction_key
-from flexmb.fe.scikit_fem import has_stress, mesh_from_skfem, model_from_basis, require_basis
+from flexmb.fe.scikit_fem import (
+    has_stress,
+    mesh_from_skfem,
+    model_from_basis,
+    refuse_mesh_options,
+    require_basis,
+)
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
@@ -158,7 +164,9 @@ def reduce(
     attempts = Attempts()
     progress("read", 0.0)
     if isinstance(mesh, CellBasis):
-        fe = _own_model(mesh, stiffness, mass, material, units, sections, connections)
+        refuse_mesh_options(units=units, sections=sections, **connections)
+        resolved = None if material is None else resolve(material)
+        fe = model_from_basis(mesh, stiffness, mass, resolved)
         ends = attempts(make_interfaces, fe, interfaces or {}) or ()
         attempts.raise_errors()
         findings = model_findings(fe, ends)
@@ -207,29 +215,6 @@ def reduce(
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source)
-
-
-def _own_model(
-    basis: CellBasis,
-    stiffness: Any,
-    mass: Any,
-    material: MaterialLike | None,
-    units: str,
-    sections: Any,
-    connections: Mapping[str, Any],
-) -> FEMatrices:
-    """The model of a basis; options that belong to a mesh are refused."""
-    others = {**connections, "sections": sections}
-    if unit_system(units).name != "SI":
-        others["units"] = units
-    problems = [
-        Problem(name, "does not go with a basis of scikit-fem, whose matrices are complete, in SI")
-        for name, value in others.items()
-        if value
-    ]
-    if problems:
-        raise ReductionError.from_problems(problems)
-    return model_from_basis(basis, stiffness, mass, None if material is None else resolve(material))
 
 
 def _prepare(

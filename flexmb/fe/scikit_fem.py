@@ -16,18 +16,18 @@ import numpy as np
 from scipy.sparse import csr_array, issparse
 from skfem import CellBasis, ElementVector
 from skfem import Mesh as SkfemMesh
-from skfem.io.meshio import to_meshio
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.mass import Inertia, join
 from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.elements.blocks import FAMILIES, Block
+from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.solid_elements import Solid
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
+from flexmb.units import unit_system
 
 _SAME = 1e-9  # relative: entries of matrices, reference coordinates
 _RIGID = 1e-6  # stiffness against rigid motions, relative to its diagonal
@@ -42,6 +42,8 @@ def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:
     MeshError
         A mesh without elements that flexmb has a name for.
     """
+    from skfem.io.meshio import to_meshio  # meshio is loaded in 0.2 s, only where it is needed
+
     written = to_meshio(mesh)
     points = np.zeros((len(written.points), 3))
     points[:, : written.points.shape[1]] = written.points
@@ -243,3 +245,22 @@ def require_basis(stiffness: Any, mass: Any) -> None:
     ]
     if problems:
         raise MeshError.from_problems(problems)
+
+
+def refuse_mesh_options(units: str, **others: Any) -> None:
+    """Refuse options of a mesh that come with a basis.
+
+    Raises
+    ------
+    ReductionError
+        Which were given.
+    """
+    if unit_system(units).name != "SI":
+        others["units"] = units
+    problems = [
+        Problem(name, "does not go with a basis of scikit-fem, whose matrices are complete, in SI")
+        for name, value in others.items()
+        if value
+    ]
+    if problems:
+        raise ReductionError.from_problems(problems)

@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
-from flexmb.fe.elements.blocks import Block
+from flexmb.fe.elements.element_blocks import Block
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import STRESS_OPTIONS

@@ -18,7 +18,7 @@ from skfem.helpers import ddot, eye, sym_grad, trace
 
 from flexmb.fe import resolve
 from flexmb.fe.assembly.numbering import Accumulator
-from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.scikit_fem import mesh_from_skfem
 from flexmb.fe.sections.solid_section import SolidSection

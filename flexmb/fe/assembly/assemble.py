@@ -38,7 +38,7 @@ from flexmb.fe.assembly.mass import (
     reduced_components,
 )
 from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, rigid_vectors
-from flexmb.fe.elements.blocks import Block, select_elements
+from flexmb.fe.elements.element_blocks import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray

@@ -63,7 +63,7 @@ class ComponentMass:
 
 
 class Family(Protocol):
-    """A kind of element; one object for each, listed in :mod:`flexmb.fe.elements.blocks`."""
+    """A kind of element; one object for each, in :mod:`flexmb.fe.elements.element_blocks`."""
 
     kind: str  # name of the cells in a mesh
     about: str  # a sentence for the list of elements
