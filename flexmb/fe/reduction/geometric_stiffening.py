@@ -50,16 +50,16 @@ def with_geometric_stiffening(
     progress : Progress
         Told the phase ``"stiffening"``.
     """
-    held, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
+    fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
     fields = _centrifugal_fields(fe)
     loads = [np.asarray(fe.M @ w) for w, _ in fields]
-    forces = held.loads()
+    forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
     gradients = [G for _, G in fields] + [np.zeros((3, 3))] * (3 * len(interfaces))
     forms = np.zeros((len(loads), body.m, body.m))
     for number, (load, gradient) in enumerate(zip(loads, gradients, strict=True)):
         progress("stiffening", number / len(loads))
-        u = held.free(relief.loads(load))
+        u = fixed.free(relief.loads(load))
         per_mass = _force_per_mass(fe, gradient, relief.acceleration(load))
         form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
         forms[number] = 0.5 * (form + form.T)
