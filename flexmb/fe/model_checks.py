@@ -17,11 +17,11 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.material import plausibility
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
+from flexmb.fe.sections.material import plausibility
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 _NO_STIFFNESS = 1e-12  # smallest over largest stiffness of what moves without any

@@ -16,12 +16,12 @@ import numpy as np
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.elements import solid_elements
 from flexmb.fe.elements.beam_elements import LINE
-from flexmb.fe.elements.family import Family
+from flexmb.fe.elements.element_family import Family
 from flexmb.fe.elements.shell_elements import QUAD, TRIANGLE
 from flexmb.fe.elements.shell_elements import SHELL_ADVICE as SHELL_ADVICE
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.sections.beam_chain import bind_section
-from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.fe.sections.material import SolidSection
 from flexmb.flexbody.arrays import IntArray
 from flexmb.materials import AnyMaterial
 

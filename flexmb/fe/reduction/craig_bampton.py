@@ -24,16 +24,16 @@ from flexmb.fe.reduction.fixed_interface import (
     read_modes,
     select_modes,
 )
+from flexmb.fe.reduction.inertia_relief import (
+    InertiaRelief,
+    fixed_interface_responses,
+    residual_vectors,
+)
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     directions_of,
     interface_labels,
     rigid_motion_of_interfaces,
-)
-from flexmb.fe.reduction.residual_vectors import (
-    InertiaRelief,
-    fixed_interface_responses,
-    residual_vectors,
 )
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
 from flexmb.flexbody.arrays import FloatArray

@@ -39,9 +39,9 @@ from scipy.sparse import csr_array
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, WeightedInterface
+from flexmb.fe.linear_solver import Factor, SingularMatrix, factor
 from flexmb.fe.reduction.eigenmodes import lowest_modes, start_vector
 from flexmb.fe.reduction.reduced_basis import free_part
-from flexmb.fe.solver.linear_solver import Factor, SingularMatrix, factor
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.flexbody.options import read_options

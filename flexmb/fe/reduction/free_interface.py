@@ -20,6 +20,7 @@ from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.linear_solver import SingularMatrix, factor
 from flexmb.fe.reduction.eigenmodes import (
     dense_modes,
     lowest_modes,
@@ -34,16 +35,15 @@ from flexmb.fe.reduction.fixed_interface import (
     select_modes,
     statically_determinate,
 )
-from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
-from flexmb.fe.reduction.residual_vectors import (
+from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
     deforming_responses,
     free_body_responses,
     load_columns,
     residual_vectors,
 )
+from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
-from flexmb.fe.solver.linear_solver import SingularMatrix, factor
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent

@@ -24,6 +24,7 @@ from flexmb.fe.reduction.free_interface import (
     lowest_free,
     relieved_inverse,
 )
+from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.quality import (
     EffectiveMass,
     EnergyShares,
@@ -37,7 +38,6 @@ from flexmb.fe.reduction.quality import (
     unit_loads,
 )
 from flexmb.fe.reduction.reduced_basis import DIRECTIONS, ReducedBasis, ReducedModes
-from flexmb.fe.reduction.residual_vectors import InertiaRelief
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
