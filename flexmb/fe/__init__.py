@@ -8,12 +8,10 @@ from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.elements.element_blocks import ELEMENTS, Block
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
-from flexmb.fe.meshes.mesh_checks import Finding, mesh_report
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.model_checks import Survey
+from flexmb.fe.model_checks import Finding, Survey, mesh_report
 from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
-from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
-from flexmb.fe.reduction.free_interface import free_interface
+from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.methods import METHODS, reduce_model, reduction_key
 from flexmb.fe.reduction.quality_report import (
     QualityReport,

@@ -32,11 +32,9 @@ from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, is_nonzero
 from flexmb.flexbody.body import FlexBody
 from flexmb.progress import Progress, silent
-
-_MASSLESS = 1e-12  # relative; a line of point masses has no inertia about itself
 
 
 class InertiaRelief:
@@ -48,7 +46,8 @@ class InertiaRelief:
         size = np.sqrt(np.diag(gram))
         scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
         values, Q = eigh(scale[:, None] * gram * scale)
-        inverse = np.where(values > _MASSLESS, 1.0 / np.where(values > 0, values, 1.0), 0.0)
+        massive = is_nonzero(values)  # a line of point masses has no inertia about itself
+        inverse = np.where(massive, 1.0 / np.where(massive, values, 1.0), 0.0)
         self._inverse = scale[:, None] * (Q * inverse) @ Q.T * scale
 
     def acceleration(self, f: FloatArray) -> FloatArray:
