@@ -49,7 +49,7 @@ from flexmb.model.functions.derivatives import derivative_jumps
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
-from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.scenes.dynamics import DynamicsSpec
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from flexmb.model.bodies.body import RigidBodySpec
 from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.forces.contact import PointsSide, nodes_of
 from flexmb.model.model import Model
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix, triad
+from flexmb.model.values.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
 

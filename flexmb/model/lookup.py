@@ -18,9 +18,8 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec
 from flexmb.model.bodies.markers import GroundSpec, MarkerSpec, PlacedMarker, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrices, rotation_matrix, triad
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import GROUND, ReadContext, split_reference
 from flexmb.units import UnitSystem
 
 if TYPE_CHECKING:
@@ -62,25 +61,15 @@ class ModelData(Protocol):
     view: Any
 
     @property
-    def terms(self) -> Terms:
-        """What numbers mean that are given to the model."""
-        ...
+    def context(self) -> ReadContext: ...
 
-    def check_terms(self, channel: Any) -> Terms:
-        """What numbers mean that are compared with a channel."""
-        ...
+    def check_context(self, channel: Any) -> ReadContext: ...
 
-    def channels(self) -> tuple[str, ...]:
-        """Names of all channels."""
-        ...
+    def channels(self) -> tuple[str, ...]: ...
 
-    def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a channel."""
-        ...
+    def channel_unit(self, channel: str) -> str | None: ...
 
-    def path(self, name: str) -> Path:
-        """A path of the scene, made absolute."""
-        ...
+    def path(self, name: str) -> Path: ...
 
 
 class NamedMarker(NamedTuple):
@@ -108,7 +97,7 @@ def has_all_markers(model: ModelData, body: str, flexbodies: Bodies) -> bool:
 
 
 def automatic_markers(model: ModelData, body: str, flexbodies: Bodies) -> tuple[str, ...]:
-    """Names of the markers a body has without being told."""
+    """Names of the markers a body has automatically."""
     center = () if _center(model, body, flexbodies) is None else ("center",)
     return tuple(dict.fromkeys(("origin", *center, *_interfaces(model, body, flexbodies))))
 
@@ -153,7 +142,7 @@ def has_marker(model: ModelData, body: str, name: str, flexbodies: Bodies | None
 
 
 def _automatic(model: ModelData, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
-    """A marker that a body has without being told; of another name, an interface to come."""
+    """An automatic marker of a body; of another name, an interface of the reduced body."""
     if name not in _interfaces(model, body, flexbodies):
         center = _center(model, body, flexbodies)
         if name == "origin":

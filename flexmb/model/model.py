@@ -27,17 +27,22 @@ from flexmb.model.plane import read_plane
 from flexmb.model.references import Component
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, scene_dict
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.scenes.sections import read_named
+from flexmb.model.scenes.study import StudySpec
 from flexmb.model.sensors.control import ControllerSpec, StateSpec
 from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
-from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
-from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.tasks.study import StudySpec
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import plain
-from flexmb.model.values.reading import Spec, Terms, read_entry, under
+from flexmb.model.values.reading import (
+    GROUND,
+    ReadContext,
+    Spec,
+    read_entry,
+    split_reference,
+    under,
+)
 from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:
@@ -122,9 +127,9 @@ class Model:
         return f"Model({self.title!r}: {counts})"
 
     @property
-    def terms(self) -> Terms:
+    def context(self) -> ReadContext:
         """What numbers mean that are given to this model."""
-        return Terms(self.parameters, self.units, folder=self.folder)
+        return ReadContext(self.parameters, self.units, folder=self.folder)
 
     def add_body(
         self, name: str, body: FlexBody | BodySpec | None = None, **fields: Any
@@ -146,7 +151,7 @@ class Model:
         if owner is None:
             lookup.find(self, body)  # raises, with the names there are
         assert owner is not None
-        spec, problems = read_named("markers", name, fields, self.terms)
+        spec, problems = read_named("markers", name, fields, self.context)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
         problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
         if lookup.has_marker(self, body, name):
@@ -203,14 +208,14 @@ class Model:
         """
         checks: list[Any] = self.frequency_checks if "body" in fields else self.checks
         kind: type[Any] = FrequencyCheckSpec if "body" in fields else CheckSpec
-        spec, problems = read_entry(kind, fields, self.check_terms(fields.get("sensor")))
+        spec, problems = read_entry(kind, fields, self.check_context(fields.get("sensor")))
         _raise(under(f"check[{len(checks)}]", problems))
         checks.append(spec)
         return spec  # type: ignore[return-value]
 
     def set_gravity(self, gravity: Any) -> None:
         """Set gravity: its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
-        self.gravity, problems = read_gravity(gravity, self.terms)
+        self.gravity, problems = read_gravity(gravity, self.context)
         _raise(problems)
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
@@ -244,7 +249,7 @@ class Model:
         return self.view
 
     def _single(self, section: str, kind: type[S], fields: Any) -> S:
-        spec, problems = read_entry(kind, fields, self.terms)
+        spec, problems = read_entry(kind, fields, self.context)
         _raise(under(section, problems))
         assert spec is not None
         return spec
@@ -253,7 +258,7 @@ class Model:
         entries = getattr(self, section)
         if name in entries:
             _raise([Problem(f"{section}.{name}", f'the name "{name}" is used twice')])
-        spec, problems = read_named(section, name, data, self.terms)
+        spec, problems = read_named(section, name, data, self.context)
         _raise(problems)
         assert spec is not None
         entries[name] = spec
@@ -274,10 +279,10 @@ class Model:
                     return unit_of(vars(owners[name]))
         return None
 
-    def check_terms(self, channel: Any) -> Terms:
+    def check_context(self, channel: Any) -> ReadContext:
         """What numbers mean that are compared with a channel."""
         unit = self.channel_unit(channel) if isinstance(channel, str) else None
-        return Terms(self.parameters, self.units, slot=unit, folder=self.folder)
+        return ReadContext(self.parameters, self.units, expected_unit=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.NamedMarker:
         """Body, name and specification of ``"body.marker"``, automatic markers included.

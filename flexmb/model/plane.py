@@ -19,7 +19,7 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import given
+from flexmb.model.values.reading import quote
 
 Array = NDArray[np.float64]
 ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
@@ -31,7 +31,7 @@ def read_plane(value: Any) -> tuple[str | None, list[Problem]]:
         return value, []
     names = tuple(PLANES)
     near = nearest(str(value), names)
-    return None, [Problem("plane", f"unknown plane {given(value)}", names, near)]
+    return None, [Problem("plane", f"unknown plane {quote(value)}", names, near)]
 
 
 def plane_axes(plane: str) -> tuple[int, int, int]:
@@ -100,7 +100,7 @@ def _body_problems(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
     if np.sort(normal)[1] > ALIGNED:
         what = f"no axis of the body is normal to the plane {plane}; turn it within the plane only"
         yield Problem(f"{where}.orientation", what)
-    for marker, initial in spec.asked_velocities.items():
+    for marker, initial in spec.initial_velocities.items():
         at = where if marker == "origin" and not spec.initial else f"{where}.initial.{marker}"
         if initial.velocity is not None and not keeps_plane(initial.velocity, plane):
             yield Problem(f"{at}.velocity", f"has a component normal to the plane {plane}")

@@ -16,8 +16,7 @@ import numpy as np
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.lookup import Array, Bodies, ModelData
-from flexmb.model.values.names import GROUND, split_reference
-from flexmb.model.values.reading import Spec
+from flexmb.model.values.reading import GROUND, Spec, split_reference
 
 Broken = Mapping[str, Mapping[str, Any]]
 _REFERENCES = ("between", "at", "of", "relative_to", "marker")

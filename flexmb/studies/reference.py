@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from flexmb.model.tasks.dynamics import ACCURACY, OPTIONS
+from flexmb.model.scenes.dynamics import ACCURACY, OPTIONS
 from flexmb.studies.channel_errors import Difference, Reading, difference, error_text
 from flexmb.studies.settings import Setting
 

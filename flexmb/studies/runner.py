@@ -17,7 +17,7 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
-from flexmb.model.tasks.study import StudySpec, sweep_values
+from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
 from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch

@@ -24,9 +24,9 @@ from flexmb.folders import output_folder
 from flexmb.model import Model
 from flexmb.model.bodies.body import FlexbodySpec
 from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.scenes.dynamics import OPTIONS
 from flexmb.model.scenes.scene import load_scene, raw_scene
-from flexmb.model.tasks.dynamics import OPTIONS
-from flexmb.model.tasks.study import override, resolve_knob
+from flexmb.model.scenes.study import override, resolve_knob
 from flexmb.model.values.reading import under
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.workers import content_key

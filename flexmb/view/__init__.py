@@ -1,19 +1,12 @@
-"""Pictures of mechanisms and plots of time histories; VTK and matplotlib are loaded when needed."""
+"""Pictures of mechanisms and plots of time histories; VTK and matplotlib are loaded when needed.
+
+Plots of error against wall time, which only studies draw, are in `work_precision`.
+"""
 
 from __future__ import annotations
 
 from flexmb.view.modes import render_modes
 from flexmb.view.picture import render
 from flexmb.view.plot import history_figure, plot_history, save_figure
-from flexmb.view.work_precision import Curve, pareto_figure, work_precision_figure
 
-__all__ = [
-    "Curve",
-    "history_figure",
-    "pareto_figure",
-    "plot_history",
-    "render",
-    "render_modes",
-    "save_figure",
-    "work_precision_figure",
-]
+__all__ = ["history_figure", "plot_history", "render", "render_modes", "save_figure"]

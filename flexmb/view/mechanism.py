@@ -18,8 +18,8 @@ from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.lookup import frames, place_marker
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.values.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
-from flexmb.model.values.names import GROUND, split_reference
+from flexmb.model.values.reading import GROUND, split_reference
 from flexmb.view.camera import Camera
 from flexmb.view.mechanism import Mechanism
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
-    from flexmb.model.counts import Counts
+    from flexmb.model.joints.joint import Counts
     from flexmb.workflow.listings import Table
 
 
@@ -72,7 +72,7 @@ def check_scene(
     """
     from flexmb.analysis.assembly.rank import MAX_COORDINATES
     from flexmb.model import load_scene
-    from flexmb.model.counts import count
+    from flexmb.model.joints.joint import count
     from flexmb.workflow.model_tables import definition_tables
 
     model = load_scene(Path(path), dict(overrides or {}))

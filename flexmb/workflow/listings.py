@@ -35,11 +35,16 @@ from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DRIVEN, DriverSpec
 from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.scenes.dynamics import (
+    METHODS,
+    AssemblySpec,
+    DynamicsSpec,
+    GuessSpec,
+    KinematicsSpec,
+)
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensors.control import StateSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, GuessSpec, KinematicsSpec
 from flexmb.model.values.reading import Spec
 from flexmb.units import UNIT_SYSTEMS
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from flexmb.model.values.names import GROUND
-from flexmb.model.values.reading import Spec
+from flexmb.model.values.reading import GROUND, Spec
 from flexmb.workflow.listings import Table, scene_text
 
 if TYPE_CHECKING:
@@ -139,7 +138,7 @@ def _entry_rows(model: Model, entries: Mapping[str, Any], field: str) -> list[tu
     rows: list[tuple[str, ...]] = []
     for name, spec in entries.items():
         if isinstance(spec, Spec):
-            words = spec.model_dump(mode="json", exclude_defaults=True, context=model.terms)
+            words = spec.model_dump(mode="json", exclude_defaults=True, context=model.context)
             first = str(words.pop(field, ""))
             others = ", ".join(f"{key} = {scene_text(value)}" for key, value in words.items())
             rows.append((name, first, others))
@@ -149,7 +148,7 @@ def _entry_rows(model: Model, entries: Mapping[str, Any], field: str) -> list[tu
 def _velocities(model: Model) -> Titled:
     units, rows = model.units, []
     for name, spec in model.bodies.items():
-        for marker, initial in spec.asked_velocities.items():
+        for marker, initial in spec.initial_velocities.items():
             pairs = ((initial.velocity, "m/s"), (initial.angular_velocity, "rad/s"))
             cells = (units.components(vector or (), unit) for vector, unit in pairs)
             rows.append((f"{name}.{marker}", *cells, initial.axes))

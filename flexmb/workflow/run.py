@@ -247,11 +247,11 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.model.tasks.dynamics import INSTEAD, drop_idle_options
+    from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
 
     if dynamics:
         spec = model.dynamics
-        fields = {} if spec is None else spec.model_dump(context=model.terms)
+        fields = {} if spec is None else spec.model_dump(context=model.context)
         for new in dynamics:
             fields.pop(INSTEAD.get(new, ""), None)
         model = copy.copy(model)
@@ -292,7 +292,7 @@ def kinematics(
     """
     if fields:
         spec = model.kinematics
-        present = {} if spec is None else spec.model_dump(context=model.terms)
+        present = {} if spec is None else spec.model_dump(context=model.context)
         model = copy.copy(model)
         model.set_kinematics(**{**present, **fields})
     return _run_and_open(model, "kinematics", output, None, progress)

@@ -46,7 +46,7 @@ def told(problems, where, sentence):
         ({"polar": "1 + 0.1*t", "closed": True}, "closed", "its ends must meet"),
         ({"polar": "2 + cos(t/2)**2", "range": [0, "pi"], "closed": True}, "closed", "must meet"),
         ({"x": 2, "y": 3}, "", "it has no length"),
-        ({"file": "nothing.csv"}, "file", "cannot be read"),
+        ({"file": "nothing.csv"}, "file", "there is no file"),
     ],
 )
 def test_shapes_that_nothing_can_slide_along(shape, where, sentence):

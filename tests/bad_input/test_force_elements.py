@@ -89,7 +89,7 @@ MISTAKES = {
     ),
     "table that does not increase": (
         LINE + "spring_force = [[0, 0], [1, 1], [1, 2]]",
-        "forces.f.spring_force: points must increase: point 3 at 1 follows 1",
+        "forces.f.spring_force[2]: points must increase",
     ),
     "one point": (
         LINE + "spring_force = [[0, 0]]",

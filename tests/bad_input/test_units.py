@@ -96,7 +96,7 @@ ONE_LINE = [
     ),
     pytest.param(
         ("[bodies.rod]", 'orientation = { euler = "xyz", axis = "z" }\n[bodies.rod]'),
-        "bodies.crank.orientation: an orientation is told in one way, {axis, angle}, "
+        "bodies.crank.orientation: an orientation is given in one way, {axis, angle}, "
         '{x_along, y_towards} or {euler, angles}; given "euler", "axis"',
         id="orientation told twice",
     ),

@@ -17,7 +17,7 @@ from flexmb.analysis.dynamics import run as module
 from flexmb.engine.units import interpretation
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
-from flexmb.model.tasks.dynamics import METHODS
+from flexmb.model.scenes.dynamics import METHODS
 
 REPORTED = ("q", "v", "vd", "lam")
 GAINS = {"baumgarte_alpha": 20.0, "baumgarte_beta": 20.0}

@@ -14,7 +14,7 @@ from generators import cloud, interface, random_rotation
 from scipy.spatial.transform import Rotation
 
 from flexmb.model import Model
-from flexmb.model.counts import count
+from flexmb.model.joints.joint import count
 
 DIFFERENCES = 1e-9  # of numbers below 1000; the difference rules leave 1e-12 of them
 RANK = 1e-9

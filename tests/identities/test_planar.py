@@ -11,7 +11,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
-from flexmb.model.counts import count
+from flexmb.model.joints.joint import count
 
 STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7800.0}
 # turns x, y, z into the axes of each plane: in it twice, and its normal

@@ -34,7 +34,7 @@ from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
 from flexmb.model.scenes.sections import read_named
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 
 FIXED_WEIGHT = 1e10
 """Weight of a fixed body."""
@@ -162,7 +162,7 @@ def _approach_guess(model: Model, compiled: Compiled, state: State, make: MakeCo
     for joint, guess in model.assembly.guess.items():
         for coordinate, value in guess.coordinates.items():
             entry = {"joint": joint, coordinate: value}
-            spec, problems = read_named("drivers", f"{joint}_{coordinate}", entry, Terms())
+            spec, problems = read_named("drivers", f"{joint}_{coordinate}", entry, ReadContext())
             assert not problems  # the guess was checked with the model
             extended.drivers[f"guess_of_{joint}_{coordinate}"] = spec  # type: ignore[assignment]
     with warnings.catch_warnings():

@@ -77,7 +77,7 @@ class InitialVelocities:
                 one,
             )
             for name, spec in model.bodies.items()
-            for marker, one in spec.asked_velocities.items()
+            for marker, one in spec.initial_velocities.items()
         ]
         table = np.zeros(before + len(markers.rows), MARKER)
         table[:before], table[before:] = metric.parts.markers, markers.table()

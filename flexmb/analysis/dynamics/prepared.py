@@ -22,7 +22,7 @@ from flexmb.engine.integrators import chosen_method
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.model.model import Model
-from flexmb.model.tasks.dynamics import METHODS
+from flexmb.model.scenes.dynamics import METHODS
 
 __all__ = ["MOST_PASSES", "Prepared", "prepared_run"]
 

@@ -22,7 +22,7 @@ from flexmb.engine.integrators import chosen_method, method_name
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
-from flexmb.model.tasks.dynamics import METHODS
+from flexmb.model.scenes.dynamics import METHODS
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 

@@ -10,7 +10,7 @@ import numpy as np
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.work import kinds_of
-from flexmb.model.tasks.dynamics import ACCURACY, DynamicsSpec
+from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 __all__ = [
     "Steps", "compared_times", "damps_vibrations", "kept_settings", "local_tolerance",

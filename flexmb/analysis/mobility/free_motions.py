@@ -18,8 +18,8 @@ from flexmb.analysis.assembly.jacobian import ConstraintPose
 from flexmb.analysis.assembly.rank import null_space
 from flexmb.engine.tables import BodyColumns
 from flexmb.model.model import Model
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.values.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
 _ZERO_TOLERANCE = 1e-7

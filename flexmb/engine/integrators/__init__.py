@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from flexmb.engine.method import Method
 
 if TYPE_CHECKING:  # compilers of units import this package, and need no scenes
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 __all__ = [
     "AUTO",

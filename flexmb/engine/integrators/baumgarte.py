@@ -17,7 +17,7 @@ from flexmb.engine.integrators.runge_kutta import explicit_method, tableau_of
 from flexmb.engine.method import Method
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Violations fall to 1/e within this share of the run by default, and within a fixed step at least.
 _SHARE = 0.05

@@ -52,7 +52,7 @@ from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Pivots of Cq over the first one: below, a row repeats others; below, the pose is singular.
 _RANK, _SINGULAR = 1e-10, 1e-7

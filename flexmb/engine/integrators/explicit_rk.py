@@ -29,7 +29,7 @@ from flexmb.engine.method import FINE, Method
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 
 def make_method(spec: DynamicsSpec) -> Method:

@@ -40,7 +40,7 @@ from flexmb.engine.method import (
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Before a step, an expected contraction above this costs more iterations than a new factor
 # (flexible slider-crank: 27 µs per step at 0.03, 30 at 0.1, 35 at 0.3; a single rigid body pays

@@ -45,7 +45,7 @@ from flexmb.engine.method import Method
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.005

@@ -27,7 +27,7 @@ from flexmb.engine.method import (
 from flexmb.engine.records import Matrix, Vector
 
 if TYPE_CHECKING:
-    from flexmb.model.tasks.dynamics import DynamicsSpec
+    from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Gap of a joint over the size of the model after its corrections: the step is too long for them.
 _OPEN = 1e-9

@@ -39,7 +39,7 @@ from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
-from flexmb.model.values.names import GROUND
+from flexmb.model.values.reading import GROUND
 
 Array = NDArray[np.float64]
 _EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off

@@ -37,8 +37,8 @@ from flexmb.model.joints.joint import JointSpec
 from flexmb.model.model import Model
 from flexmb.model.plane import across, plane_axes
 from flexmb.model.sensors.sensor import JointSensorSpec
-from flexmb.model.values.names import GROUND
 from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.values.reading import GROUND
 
 Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]

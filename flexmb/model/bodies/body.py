@@ -23,13 +23,13 @@ from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
 from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.values.orientation import Orientation
 from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
-from flexmb.model.values.reading import Entry, Reader, Spec, choice, fail, given, names_of, units_of
+from flexmb.model.values.reading import Entry, Reader, Spec, choice, context_of, fail, quote
 from flexmb.units import UNIT_SYSTEMS, unit_system
 
 
 def _read_units(value: Any, info: ValidationInfo) -> str:
     if value == "scene":
-        return units_of(names_of(info)).name
+        return context_of(info).units.name
     try:
         return unit_system(value).name
     except FlexmbError as error:
@@ -48,7 +48,7 @@ def _read_source(value: Any, info: ValidationInfo) -> Any:
         return value
     if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
         return Path(value).as_posix()
-    raise fail(Problem("", f"a flexible-body file is expected, given {given(value)}"))
+    raise fail(Problem("", f"a flexible-body file is expected, given {quote(value)}"))
 
 
 FlexibleSource = Annotated[Any, Reader(_read_source, form={"type": "string"})]
@@ -83,7 +83,7 @@ _HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
 def _color(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not (value in COLORS or _HEX.match(value)):
         near = nearest(str(value), COLORS)
-        raise fail(Problem("", f"unknown color {given(value)}", ("#rrggbb", *COLORS), near))
+        raise fail(Problem("", f"unknown color {quote(value)}", ("#rrggbb", *COLORS), near))
     return value
 
 
@@ -124,7 +124,7 @@ class BodySpec(Spec):
         return self
 
     @property
-    def asked_velocities(self) -> dict[str, InitialVelocity]:
+    def initial_velocities(self) -> dict[str, InitialVelocity]:
         """Initial velocities by marker, those of the origin among them."""
         if self.velocity is None and self.angular_velocity is None:
             return dict(self.initial)

@@ -15,8 +15,7 @@ from flexmb.model.bodies.markers import MarkerSpec, place
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
-from flexmb.model.values.names import GROUND
-from flexmb.model.values.reading import Spec
+from flexmb.model.values.reading import GROUND, Spec
 
 __all__ = ["body_problems", "far_markers"]
 

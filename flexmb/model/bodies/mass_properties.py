@@ -24,15 +24,14 @@ from flexmb.errors import Problem, SceneError
 from flexmb.model.values.quantities import Size, Sizes, read_number
 from flexmb.model.values.reading import (
     NUMBER,
-    Names,
+    ReadContext,
     Reader,
     Spec,
     Variant,
+    context_of,
     fail,
-    given,
     list_form,
-    names_of,
-    units_of,
+    quote,
     unknown_key,
 )
 from flexmb.units import UnitSystem
@@ -132,7 +131,7 @@ class MassProperties:
     inertia: NDArray[np.float64]
 
 
-def read_inertia(value: Any, names: Names) -> Rows:
+def read_inertia(value: Any, names: ReadContext) -> Rows:
     """The inertia matrix as rows.
 
     Raises
@@ -142,15 +141,15 @@ def read_inertia(value: Any, names: Names) -> Rows:
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     matrix = _inertia_matrix(value, names)
-    units = units_of(names)
+    units = names.units
     _check_inertia(matrix, units)
     matrix = matrix * units.scale(_UNIT)
     if not np.isfinite(matrix).all():
-        raise SceneError(f"finite numbers are expected, given {given(value)}")
+        raise SceneError(f"finite numbers are expected, given {quote(value)}")
     return tuple((float(a), float(b), float(c)) for a, b, c in matrix)
 
 
-def _inertia_matrix(value: Any, names: Names) -> NDArray[np.float64]:
+def _inertia_matrix(value: Any, names: ReadContext) -> NDArray[np.float64]:
     if isinstance(value, Mapping):
         return _from_table(value, names)
     if isinstance(value, list | tuple) and len(value) == 3:
@@ -160,11 +159,11 @@ def _inertia_matrix(value: Any, names: Names) -> NDArray[np.float64]:
             return np.diag([read_number(item, names, _UNIT) for item in value])
     raise SceneError(
         "an inertia is [Ixx, Iyy, Izz], a 3x3 matrix or a table {xx, yy, zz, xy, xz, yz}, "
-        f"given {given(value)}"
+        f"given {quote(value)}"
     )
 
 
-def _from_table(table: Mapping[str, Any], names: Names) -> NDArray[np.float64]:
+def _from_table(table: Mapping[str, Any], names: ReadContext) -> NDArray[np.float64]:
     keys = (*_DIAGONAL, *_PRODUCTS)
     problems = [unknown_key(key, keys) for key in table if key not in keys]
     problems += [Problem(key, "is missing") for key in _DIAGONAL if key not in table]
@@ -217,13 +216,13 @@ def _principal(matrix: NDArray[np.float64]) -> list[float]:
 
 def _read_inertia_field(value: Any, info: ValidationInfo) -> Rows:
     try:
-        return read_inertia(value, names_of(info))
+        return read_inertia(value, context_of(info))
     except SceneError as error:
         raise fail(*error.problems) from None
 
 
 def _write_inertia(value: Rows, info: SerializationInfo) -> list[list[float]]:
-    units = units_of(names_of(info))
+    units = context_of(info).units
     return [[units.written(item, _UNIT) for item in row] for row in value]
 
 

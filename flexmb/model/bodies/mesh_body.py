@@ -29,7 +29,6 @@ from flexmb.flexbody.mesh_options import (
 from flexmb.flexbody.section_options import SECTIONS
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
 from flexmb.model.bodies.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.values.names import bad_name
 from flexmb.model.values.quantities import Integer, Quantity
 from flexmb.model.values.reading import (
     NAME,
@@ -37,9 +36,10 @@ from flexmb.model.values.reading import (
     Reader,
     Spec,
     Variant,
+    bad_name,
+    context_of,
     fail,
-    given,
-    names_of,
+    quote,
     read_entry,
     read_variant,
     reference,
@@ -72,19 +72,19 @@ MeshLoads = dict[str, Annotated[Any, Variant("load type", lambda: LOAD_TYPES)]]
 def _read_interfaces(value: Any, info: ValidationInfo) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
         what = "a table {name = mesh group, ...} of at least one interface is expected"
-        raise fail(Problem("", f"{what}, given {given(value)}"))
+        raise fail(Problem("", f"{what}, given {quote(value)}"))
     problems: list[Problem] = []
     interfaces: dict[str, Any] = {}
     for name, nodes in value.items():
         if bad := bad_name(name):
             problems.append(Problem(str(name), bad))
         elif isinstance(nodes, Mapping | Spec):
-            spec, wrong = read_entry(InterfaceSpec, nodes, names_of(info))
+            spec, wrong = read_entry(InterfaceSpec, nodes, context_of(info))
             problems += under(name, wrong)
             interfaces |= {name: spec} if spec is not None else {}
         elif isinstance(nodes, bool) or not isinstance(nodes, str | int):
             what = "the name of a mesh group, or a table, is expected, given "
-            problems.append(Problem(name, what + given(nodes)))
+            problems.append(Problem(name, what + quote(nodes)))
         else:
             interfaces[name] = str(nodes)
     if problems:
@@ -117,8 +117,8 @@ def _read_source(value: Any, info: ValidationInfo) -> Any:
         return str(value)
     if isinstance(value, str | Path) or not hasattr(value, "keys"):
         what = "a mesh file, or a table {type = ...} of a simple shape is expected, given "
-        raise fail(Problem("", what + given(value), tuple(MESH_TYPES)))
-    spec, problems = read_variant("shape of a mesh", MESH_TYPES, value, names_of(info))
+        raise fail(Problem("", what + quote(value), tuple(MESH_TYPES)))
+    spec, problems = read_variant("shape of a mesh", MESH_TYPES, value, context_of(info))
     if spec is None:
         raise fail(*under("", problems))
     return spec
@@ -137,14 +137,14 @@ MeshSource = Annotated[Any, Reader(_read_source, _write_source, _MESH)]
 
 def _read_modes(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, Mapping | Spec):
-        spec, problems = read_entry(ModesSpec, value, names_of(info))
+        spec, problems = read_entry(ModesSpec, value, context_of(info))
         if spec is None:
             raise fail(*problems)
         return spec
     if isinstance(value, Path) or (isinstance(value, str) and value.strip().endswith(".npz")):
         return Path(value).as_posix()
     if isinstance(value, list | tuple):
-        what = f"a whole number, a table or an .npz file is expected, given {given(value)}"
+        what = f"a whole number, a table or an .npz file is expected, given {quote(value)}"
         raise fail(Problem("", what))
     return Integer(0).read(value, info)
 

@@ -36,13 +36,12 @@ from flexmb.model.values.reading import (
     Spec,
     Variant,
     choice,
+    context_of,
     fail,
-    given,
     list_form,
-    names_of,
+    quote,
     read_entry,
     reference,
-    units_of,
 )
 
 
@@ -57,7 +56,7 @@ def spec_of(options: type) -> type[Spec]:
     if hasattr(options, "check"):
 
         def check(self: Any, info: ValidationInfo) -> Any:
-            problems = options.check(self, units_of(names_of(info)).say)
+            problems = options.check(self, context_of(info).units.say)
             if problems:
                 raise fail(*problems)
             return self
@@ -106,14 +105,14 @@ def specs_of(kinds: Mapping[str, type]) -> dict[str, type[Spec]]:
 def _group_name(value: Any, info: ValidationInfo) -> str:
     """The name of a mesh group; a number is the name of a group that a file only numbers."""
     if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
-        raise fail(Problem("", f"the name of a mesh group is expected, given {given(value)}"))
+        raise fail(Problem("", f"the name of a mesh group is expected, given {quote(value)}"))
     return str(value)
 
 
 def _node_or_group(value: Any, info: ValidationInfo) -> str | int:
     if isinstance(value, bool) or not isinstance(value, str | int):
         what = "the name of a mesh group or the number of a node is expected, given "
-        raise fail(Problem("", what + given(value)))
+        raise fail(Problem("", what + quote(value)))
     return value if isinstance(value, str) else Integer(0).read(value, info)
 
 
@@ -122,7 +121,7 @@ def _weights(value: Any, info: ValidationInfo) -> str | tuple[float, ...]:
     if isinstance(value, str) and value in ("uniform", "area"):
         return value
     if not isinstance(value, list):
-        what = f"unknown choice {given(value)}"
+        what = f"unknown choice {quote(value)}"
         raise fail(Problem("", what, ("uniform", "area", "one number for each node")))
     return tuple(Quantity("", "positive").read(item, info) for item in value)
 
@@ -144,7 +143,7 @@ def _read_stiffness(value: Any, info: ValidationInfo) -> float | tuple[float, ..
         return Quantity("N/m", "positive").read(value, info)
     if len(value) != len(_UNITS):
         what = "one stiffness, or six along and about the axes are expected, given "
-        raise fail(Problem("", what + given(value)))
+        raise fail(Problem("", what + quote(value)))
     pairs = zip(_UNITS, value, strict=True)
     values = tuple(Quantity(unit, "not negative").read(item, info) for unit, item in pairs)
     if not any(values):
@@ -189,7 +188,7 @@ def _read_material(value: Any, info: ValidationInfo) -> AnyMaterial:
             "G" in value or isinstance(plain(value.get("E")), list)
         )
         kind = spec_of(OrthotropicOptions if directed else MaterialOptions)
-        values, problems = read_entry(kind, value, names_of(info))
+        values, problems = read_entry(kind, value, context_of(info))
         if values is None:
             raise fail(*problems)
         made = OrthotropicMaterial if directed else Material

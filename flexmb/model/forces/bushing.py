@@ -18,7 +18,7 @@ from flexmb.materials import Material
 from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, plain
-from flexmb.model.values.reading import NUMBER, Reader, fail, fail_if, given, list_form
+from flexmb.model.values.reading import NUMBER, Reader, fail, fail_if, list_form, quote
 
 _PARALLEL = 1e-6  # sine of the angle below which a direction says nothing about the axis across
 _ROUND_OFF = 1e-12  # of the entries of a matrix that should be symmetric
@@ -30,7 +30,7 @@ def _block(rows: Any, units: tuple[tuple[str, ...], ...], info: ValidationInfo) 
     size = len(units)
     shaped = isinstance(rows, list) and len(rows) == size
     if not shaped or any(not isinstance(row, list) or len(row) != size for row in rows):
-        raise fail(Problem("", f"{size} x {size} numbers are expected, given {given(rows)}"))
+        raise fail(Problem("", f"{size} x {size} numbers are expected, given {quote(rows)}"))
     matrix = np.array(
         [
             [Quantity(unit).read(x, info) for x, unit in zip(row, names, strict=True)]

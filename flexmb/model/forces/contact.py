@@ -30,9 +30,16 @@ from flexmb.model.forces.friction import Friction
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
-from flexmb.model.values.reading import Spec, Variant, fail, fail_if, only_one, under
+from flexmb.model.values.reading import (
+    Spec,
+    Variant,
+    fail,
+    fail_if,
+    only_one,
+    split_reference,
+    under,
+)
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -295,11 +302,10 @@ def _overlap_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[P
 
 def _positions(scope: Scope, reference: str, side: Any) -> Array:
     """(n, 3) global places of a sphere's centre or of points, in the placed pose."""
-    model, known = scope.model, scope.flexbodies
+    model = scope.model
     if isinstance(side, SphereSide):
-        return np.array(
-            [lookup.global_position(model, lookup.place_marker(model, reference, known))]
-        )
+        marker = lookup.place_marker(model, reference, scope.flexbodies)
+        return np.array([lookup.global_position(model, marker)])
     body = split_reference(reference)[0]
     if side.points is not None:
         return np.array([_global_point(model, body, np.array(p)) for p in side.points])

@@ -10,13 +10,13 @@ characteristic is a straight line.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import SerializationInfo, ValidationInfo
 
-from flexmb.errors import Problem, SceneError
-from flexmb.model.functions.expression import Expression, Ops, parse
+from flexmb.errors import SceneError
+from flexmb.model.functions.expression import Expression, parse, rescaled
 from flexmb.model.functions.piecewise import (
     Piecewise,
     akima_curve,
@@ -25,25 +25,21 @@ from flexmb.model.functions.piecewise import (
     monotone_curve,
     straight_beyond,
 )
-from flexmb.model.values.columns import Columns, read_columns
-from flexmb.model.values.quantities import expression_and_factor, plain, read_number
+from flexmb.model.values.points import Columns, Points, check_order, read_columns, read_points
+from flexmb.model.values.quantities import expression_and_factor, plain
 from flexmb.model.values.reading import (
     NUMBER,
     FieldType,
     Form,
     Names,
+    ReadContext,
     Spec,
-    fail,
-    folder_of,
-    given,
+    context_of,
     list_form,
-    names_of,
+    quote,
     read_entry,
     reference,
-    units_of,
 )
-
-Points = tuple[tuple[float, float], ...]
 
 
 class CharacteristicTable(Spec):
@@ -87,10 +83,7 @@ class CharacteristicOf(FieldType):
     force: str
 
     def read(self, value: Any, info: ValidationInfo) -> ForceCharacteristic:
-        try:
-            return self.read_characteristic(value, names_of(info))
-        except SceneError as error:
-            raise fail(*error.problems) from None
+        return self.read_characteristic(value, context_of(info))
 
     def write(self, value: Any, info: SerializationInfo) -> Any:
         return value.source
@@ -100,7 +93,7 @@ class CharacteristicOf(FieldType):
         forms = [{"type": "string"}, points, reference(CharacteristicTable)]
         return {"anyOf": forms, "description": "or an expression"}
 
-    def read_characteristic(self, value: Any, names: Names) -> ForceCharacteristic:
+    def read_characteristic(self, value: Any, context: Names) -> ForceCharacteristic:
         """The characteristic from any of its notations.
 
         Raises
@@ -108,6 +101,7 @@ class CharacteristicOf(FieldType):
         SceneError
             All that is wrong with it.
         """
+        names = ReadContext.of(context)
         if isinstance(value, ForceCharacteristic):
             return value
         value = plain(value)
@@ -118,7 +112,7 @@ class CharacteristicOf(FieldType):
         if not isinstance(value, Mapping):
             raise SceneError(
                 f"an expression in {self.variable}, a list of points [{self.variable}, force] or "
-                f"a table with points or file is expected, given {given(value)}"
+                f"a table with points or file is expected, given {quote(value)}"
             )
         table, problems = read_entry(CharacteristicTable, value, names)
         if table is None:
@@ -128,53 +122,40 @@ class CharacteristicOf(FieldType):
         if table.file is None:
             return _tabulated(value, self._points(plain(table.points), names), table.interpolation)
         points = self._from_file(table.file, names)
-        units = units_of(names)
+        units = names.units
         written = [[units.written(x, self.unit), units.written(y, self.force)] for x, y in points]
         table_of_points = {"points": written, "interpolation": table.interpolation}
         return _tabulated(table_of_points, points, table.interpolation)
 
-    def _expression(self, text: str, names: Names) -> Expression:
+    def _expression(self, text: str, names: ReadContext) -> Expression:
         """The program in SI."""
         if self.variable in names:
             what = f'"{self.variable}" is the variable of this force characteristic and a parameter'
             raise SceneError(f"{what}: rename the parameter")
-        units = units_of(names)
+        units = names.units
         front, factor = expression_and_factor(text, names, self.force)
         ops = parse(front, names, variable=self.variable).ops
         return Expression(
-            text, _scaled(ops, units.scale(self.unit), factor * units.scale(self.force))
+            text, rescaled(ops, units.scale(self.unit), factor * units.scale(self.force))
         )
 
-    def _from_file(self, file: str, names: Names) -> Points:
+    def _from_file(self, file: str, names: ReadContext) -> Points:
         points = read_columns(
-            folder_of(names) / file, Columns((1, 2), None), units_of(names), self.force,
+            names.folder / file, Columns((1, 2), None), names.units, self.force,
             (self.unit, "points"),
         )  # fmt: skip
         if len(points) < 2:
             raise SceneError(f"{file}: at least two points are expected, given {len(points)}")
         return points
 
-    def _points(self, rows: list[Any], names: Names) -> Points:
+    def _points(self, rows: Any, names: ReadContext) -> Points:
         """Points in SI, their variable increasing."""
-        units = units_of(names)
-        points, problems = [], []
-        for i, row in enumerate(rows):
-            if not isinstance(row, list) or len(row) != 2:
-                what = f"a point [{self.variable}, force] is expected, given {given(row)}"
-                problems.append(Problem(f"[{i}]", what))
-                continue
-            try:
-                x, y = (
-                    read_number(item, names, unit) * units.scale(unit)
-                    for item, unit in zip(row, (self.unit, self.force), strict=True)
-                )
-                points.append((x, y))
-            except SceneError as error:
-                problems += [replace(problem, where=f"[{i}]") for problem in error.problems]
-        if problems:
-            raise SceneError.from_problems(problems)
-        _refuse_disorder([x / units.scale(self.unit) for x, _ in points])
-        return tuple(points)
+        point = f"[{self.variable}, force]"
+        points = read_points(rows, names, (self.unit, self.force), point)
+        if len(points) < 2:
+            raise SceneError(f"at least two points are expected, given {len(points)}")
+        check_order([x for x, _ in points], names.units, self.unit, "points")
+        return points
 
 
 def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacteristic:
@@ -190,20 +171,3 @@ def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacte
         for one in (curve, stored)
     )
     return ForceCharacteristic(source, force, energy)
-
-
-def _scaled(ops: Ops, x: float, y: float) -> Ops:
-    """A program in the scene's units as one in SI: its variable over x, its value times y."""
-    if x != 1.0:
-        own: Ops = (("t", 0.0), ("const", x), ("/", 0.0))
-        ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
-    return ops if y == 1.0 else (*ops, ("const", y), ("*", 0.0))
-
-
-def _refuse_disorder(x: list[float]) -> None:
-    if len(x) < 2:
-        raise SceneError(f"at least two points are expected, given {len(x)}")
-    for k in range(1, len(x)):
-        if not x[k] > x[k - 1]:
-            what = f"points must increase: point {k + 1} at {x[k]:g} follows {x[k - 1]:g}"
-            raise SceneError(what)

@@ -18,8 +18,8 @@ from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import ALIGNED, normal_in_body
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import GROUND, split_reference
 from flexmb.model.values.quantities import Pair, Text
+from flexmb.model.values.reading import GROUND, split_reference
 
 ForceFunction = Annotated[Function, FunctionOf("N", channels=True)]
 TorqueFunction = Annotated[Function, FunctionOf("N m", channels=True)]

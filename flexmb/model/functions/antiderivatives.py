@@ -23,11 +23,11 @@ from flexmb.model.functions.piecewise import Piecewise, shifted
 
 _DEGREE = 12
 _TOLERANCE = 1e-13  # of the largest value over the run
-_SHORTEST = 1e-9  # of the run: below it is a jump, whose place is known well enough
-_CHECKED = (0.03, 0.21, 0.44, 0.68, 0.91)  # of an interval, off the points of interpolation
+_MIN_INTERVAL = 1e-9  # of the run: below it is a jump, whose place is known well enough
+_CHECK_POINTS = (0.03, 0.21, 0.44, 0.68, 0.91)  # of an interval, off the points of interpolation
 _SAMPLES = 257  # that tell how large the function is
-_MOST_PIECES = 200_000
-_LONGEST_POLYNOMIAL = 24  # terms
+_MAX_PIECES = 200_000
+_MAX_TERMS = 24  # terms
 
 # C is the argument within 0 and 1, M what it is above 1. Where they are equal the first one counts.
 _WITHIN, _ABOVE = "min(1, max(0, t))", "max(t - 1, 0)"
@@ -75,15 +75,15 @@ def antiderivative(ops: Ops, order: int, end: float | None) -> Ops:
     SceneError
         No closed form and no end, or a function without a value somewhere.
     """
-    found = _closed_form(ops, order)
-    if found is None:
+    program = _closed_form(ops, order)
+    if program is None:
         if end is None:
             what = "its antiderivative is made over the length of the run: give dynamics.duration"
             raise SceneError(what)
-        found = _numerical(ops, order, end)
-    value, slope, _ = evaluate(found, 0.0)
+        program = _numerical(ops, order, end)
+    value, slope, _ = evaluate(program, 0.0)
     start = (value,) if order == 1 else (value, slope)
-    return _sum(found, _program(tuple(-c for c in start)))
+    return _sum(program, _program(tuple(-c for c in start)))
 
 
 def _closed_form(ops: Ops, order: int) -> Ops | None:
@@ -108,7 +108,7 @@ def _closed_form(ops: Ops, order: int) -> Ops | None:
 
 
 def _polynomial(c: tuple[float, ...], order: int) -> _Term:
-    if len(c) > _LONGEST_POLYNOMIAL:
+    if len(c) > _MAX_TERMS:
         return _Term(None, None)
     integral = c
     for _ in range(order):
@@ -156,7 +156,7 @@ def _binary(op: str, left: _Term, right: _Term, order: int) -> _Term:
 
 
 def _power(base: _Term, exponent: float, order: int) -> _Term:
-    whole = exponent == int(exponent) and 1 <= exponent < _LONGEST_POLYNOMIAL
+    whole = exponent == int(exponent) and 1 <= exponent < _MAX_TERMS
     if base.polynomial is None or not whole:
         return _Term(None, None)
     power = np.polynomial.polynomial.polypow(base.polynomial, int(exponent))
@@ -168,20 +168,20 @@ def _unary(op: str, argument: object, line: tuple[float, ...] | None, order: int
     if line is None or len(line) != 2 or line[1] == 0.0:
         return _Term(None, None)
     s = _program(line)
-    found: Ops | None = None
+    program: Ops | None = None
     if (op, order) in _WAVES:
         wave, sign = _WAVES[op, order]
-        found = (*s, (wave, 0.0), ("const", sign), ("*", 0.0))
+        program = (*s, (wave, 0.0), ("const", sign), ("*", 0.0))
     elif (op, order) in _RISES:
         rise = _RISES[op, order]
-        found = tuple(part for step in rise for part in (s if step[0] == "t" else (step,)))
+        program = tuple(part for step in rise for part in (s if step[0] == "t" else (step,)))
     elif op in _POLYNOMIAL_RISES:
-        found = _pieces(Piecewise.between([0.0, 1.0], [_POLYNOMIAL_RISES[op]], "hold"), s, order)
+        program = _pieces(Piecewise.between([0.0, 1.0], [_POLYNOMIAL_RISES[op]], "hold"), s, order)
     elif isinstance(argument, Piecewise):
-        found = _pieces(argument, s, order)
-    if found is None:
+        program = _pieces(argument, s, order)
+    if program is None:
         return _Term(None, None)
-    return _Term(None, (*found, ("const", line[1] ** -order), ("*", 0.0)))
+    return _Term(None, (*program, ("const", line[1] ** -order), ("*", 0.0)))
 
 
 def _pieces(function: Piecewise, s: Ops, order: int) -> Ops:
@@ -215,7 +215,7 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
     while todo:
         a, b = todo.pop()
         row = _fitted(f, a, b, _TOLERANCE * size)
-        if row is None and b - a > _SHORTEST * end:
+        if row is None and b - a > _MIN_INTERVAL * end:
             todo += [(0.5 * (a + b), b), (a, 0.5 * (a + b))]
             continue
         if row is None:
@@ -223,16 +223,16 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
             row[:2] = f(a), (f(b) - f(a)) / (b - a)
         knots.append(b)
         rows.append(row)
-        if len(rows) > _MOST_PIECES:
+        if len(rows) > _MAX_PIECES:
             raise SceneError(f"it changes too often to be integrated over {end:g} s")
     last, nothing = shifted(rows[-1], knots[-1] - knots[-2]), np.full(_DEGREE + 1, np.nan)
-    # Round-off of the time may lie past the end: the last polynomial goes on a little.
-    found = Piecewise(
-        np.array([*knots, (1.0 + _SHORTEST) * end]), np.vstack([rows[0], *rows, last, nothing])
+    # Round-off of the time may lie past the end: the last polynomial extends a little.
+    curve = Piecewise(
+        np.array([*knots, (1.0 + _MIN_INTERVAL) * end]), np.vstack([rows[0], *rows, last, nothing])
     )
     for _ in range(order):
-        found = found.antiderivative()
-    return (("t", 0.0), ("piecewise", found))
+        curve = curve.antiderivative()
+    return (("t", 0.0), ("piecewise", curve))
 
 
 def _fitted(f: Callable[[float], float], a: float, b: float, allowed: float) -> np.ndarray | None:
@@ -241,7 +241,7 @@ def _fitted(f: Callable[[float], float], a: float, b: float, allowed: float) -> 
     values = np.polynomial.chebyshev.chebinterpolate(
         np.vectorize(lambda x: f(middle + half * x), otypes=[float]), _DEGREE
     )
-    for share in _CHECKED:
+    for share in _CHECK_POINTS:
         x = 2.0 * share - 1.0
         off = np.polynomial.chebyshev.chebval(x, values) - f(middle + half * x)
         if abs(off) > allowed:

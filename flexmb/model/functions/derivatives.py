@@ -62,44 +62,44 @@ def _sqrt(a: float) -> Jet:
     return f, 0.5 / f, -0.25 / (a * f)
 
 
+def _rise(inside: Callable[[float], Jet]) -> Callable[[float], Jet]:
+    """A function that is 0 up to s = 0, 1 from s = 1, and this one between."""
+    return lambda s: (float(s >= 1), 0.0, 0.0) if s <= 0 or s >= 1 else inside(s)
+
+
+@_rise
 def _cubic_step(s: float) -> Jet:
-    """0 up to s = 0, 1 from s = 1, and 3 s^2 - 2 s^3 between."""
-    if s <= 0 or s >= 1:
-        return float(s >= 1), 0.0, 0.0
+    """3 s^2 - 2 s^3 between."""
     return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
 
+@_rise
 def _quintic_step(s: float) -> Jet:
-    """0 up to s = 0, 1 from s = 1, and 10 s^3 - 15 s^4 + 6 s^5 between."""
-    if s <= 0 or s >= 1:
-        return float(s >= 1), 0.0, 0.0
+    """10 s^3 - 15 s^4 + 6 s^5 between."""
     r = s * (1 - s)
     return s**3 * (10 + s * (6 * s - 15)), 30 * r * r, 60 * r * (1 - 2 * s)
 
 
+@_rise
 def _haversine_step(s: float) -> Jet:
-    """0 up to s = 0, 1 from s = 1, and (1 - cos(pi s))/2 between."""
-    if s <= 0 or s >= 1:
-        return float(s >= 1), 0.0, 0.0
+    """(1 - cos(pi s))/2."""
     a = np.pi * s
     return np.sin(a / 2) ** 2, np.pi / 2 * np.sin(a), np.pi**2 / 2 * np.cos(a)
 
 
+@_rise
 def _cycloidal_step(s: float) -> Jet:
-    """0 up to s = 0, 1 from s = 1, and s - sin(2 pi s)/(2 pi) between."""
-    if s <= 0 or s >= 1:
-        return float(s >= 1), 0.0, 0.0
+    """s - sin(2 pi s)/(2 pi) between."""
     a = 2 * np.pi * s
     return s - np.sin(a) / (2 * np.pi), 2 * np.sin(a / 2) ** 2, 2 * np.pi * np.sin(a)
 
 
+@_rise
 def _modified_sine_step(s: float) -> Jet:
-    """0 up to s = 0, 1 from s = 1; an eighth each of a fast sine at the ends, a slow one between.
+    """An eighth each of a fast sine at the ends, a slow one between.
 
     Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), section 3.6.
     """
-    if s <= 0 or s >= 1:
-        return float(s >= 1), 0.0, 0.0
     unit = 1 / (4 + np.pi)
     if 0.125 < s < 0.875:
         a = 4 * np.pi * s / 3 - np.pi / 6

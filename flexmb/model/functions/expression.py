@@ -21,7 +21,7 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.functions.derivatives import Jet, evaluate
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
-_LONGEST = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
+_MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
 
 
 def syntax_tree(text: str) -> ast.expr:
@@ -30,8 +30,8 @@ def syntax_tree(text: str) -> ast.expr:
     lead = len(flat) - len(body)
     if not body:
         raise mistake(text, 0, "the expression is empty")
-    if len(body) > _LONGEST:
-        raise mistake(text, 0, f"the expression is longer than {_LONGEST} characters")
+    if len(body) > _MAX_LENGTH:
+        raise mistake(text, 0, f"the expression is longer than {_MAX_LENGTH} characters")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -43,11 +43,11 @@ def syntax_tree(text: str) -> ast.expr:
         raise mistake(text, lead, "no expression that can be read") from None
 
 
-def unknown_channel(text: str, name: str, known: tuple[str, ...]) -> Problem:
+def unknown_channel(text: str, name: str, names: tuple[str, ...]) -> Problem:
     """The problem of a name in an expression that is neither a parameter nor a channel."""
-    found = re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", text)
-    column = found.start() if found else 0
-    return mistake(text, column, f'unknown name "{name}"', known, name).problems[0]
+    match = re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", text)
+    column = match.start() if match else 0
+    return mistake(text, column, f'unknown name "{name}"', names, name).problems[0]
 
 
 def _reason(error: SyntaxError) -> str:
@@ -138,6 +138,16 @@ class Expression:
         return evaluate(self.ops, t, variables)
 
 
+def rescaled(ops: Ops, x: float, y: float) -> Ops:
+    """A program of a variable in other units: its variable divided by x, its value times y."""
+    if len(ops) == 1 and ops[0][0] == "const":
+        return (("const", ops[0][1] * y),)
+    if x != 1.0:
+        variable: Ops = (("t", 0.0), ("const", x), ("/", 0.0))
+        ops = tuple(step for op in ops for step in (variable if op[0] == "t" else (op,)))
+    return ops if y == 1.0 else (*ops, ("const", y), ("*", 0.0))
+
+
 def channel_of(op: str) -> str:
     """The channel that an operation loads; empty for all other operations."""
     return op[1:] if op.startswith("@") else ""
@@ -184,8 +194,8 @@ def names_in(text: str) -> tuple[str, ...]:
     """
     tree = syntax_tree(text)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    found = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and id(n) not in called]
-    return tuple(dict.fromkeys(node.id for node in found if node.id not in CONSTANTS))
+    used = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and id(n) not in called]
+    return tuple(dict.fromkeys(node.id for node in used if node.id not in CONSTANTS))
 
 
 class _Lowering:
@@ -263,8 +273,8 @@ class _Lowering:
             raise self.fail(node, f'"{name}" is a function, written {FUNCTIONS[name][1]}')
         if self.channels:
             return ((f"@{name}", 0.0),)
-        known = (*self.names, *((self.variable,) if self.time else ()), *CONSTANTS)
-        raise self.fail(node, f'unknown name "{name}"', known, name)
+        names = (*self.names, *((self.variable,) if self.time else ()), *CONSTANTS)
+        raise self.fail(node, f'unknown name "{name}"', names, name)
 
     def binary(self, node: ast.BinOp, operator: str) -> Ops:
         left, right = self.lower(node.left), self.lower(node.right)
@@ -287,9 +297,9 @@ class _Lowering:
             raise self.fail(node.func, f'unknown function "{name}"', tuple(FUNCTIONS), name)
         count, usage = FUNCTIONS[name]
         if node.keywords or len(node.args) != count:
-            given = len(node.args) + len(node.keywords)
+            count_here = len(node.args) + len(node.keywords)
             raise self.fail(
-                node, f"{name} takes {count} argument{'s' * (count > 1)}, not {given}: {usage}"
+                node, f"{name} takes {count} argument{'s' * (count > 1)}, not {count_here}: {usage}"
             )
         args = [self.lower(argument) for argument in node.args]
         if name in RISES:

@@ -16,41 +16,29 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import Problem
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise
-from flexmb.model.values.quantities import Angle, Measured, Quantity, plain, read_number
+from flexmb.model.values.quantities import Angle, Measured, Quantity, plain, read_numbers
 from flexmb.model.values.reading import (
-    Names,
+    ReadContext,
     Reader,
     Spec,
+    context_of,
     fail,
-    fail_if,
-    given,
-    names_of,
-    slot_of,
-    under,
-    units_of,
+    quote,
 )
 
 
 def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
     """Numbers c0, c1, c2, ... of which the k-th is a value over time to the power k."""
-    names = names_of(info)
+    names = context_of(info)
     value = plain(value)
     if not isinstance(value, list):
-        raise fail(Problem("", f"a list is expected, given {given(value)}"))
-    slot = slot_of(names) or ""
-    powers = ("", "/s", *(f"/s^{k}" for k in range(2, len(value))))
-    coefficients, problems = [], []
-    for k, item in enumerate(value):
-        unit = (slot or "1") + powers[k] if k else slot
-        try:
-            coefficients.append(read_number(item, names, unit) * units_of(names).scale(unit))
-        except SceneError as error:
-            problems += under(f"[{k}]", error.problems)
-    fail_if(problems)
-    return tuple(coefficients)
+        raise fail(Problem("", f"a list is expected, given {quote(value)}"))
+    unit = names.expected_unit or ""
+    rates = ["/s", *(f"/s^{k}" for k in range(2, len(value)))]
+    return tuple(read_numbers(value, names, [unit, *((unit or "1") + rate for rate in rates)]))
 
 
 Ordinate = Annotated[float, Measured()]
@@ -63,7 +51,7 @@ class FunctionForm(Spec):
     def ops(self) -> Ops:
         raise NotImplementedError
 
-    def written(self, table: Any, names: Names) -> Any:
+    def written(self, table: Any, names: ReadContext) -> Any:
         """What the user gave, such that it can be read without any other file."""
         return table
 
@@ -147,7 +135,7 @@ class Rise(FunctionForm):
 
     @model_validator(mode="after")
     def _in_order(self, info: ValidationInfo) -> Self:
-        _after("t1", self.t1, self.t0, names_of(info))
+        _after("t1", self.t1, self.t0, context_of(info))
         return self
 
     def rise(self, function: str) -> Ops:
@@ -156,9 +144,9 @@ class Rise(FunctionForm):
         return parse(f"{function}(t, t0, y0, t1, y1)", names).ops
 
 
-def _after(where: str, end: float, begin: float, names: Names) -> None:
+def _after(where: str, end: float, begin: float, names: ReadContext) -> None:
     if end <= begin:
-        units = units_of(names)
+        units = names.units
         t0, t1 = units.say(begin, "s"), units.say(end, "s")
         raise fail(Problem(where, f"must lie after t0 = {t0}, is {t1}"))
 
@@ -218,8 +206,8 @@ class _Rate(Quantity):
 
     power: int = 1
 
-    def unit_in(self, names: Names) -> str | None:
-        unit = (slot_of(names) or "1") + "/s"
+    def unit_in(self, names: ReadContext) -> str | None:
+        unit = (names.expected_unit or "1") + "/s"
         return unit if self.power == 1 else f"{unit}^{self.power}"
 
 
@@ -247,9 +235,9 @@ class Trapezoidal(FunctionForm):
             what = 'give "t1" (and perhaps "ramp"), or "speed" and "acceleration"'
             raise fail(Problem("", f"{what}; given: {', '.join(present) or 'none of them'}"))
         if self.t1 is not None:
-            _after("t1", self.t1, self.t0, names_of(info))
+            _after("t1", self.t1, self.t0, context_of(info))
             if self.ramp is not None and self.ramp > 0.5 * (self.t1 - self.t0):
-                half = units_of(names_of(info)).say(0.5 * (self.t1 - self.t0), "s")
+                half = context_of(info).units.say(0.5 * (self.t1 - self.t0), "s")
                 raise fail(Problem("ramp", f"must not be longer than half the time, {half}"))
         elif self.y1 == self.y0:
             raise fail(Problem("y1", "must differ from y0: the profile has no length"))

@@ -16,9 +16,9 @@ from typing import Annotated, Any, get_args
 
 from pydantic import SerializationInfo, ValidationInfo
 
-from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.derivatives import Jet, derivative_jumps
-from flexmb.model.functions.expression import Expression, Ops, parse
+from flexmb.model.functions.expression import Expression, parse, rescaled
 from flexmb.model.functions.forms import (
     Constant,
     Cycloidal,
@@ -39,17 +39,15 @@ from flexmb.model.values.reading import (
     FieldType,
     Form,
     Names,
+    ReadContext,
     Reader,
-    Terms,
+    context_of,
     fail,
-    folder_of,
-    given,
-    names_of,
+    quote,
     read_variant,
     reference,
-    units_of,
 )
-from flexmb.units import UnitSystem, parse_unit
+from flexmb.units import parse_unit
 
 _FORMS: tuple[type[FunctionForm], ...] = (
     Constant, Polynomial, Harmonic, Fourier, Step, Step5, Havsin, Cycloidal, ModifiedSine,
@@ -88,7 +86,7 @@ class Function:
                 yield Problem(where, f'the {part} of "{text}" is {value:g} at t = 0, not finite')
                 return
 
-    def kinks(self, end: float) -> tuple[float, ...]:
+    def derivative_jumps(self, end: float) -> tuple[float, ...]:
         """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
         return derivative_jumps(self.expression.ops, end)
 
@@ -105,10 +103,7 @@ class FunctionOf(FieldType):
         return self.unit
 
     def read(self, value: Any, info: ValidationInfo) -> Function:
-        try:
-            return read_function(value, names_of(info), self.unit_here(info), self.channels)
-        except SceneError as error:
-            raise fail(*error.problems) from None
+        return read_function(value, context_of(info), self.unit_here(info), self.channels)
 
     def write(self, value: Any, info: SerializationInfo) -> Any:
         return value.source
@@ -142,11 +137,8 @@ class FunctionInDeclaredUnit(FunctionOf):
 
 def _read_unit(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str):
-        raise fail(Problem("", f'a unit such as "m" is expected, given {given(value)}'))
-    try:
-        unit = parse_unit(value)
-    except FlexmbError as error:
-        raise fail(*error.problems) from None
+        raise fail(Problem("", f'a unit such as "m" is expected, given {quote(value)}'))
+    unit = parse_unit(value)
     if unit.factor != 1.0:
         what = f'names the quantity by its SI unit, given "{value}"; values are in the scene\'s'
         raise fail(Problem("", what))
@@ -178,36 +170,28 @@ def read_function(
     SceneError
         All that is wrong with it.
     """
-    names = {} if names is None else names
-    units = units_of(names)
+    names = ReadContext.of(names)
+    units = names.units
     if isinstance(value, Function):
         return value
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit, time=True)
         ops = parse(text, names, channels=channels).ops
-        return Function(value, Expression(value, _in_si(ops, factor * units.scale(unit), units)))
+        return Function(
+            value, Expression(value, rescaled(ops, units.time, factor * units.scale(unit)))
+        )
     if isinstance(value, Mapping):
         value = plain(value)
-        terms = Terms(names, units, slot=unit, folder=folder_of(names))
+        terms = ReadContext(names, units, expected_unit=unit, folder=names.folder)
         form, problems = read_variant("function", FUNCTION_FORMS, value, terms)
         if form is None:
             raise SceneError.from_problems(problems)
-        return Function(form.written(value, terms), Expression(given(value), form.ops()))
+        return Function(form.written(value, terms), Expression(quote(value), form.ops()))
     if isinstance(value, Real) and not isinstance(value, bool):
         number = read_number(value, names)
-        ops = _in_si((("const", number),), units.scale(unit), units)
+        ops = rescaled((("const", number),), units.time, units.scale(unit))
         return Function(number, Expression(f"{number:g}", ops))
     raise SceneError(
         "a function of time is a number, an expression in t, or a table such as "
-        f'{{type = "harmonic", ...}}, given {given(value)}'
+        f'{{type = "harmonic", ...}}, given {quote(value)}'
     )
-
-
-def _in_si(ops: Ops, scale: float, units: UnitSystem) -> Ops:
-    """A program over the scene's time, as one over time in s whose value is `scale` times it."""
-    if len(ops) == 1 and ops[0][0] == "const":
-        return (("const", ops[0][1] * scale),)
-    if units.time != 1.0:
-        own = (("t", 0.0), ("const", units.time), ("/", 0.0))
-        ops = tuple(step for op in ops for step in (own if op[0] == "t" else (op,)))
-    return ops if scale == 1.0 else (*ops, ("const", scale), ("*", 0.0))

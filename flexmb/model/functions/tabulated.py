@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import Problem
 from flexmb.model.functions.expression import Ops
 from flexmb.model.functions.forms import FunctionForm
 from flexmb.model.functions.piecewise import (
@@ -20,83 +20,57 @@ from flexmb.model.functions.piecewise import (
     cubic_spline,
     linear_curve,
 )
-from flexmb.model.values.columns import Columns, read_columns
-from flexmb.model.values.quantities import Text, plain, read_number
+from flexmb.model.values.points import Columns, Points, check_order, read_columns, read_points
+from flexmb.model.values.quantities import Text, plain
 from flexmb.model.values.reading import (
     NAME,
-    Names,
+    ReadContext,
     Reader,
+    context_of,
     fail,
-    folder_of,
-    given,
     list_form,
-    names_of,
-    slot_of,
-    under,
-    units_of,
+    quote,
 )
-
-Points = tuple[tuple[float, float], ...]
 
 
 def _points(value: Any, info: ValidationInfo) -> Points:
     """Pairs of a time and a value, in SI."""
-    names = names_of(info)
-    units = units_of(names)
-    value = plain(value)
-    if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in value):
-        raise fail(Problem("", f"a list of points [t, y] is expected, given {given(value)}"))
-    found, problems = [], []
-    for i, point in enumerate(value):
-        row = []
-        for k, unit in enumerate(("s", slot_of(names) or "")):
-            try:
-                row.append(read_number(point[k], names, unit) * units.scale(unit))
-            except SceneError as error:
-                problems += under(f"[{i}][{k}]", error.problems)
-        found.append((row[0], row[-1]) if len(row) == 2 else (float(i), 0.0))
-        if i and not problems and found[i][0] <= found[i - 1][0]:
-            before, now = (units.say(found[j][0], "s") for j in (i - 1, i))
-            what = f"times must increase: {now} does not lie after {before}"
-            problems.append(Problem(f"[{i}]", what))
-    if problems:
-        raise fail(*problems)
-    return tuple(found)
+    names = context_of(info)
+    points = read_points(value, names, ("s", names.expected_unit or ""), "[t, y]")
+    check_order([t for t, _ in points], names.units, "s", "times")
+    return points
 
 
 def _write_points(points: Points, info: SerializationInfo) -> Any:
-    return written_points(points, names_of(info))
+    return written_points(points, context_of(info))
 
 
-def written_points(points: Points, names: Names) -> list[list[Any]]:
+def written_points(points: Points, names: ReadContext) -> list[list[Any]]:
     """Points in the scene's units, such that reading gives the same."""
-    units, slot = units_of(names), slot_of(names) or ""
+    units, slot = names.units, names.expected_unit or ""
     return [[units.written(t, "s"), units.written(y, slot)] for t, y in points]
 
 
 def _column_names(value: Any, info: ValidationInfo) -> tuple[str | int, str | int]:
     value = plain(value)
     if not isinstance(value, list) or len(value) != 2:
-        raise fail(Problem("", f"two columns, of t and of y, are expected, given {given(value)}"))
+        raise fail(Problem("", f"two columns, of t and of y, are expected, given {quote(value)}"))
     for i, name in enumerate(value):
         whole = isinstance(name, int) and not isinstance(name, bool) and name > 0
         if not (isinstance(name, str) or whole):
             what = "a column is a name of the first line or a number from 1 on"
-            raise fail(Problem(f"[{i}]", f"{what}, given {given(name)}"))
+            raise fail(Problem(f"[{i}]", f"{what}, given {quote(name)}"))
     return value[0], value[1]
 
 
 def _file(value: Any, info: ValidationInfo) -> tuple[str, Points]:
     """The name of a file, and its points in SI."""
-    names = names_of(info)
+    names = context_of(info)
     if not isinstance(value, str) or not value.strip():
-        raise fail(Problem("", f"the name of a file is expected, given {given(value)}"))
-    told = Columns(info.data.get("columns") or (1, 2), info.data.get("units"))
-    try:
-        points = read_columns(folder_of(names) / value, told, units_of(names), slot_of(names) or "")
-    except SceneError as error:
-        raise fail(*error.problems) from None
-    return value, points
+        raise fail(Problem("", f"the name of a file is expected, given {quote(value)}"))
+    columns = Columns(info.data.get("columns") or (1, 2), info.data.get("units"))
+    unit = names.expected_unit or ""
+    return value, read_columns(names.folder / value, columns, names.units, unit)
 
 
 def _write_file(value: tuple[str, Points], info: SerializationInfo) -> str:
@@ -123,13 +97,13 @@ class Tabulated(FunctionForm):
         for name in ("columns", "units"):
             if getattr(self, name) is not None and self.file is None:
                 raise fail(Problem(name, "belongs to a file; the scene says its own units"))
-        if len(self.known) < 2:
+        if len(self.pairs) < 2:
             where = "points" if self.file is None else "file"
-            raise fail(Problem(where, f"two points or more are needed, given {len(self.known)}"))
+            raise fail(Problem(where, f"two points or more are needed, given {len(self.pairs)}"))
         return self
 
     @property
-    def known(self) -> Points:
+    def pairs(self) -> Points:
         """The points, in SI."""
         if self.file is not None:
             return self.file[1]
@@ -140,23 +114,23 @@ class Tabulated(FunctionForm):
         raise NotImplementedError
 
     def ops(self) -> Ops:
-        t, y = np.array(self.known).T
+        t, y = np.array(self.pairs).T
         return (("t", 0.0), ("piecewise", self.curve(t, y)))
 
-    def written(self, table: Any, names: Names) -> Any:
+    def written(self, table: Any, names: ReadContext) -> Any:
         """With the points in place of the file."""
         if self.file is None:
             return table
         left = {k: v for k, v in table.items() if k not in ("file", "columns", "units")}
-        return {**left, "points": written_points(self.known, names)}
+        return {**left, "points": written_points(self.pairs, names)}
 
 
 class CubicSpline(Tabulated):
     """cubic spline through points, with two continuous derivatives.
 
     Ends: natural (no curvature), clamped (level) or periodic. Beyond the points: an error, their
-    first and last value (hold), the same cubics (extrapolate), or all over again (repeat). A file
-    has its two columns told by their names in the first line or by numbers from 1 on.
+    first and last value (hold), the same cubics (extrapolate), or all over again (repeat). The
+    two columns of a file are named as in its first line, or numbered from 1 on.
     """
 
     type: Literal["spline"]
@@ -165,12 +139,12 @@ class CubicSpline(Tabulated):
     @model_validator(mode="after")
     def _closed(self, info: ValidationInfo) -> Self:
         if self.ends == "periodic":
-            first, last = self.known[0][1], self.known[-1][1]
-            if len(self.known) < 3:
+            first, last = self.pairs[0][1], self.pairs[-1][1]
+            if len(self.pairs) < 3:
                 raise fail(Problem("ends", "a periodic spline needs three points or more"))
-            if abs(last - first) > 1e-9 * max(abs(y) for _, y in self.known):
+            if abs(last - first) > 1e-9 * max(abs(y) for _, y in self.pairs):
                 what = "a periodic spline ends with the value that it begins with: "
-                units, slot = units_of(names_of(info)), slot_of(names_of(info)) or ""
+                units, slot = context_of(info).units, context_of(info).expected_unit or ""
                 what += f"{units.say(first, slot)} and {units.say(last, slot)} differ"
                 raise fail(Problem("ends", what))
         return self
@@ -180,7 +154,7 @@ class CubicSpline(Tabulated):
 
 
 class AkimaSpline(Tabulated):
-    """cubics through points that do not overshoot beside corners, one continuous derivative.
+    """cubics through points that do not overshoot at corners, one continuous derivative.
 
     Points, file and what is beyond them as for a spline.
     """

@@ -18,9 +18,17 @@ from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Number, Quantity, Text, plain
-from flexmb.model.values.reading import Reader, Spec, fail, given, names_of, read_entry, reference
+from flexmb.model.values.reading import (
+    Reader,
+    Spec,
+    context_of,
+    fail,
+    quote,
+    read_entry,
+    reference,
+    split_reference,
+)
 
 Key = tuple[str, str]
 """A joint and its coordinate."""
@@ -132,9 +140,9 @@ def _term(value: Any, info: ValidationInfo) -> AngleTerm | StrokeTerm:
     if coordinate is None:
         raise fail(Problem("coordinate", "is missing", tuple(_TERMS)))
     if coordinate not in tuple(_TERMS):
-        what = f"unknown coordinate {given(coordinate)}"
+        what = f"unknown coordinate {quote(coordinate)}"
         raise fail(Problem("coordinate", what, tuple(_TERMS), nearest(str(coordinate), _TERMS)))
-    spec, problems = read_entry(_TERMS[coordinate], value, names_of(info))
+    spec, problems = read_entry(_TERMS[coordinate], value, context_of(info))
     if spec is not None and spec.factor == 0:
         problems = [Problem("factor", "is zero: leave the term out")]
     if problems or spec is None:

@@ -24,6 +24,7 @@ from flexmb.model.functions.derivatives import evaluate
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.lookup import ModelData
 from flexmb.model.references import Component, Scope
+from flexmb.model.values.points import number_in, read_lines
 from flexmb.model.values.quantities import (
     Angle,
     Length,
@@ -36,15 +37,11 @@ from flexmb.model.values.quantities import (
 )
 from flexmb.model.values.reading import (
     NUMBER,
-    Names,
     Reader,
-    fail,
+    context_of,
     fail_if,
-    given,
-    names_of,
     only_one,
     under,
-    units_of,
 )
 from flexmb.units import UnitSystem
 
@@ -66,16 +63,12 @@ class Profile:
 def _profile(value: Any, info: ValidationInfo) -> Profile:
     if isinstance(value, Profile):
         return value
-    names: Names = names_of(info)
-    scale = units_of(names).scale("m")
-    try:
-        if not isinstance(value, str):
-            return Profile(value, (("const", read_number(value, names) * scale),))
-        text, factor = expression_and_factor(value, names, "m", time=True)
-        ops = parse(text, names).ops
-    except SceneError as error:
-        raise fail(*error.problems) from None
-    return Profile(value, (*ops, ("const", factor * scale), ("*", 0.0)))
+    names = context_of(info)
+    scale = names.units.scale("m")
+    if not isinstance(value, str):
+        return Profile(value, (("const", read_number(value, names) * scale),))
+    text, factor = expression_and_factor(value, names, "m", time=True)
+    return Profile(value, (*parse(text, names).ops, ("const", factor * scale), ("*", 0.0)))
 
 
 def _written(value: Profile, info: SerializationInfo) -> float | str:
@@ -143,37 +136,28 @@ class CurveSpec(Component):
         return flat and self.z is None
 
 
-def read_points(path: Path, units: UnitSystem) -> Points:
+def read_curve_file(path: Path, units: UnitSystem) -> Points:
     """Points of a CSV file, two or three columns in the scene's unit of length, in SI.
 
-    Values stand apart by commas, semicolons or blanks; the first row may name the columns, and what
-    follows # is left out.
+    The first rows may name the columns.
 
     Raises
     ------
     SceneError
         The file cannot be read, or a row holds no numbers.
     """
+    points: list[tuple[float, ...]] = []
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        what = f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise SceneError.from_problems([Problem("file", what)]) from None
-    rows: list[tuple[float, ...]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].replace(";", " ").replace(",", " ").split()
-        try:
-            row = tuple(float(word) * units.scale("m") for word in words)
-        except ValueError:
-            if not rows:
-                continue  # the names of the columns
-            row = (np.nan,)
-        if words and (len(row) not in (2, 3) or not np.isfinite(row).all()):
-            what = f"{path}: line {number} is no point of two or three numbers: {given(line)}"
-            raise SceneError.from_problems([Problem("file", what)])
-        if words:
-            rows.append(row)
-    return tuple(rows)
+        for number, cells in read_lines(path):
+            row = [number_in(cell) for cell in cells]
+            x = tuple(value * units.scale("m") for value in row if value is not None)
+            if len(x) == len(row) in (2, 3):
+                points.append(x)
+            elif points or len(x) == len(row):
+                raise SceneError(f"{path}: line {number} is no point of two or three numbers")
+    except SceneError as error:
+        raise SceneError.from_problems(under("file", error.problems)) from None
+    return tuple(points)
 
 
 _SAME = 1e-9  # of the size of a curve: points closer than this are one
@@ -219,7 +203,7 @@ def curve_shape(model: ModelData, name: str) -> CurveShape:
     try:
         points = spec.points
         if spec.file is not None:
-            points = read_points(model.path(spec.file), model.units)
+            points = read_curve_file(model.path(spec.file), model.units)
         return shape_of(spec, points)
     except SceneError as error:
         raise SceneError.from_problems(under(f"curves.{name}", error.problems)) from None

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import Problem
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
@@ -23,18 +24,17 @@ from flexmb.model.joints.joint import COORDINATES
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
-from flexmb.model.values.names import GROUND, split_reference
-from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number
+from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number, read_numbers
 from flexmb.model.values.reading import (
+    GROUND,
     NUMBER,
     Reader,
+    context_of,
     fail,
     fail_if,
-    given,
     list_form,
-    names_of,
-    under,
-    units_of,
+    quote,
+    split_reference,
 )
 
 DRIVEN: dict[str, tuple[str, ...]] = {
@@ -79,24 +79,18 @@ class Start(NamedTuple):
 
 def _start(value: Any, info: ValidationInfo) -> Start:
     """A number, or a list of them, in the unit of what is prescribed."""
-    names, data = names_of(info), info.data
+    names, data = context_of(info), info.data
     unit = "rad" if any(data.get(name) is not None for name in _ANGLES) else "m"
     if info.field_name == "start_velocity":
         unit += "/s"
     value = plain(value)
-    items = value if isinstance(value, list) else [value]
-    numbers, problems = [], []
-    for i, item in enumerate(items):
-        try:
-            numbers.append(read_number(item, names, unit) * units_of(names).scale(unit))
-        except SceneError as error:
-            problems += under(f"[{i}]" if isinstance(value, list) else "", error.problems)
-    fail_if(problems)
-    return Start(tuple(numbers), unit)
+    if isinstance(value, list):
+        return Start(tuple(read_numbers(value, names, repeat(unit))), unit)
+    return Start((read_number(value, names, unit) * names.units.scale(unit),), unit)
 
 
 def _write_start(start: Start, info: SerializationInfo) -> Any:
-    units = units_of(names_of(info))
+    units = context_of(info).units
     written = [units.written(value, start.unit) for value in start.values]
     return written if len(written) > 1 else written[0]
 
@@ -196,7 +190,7 @@ class DriverSpec(Component):
                 problems.append(Problem(name, what))
             elif len(start.values) != count:
                 what = f"{count} {'values are' if count > 1 else 'value is'} expected, one for each"
-                problems.append(Problem(name, f"{what} coordinate, given {given(start.values)}"))
+                problems.append(Problem(name, f"{what} coordinate, given {quote(start.values)}"))
         return problems
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:

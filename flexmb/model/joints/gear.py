@@ -26,9 +26,8 @@ from flexmb.model import lookup
 from flexmb.model.joints.coupler import Coupler, Equation, Key, Term
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.references import Scope
-from flexmb.model.values.names import split_reference
 from flexmb.model.values.quantities import Integer, Number, Pair, Size
-from flexmb.model.values.reading import fail_if, only_one
+from flexmb.model.values.reading import fail_if, only_one, split_reference
 
 Array = NDArray[np.float64]
 _WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")

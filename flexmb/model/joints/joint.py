@@ -7,6 +7,9 @@ along the axis. The angle of a universal joint is that of its cross about the fi
 angle that of J about its own axis against the cross. Composite joints stand for a link without mass
 between the two markers, with a joint at each end; their lengths and offsets are those of the placed
 pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
+
+Counts of a model say how many coordinates and equations it has; the mobility is Grübler's number,
+coordinates less equations, which says nothing about redundant equations.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Length, Pair, Size, Text
-from flexmb.model.values.reading import Reader, fail, fail_if, given
+from flexmb.model.values.reading import Reader, fail, fail_if, quote
 
 COORDINATES = ("angle", "second_angle", "stroke")
 """Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
@@ -108,7 +111,7 @@ def _type(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or value not in JOINT_TYPES:
         names = tuple(sorted(JOINT_TYPES))
         near = nearest(str(value), names)
-        raise fail(Problem("", f"unknown joint type {given(value)}", names, near))
+        raise fail(Problem("", f"unknown joint type {quote(value)}", names, near))
     return value
 
 
@@ -255,3 +258,78 @@ def _shape(model: ModelData, curve: str) -> CurveShape | None:
         return curve_shape(model, curve) if curve in model.curves else None
     except SceneError:
         return None
+
+
+@dataclass(frozen=True)
+class JointCount:
+    """Joints of one type and the equations they bring."""
+
+    type: str
+    joints: int
+    equations: int
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Counts of a model, in space or in a plane."""
+
+    rigid_bodies: int
+    flexible_bodies: int
+    joints: tuple[JointCount, ...]
+    drivers: int
+    """Equations of all drivers, one for each coordinate that they prescribe."""
+    forces: int
+    sensors: int
+    planar: bool
+    couplers: int
+    modes: int | None
+    """Modal coordinates of all flexible bodies; None while one of them is not reduced."""
+
+    @property
+    def rigid_coordinates(self) -> int:
+        """Six for each body, three in a plane, modes apart."""
+        return (3 if self.planar else 6) * (self.rigid_bodies + self.flexible_bodies)
+
+    @property
+    def equations(self) -> int:
+        """Of the joints, and one of each coupler; without drivers."""
+        return sum(row.equations for row in self.joints) + self.couplers
+
+    @property
+    def mobility(self) -> int:
+        """Rigid coordinates less the equations of joints, couplers and drivers."""
+        return self.rigid_coordinates - self.equations - self.drivers
+
+
+def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
+    """Count what a model consists of."""
+    flexbodies = flexbodies or {}
+    flexible = [name for name, spec in model.bodies.items() if spec.flexible]
+    flexbodies_of = [lookup.flexbody_of(model, name, flexbodies) for name in flexible]
+    bodies = [body for body in flexbodies_of if body is not None]
+    used = [spec.type for spec in model.joints.values()]
+    joints = tuple(
+        JointCount(
+            name,
+            used.count(name),
+            used.count(name) * _equations(row, model.plane is not None),
+        )
+        for name, row in JOINT_TYPES.items()
+        if name in used
+    )
+    return Counts(
+        rigid_bodies=len(model.bodies) - len(flexible),
+        flexible_bodies=len(flexible),
+        joints=joints,
+        drivers=sum(len(spec.motions(model.plane)) for spec in model.drivers.values()),
+        forces=len(model.forces),
+        sensors=len(model.sensors),
+        planar=model.plane is not None,
+        couplers=len(model.couplers),
+        modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
+    )
+
+
+def _equations(row: JointType, planar: bool) -> int:
+    """Equations of a joint type; none where it has no meaning."""
+    return (row.planar_equations or 0) if planar else row.equations

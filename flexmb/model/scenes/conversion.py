@@ -17,19 +17,25 @@ from typing import Any, TypeVar
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import GroundSpec
-from flexmb.model.joints.curve import CurveSpec, read_points
+from flexmb.model.joints.curve import CurveSpec, read_curve_file
 from flexmb.model.lookup import ModelData
 from flexmb.model.plane import read_plane
 from flexmb.model.scenes.consistency import model_problems
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
 from flexmb.model.scenes.sections import SECTIONS, read_named
-from flexmb.model.tasks.dynamics import DynamicsSpec
-from flexmb.model.tasks.kinematics import AssemblySpec, KinematicsSpec
-from flexmb.model.tasks.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.tasks.study import StudySpec, resolve_knob
-from flexmb.model.values.names import bad_name
+from flexmb.model.scenes.study import StudySpec, resolve_knob
 from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import Acceleration, plain, read_axis
-from flexmb.model.values.reading import Names, Spec, Terms, given, read_entry, under, unknown_key
+from flexmb.model.values.reading import (
+    ReadContext,
+    Spec,
+    bad_name,
+    quote,
+    read_entry,
+    under,
+    unknown_key,
+)
 from flexmb.units import SI, UnitSystem, unit_system
 
 _STANDARD = 9.80665  # m/s^2, exact: 3rd General Conference on Weights and Measures, 1901
@@ -49,7 +55,7 @@ def read_units(value: Any) -> tuple[UnitSystem, list[Problem]]:
 
 
 def read_gravity(
-    value: Any, names: Names
+    value: Any, names: ReadContext
 ) -> tuple[tuple[float, float, float] | None, list[Problem]]:
     """Acceleration of gravity in global axes [m/s^2]; None for none.
 
@@ -126,7 +132,7 @@ class _Builder:
 
     def __init__(self, model: ModelData, scene: Mapping[str, Any]) -> None:
         self.model, self.scene = model, scene
-        self.names = Terms({}, model.units, folder=model.folder)
+        self.names = ReadContext({}, model.units, folder=model.folder)
         self.problems: list[Problem] = []
         self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
 
@@ -134,7 +140,7 @@ class _Builder:
         self.problems += [unknown_key(key, TOP_KEYS) for key in self.scene if key not in TOP_KEYS]
         title = self.scene.get("title", "")
         if not isinstance(title, str):
-            self.problems.append(Problem("title", f"text is expected, given {given(title)}"))
+            self.problems.append(Problem("title", f"text is expected, given {quote(title)}"))
             title = ""
         self.model.title = title
         parameters = plain(self.table("parameters"))
@@ -143,7 +149,7 @@ class _Builder:
         self.model.parameter_sources, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
         numbers = {**dict.fromkeys(map(str, parameters), 1.0), **values}
-        self.names = Terms(numbers, self.model.units, folder=self.model.folder)
+        self.names = ReadContext(numbers, self.model.units, folder=self.model.folder)
         self.model.plane, problems = read_plane(self.scene.get("plane"))
         self.problems += problems
         self.model.gravity, problems = read_gravity(self.scene.get("gravity"), self.names)
@@ -153,7 +159,7 @@ class _Builder:
         value = self.scene.get(key, {})
         if isinstance(value, Mapping):
             return value
-        self.problems.append(Problem(key, f"a table is expected, given {given(value)}"))
+        self.problems.append(Problem(key, f"a table is expected, given {quote(value)}"))
         return {}
 
     def section(self, section: str) -> None:
@@ -191,7 +197,7 @@ class _Builder:
                 continue
             channel = data.get("sensor") if isinstance(data, Mapping) else None
             slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
-            terms = Terms(self.names, self.model.units, slot)
+            terms = ReadContext(self.names, self.model.units, slot)
             spec, problems = read_entry(CheckSpec, data, terms)
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
@@ -220,7 +226,7 @@ def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -
         "plane": model.plane,
         "gravity": _gravity(model),
         "parameters": dict(model.parameter_sources),
-        "ground": _plain(model.ground, model.terms),
+        "ground": _plain(model.ground, model.context),
         "bodies": {
             name: _body(model, name, spec, folder, flexbodies)
             for name, spec in model.bodies.items()
@@ -230,15 +236,15 @@ def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -
         scene["curves"] = {name: _curve(model, spec) for name, spec in model.curves.items()}
     for section in ("joints", "couplers", "drivers", "forces", "sensors", "states", "controllers"):
         scene[section] = {
-            name: _plain(spec, model.terms) for name, spec in getattr(model, section).items()
+            name: _plain(spec, model.context) for name, spec in getattr(model, section).items()
         }
-    scene["check"] = [_plain(spec, model.check_terms(spec.sensor)) for spec in model.checks]
-    scene["check"] += [_plain(spec, model.terms) for spec in model.frequency_checks]
+    scene["check"] = [_plain(spec, model.check_context(spec.sensor)) for spec in model.checks]
+    scene["check"] += [_plain(spec, model.context) for spec in model.frequency_checks]
     for section in SINGLE_TABLES:
         spec = getattr(model, section)
         if spec is not None:
-            scene[section] = _plain(spec, model.terms)
-    scene["view"] = _plain(model.view, model.terms)
+            scene[section] = _plain(spec, model.context)
+    scene["view"] = _plain(model.view, model.context)
     return {key: value for key, value in scene.items() if value or key == "title"}
 
 
@@ -248,16 +254,16 @@ def _gravity(model: ModelData) -> Any:
     return [model.units.written(g, "m/s^2") for g in model.gravity]
 
 
-def _plain(spec: Spec, terms: Terms) -> dict[str, Any]:
+def _plain(spec: Spec, terms: ReadContext) -> dict[str, Any]:
     return spec.model_dump(mode="json", exclude_none=True, context=terms)
 
 
 def _curve(model: ModelData, spec: CurveSpec) -> dict[str, Any]:
     """A curve; one from a file with the points of the file, so that the scene holds all of it."""
     if spec.file is None:
-        table = _plain(spec, model.terms)
+        table = _plain(spec, model.context)
         return {key: value for key, value in table.items() if key in spec.model_fields_set}
-    points = read_points(model.path(spec.file), model.units)
+    points = read_curve_file(model.path(spec.file), model.units)
     rows = [[model.units.written(value, "m") for value in point] for point in points]
     return {"points": rows, "closed": spec.closed}
 
@@ -267,12 +273,12 @@ def _body(
 ) -> dict[str, Any]:
     if isinstance(spec, FlexbodySpec) and name in flexbodies:
         file = Path(flexbodies[name]).as_posix()
-        return _plain(spec.model_copy(update={"flexbody": file}), model.terms)
+        return _plain(spec.model_copy(update={"flexbody": file}), model.context)
     if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
         raise SceneError(
             f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
         )
-    table = _plain(spec, model.terms)
+    table = _plain(spec, model.context)
     if isinstance(table.get("mesh"), dict):
         del table["units"]  # of mesh files
     for key in ("mesh", "flexbody", "modes"):

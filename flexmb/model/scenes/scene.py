@@ -12,7 +12,7 @@ from typing import Any
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.model import Model, Source
 from flexmb.model.scenes.conversion import build
-from flexmb.model.tasks.study import override
+from flexmb.model.scenes.study import override
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
@@ -96,11 +96,11 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         message = str(error)
-        found = _PLACE.search(message)
-        reason = message[: found.start()] if found else message
+        match = _PLACE.search(message)
+        reason = message[: match.start()] if match else message
         lines = text.splitlines() or [""]
-        if found and found[1]:
-            line, column = int(found[1]), int(found[2])
+        if match and match[1]:
+            line, column = int(match[1]), int(match[2])
         else:
             line, column = len(lines), len(lines[-1]) + 1
         shown = lines[min(line, len(lines)) - 1].replace("\t", " ")

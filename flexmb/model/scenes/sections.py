@@ -30,8 +30,16 @@ from flexmb.model.joints.joint import JointSpec
 from flexmb.model.references import Component
 from flexmb.model.sensors.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.values.names import GROUND, bad_name
-from flexmb.model.values.reading import Names, Spec, given, read_entry, read_variant, under
+from flexmb.model.values.reading import (
+    GROUND,
+    ReadContext,
+    Spec,
+    bad_name,
+    quote,
+    read_entry,
+    read_variant,
+    under,
+)
 
 SECTIONS = (
     "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
@@ -80,7 +88,7 @@ _SINGLE: dict[str, type[Spec]] = {
 
 
 def read_named(
-    section: str, name: str, data: Any, names: Names
+    section: str, name: str, data: Any, names: ReadContext
 ) -> tuple[Spec | None, list[Problem]]:
     """Read one named entry of a section."""
     where = f"{section}.{name}"
@@ -91,7 +99,7 @@ def read_named(
     if section in _VARIANTS:
         noun, kinds = _VARIANTS[section]
         if not isinstance(data, Mapping | Spec):
-            return None, [Problem(where, f"a table is expected, given {given(data)}")]
+            return None, [Problem(where, f"a table is expected, given {quote(data)}")]
         if isinstance(data, Spec):
             return data, []
         spec, problems = read_variant(noun, kinds, data, names)
@@ -102,11 +110,11 @@ def read_named(
     return spec, under(where, problems)
 
 
-def _read_body(data: Any, names: Names) -> tuple[Spec | None, list[Problem]]:
+def _read_body(data: Any, names: ReadContext) -> tuple[Spec | None, list[Problem]]:
     if isinstance(data, Spec):
         return data, []
     if not isinstance(data, Mapping):
-        return None, [Problem("", f"a table is expected, given {given(data)}")]
+        return None, [Problem("", f"a table is expected, given {quote(data)}")]
     kind = body_kind(data)
     if isinstance(kind, Problem):
         return None, [kind]

@@ -20,7 +20,7 @@ from flexmb.model.forces.load import LoadSpec
 from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, UnitName
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Text
-from flexmb.model.values.reading import Reader, Spec, fail, given, only_one
+from flexmb.model.values.reading import Reader, Spec, fail, only_one, quote
 
 TURNS = ("alpha", "beta", "gamma")
 """Names of the three angles of an orientation."""
@@ -64,7 +64,7 @@ class MarkerSensorSpec(SensorSpec):
 def _sequence(value: Any, info: ValidationInfo) -> str:
     ok = isinstance(value, str) and len(value) == 3 and set(value) <= set("xyz")
     if not ok or value[0] == value[1] or value[1] == value[2]:
-        what = f"three axes are expected of which no two neighbours are equal, given {given(value)}"
+        what = f"three axes are expected of which no two neighbours are equal, given {quote(value)}"
         raise fail(Problem("", what, ("xyz", "zxz", "zyx", "...")))
     return str(value)
 

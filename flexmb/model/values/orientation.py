@@ -17,18 +17,17 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.values.quantities import read_axis, read_number, unit_vector
 from flexmb.model.values.reading import (
     NUMBER,
     Names,
+    ReadContext,
     Reader,
-    fail,
-    given,
+    context_of,
     list_form,
-    names_of,
+    quote,
     under,
     unknown_key,
 )
@@ -141,6 +140,7 @@ def read_orientation(value: Any, names: Names) -> Quaternion:
         None of them, several at once, or numbers that are no orientation.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
+    names = ReadContext.of(names)
     if isinstance(value, Mapping):
         return _from_table(value, names)
     if isinstance(value, list | tuple) and len(value) == 4:
@@ -152,47 +152,47 @@ def read_orientation(value: Any, names: Names) -> Quaternion:
         return _from_rows(value, names)
     raise SceneError(
         f"an orientation is a quaternion [w, x, y, z], a 3x3 matrix or a table {_FORMS}, "
-        f"given {given(value)}"
+        f"given {quote(value)}"
     )
 
 
-def _from_table(table: Mapping[str, Any], names: Names) -> Quaternion:
+def _from_table(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
     forms = [keys for keys in (_AXIS_ANGLE, _EULER, _DIRECTIONS) if set(keys) & set(table)]
     if len(forms) > 1:
-        told = ", ".join(f'"{key}"' for key in table)
-        raise SceneError(f"an orientation is told in one way, {_FORMS}; given {told}")
+        keys = ", ".join(f'"{key}"' for key in table)
+        raise SceneError(f"an orientation is given in one way, {_FORMS}; given {keys}")
     if not forms:
-        known = (*_AXIS_ANGLE, *_EULER, *_DIRECTIONS)
-        wrong = [unknown_key(key, known) for key in table]
+        allowed = (*_AXIS_ANGLE, *_EULER, *_DIRECTIONS)
+        wrong = [unknown_key(key, allowed) for key in table]
         raise SceneError.from_problems(
             wrong or [Problem("", f"an orientation is a table {_FORMS}, given an empty one")]
         )
     if forms[0] is _DIRECTIONS:
         return _from_directions(table, names)
-    readers: dict[str, Callable[[Any, Names], Any]] = (
+    readers: dict[str, Callable[[Any, ReadContext], Any]] = (
         {"axis": read_axis, "angle": _read_angle}
         if forms[0] is _AXIS_ANGLE
         else {"euler": _read_sequence, "angles": _read_angles}
     )
     missing = [Problem(key, "is missing") for key in readers if key not in table]
-    found = _values(table, readers, names, missing)
+    values = _values(table, readers, names, missing)
     if forms[0] is _AXIS_ANGLE:
-        return quaternion_from_axis(found["axis"], found["angle"])
-    return quaternion_from_euler(found["euler"], found["angles"])
+        return quaternion_from_axis(values["axis"], values["angle"])
+    return quaternion_from_euler(values["euler"], values["angles"])
 
 
-def _from_directions(table: Mapping[str, Any], names: Names) -> Quaternion:
+def _from_directions(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
     """One axis along a direction exactly, another one towards a second direction."""
     along = [key for key in table if key in _DIRECTIONS and key.endswith("_along")]
     towards = [key for key in table if key in _DIRECTIONS and key.endswith("_towards")]
     if len(along) != 1 or len(towards) != 1 or along[0][0] == towards[0][0]:
-        told = ", ".join(f'"{key}"' for key in table)
+        keys = ", ".join(f'"{key}"' for key in table)
         what = 'give one axis "along" a direction and another one "towards" one, such as '
-        raise SceneError(what + f"{{x_along = ..., y_towards = ...}}; given {told}")
+        raise SceneError(what + f"{{x_along = ..., y_towards = ...}}; given {keys}")
     readers = {along[0]: read_axis, towards[0]: read_axis}
-    found = _values(table, readers, names, [])
-    first = np.array(found[along[0]])
-    second = np.array(found[towards[0]])
+    values = _values(table, readers, names, [])
+    first = np.array(values[along[0]])
+    second = np.array(values[towards[0]])
     across = second - (second @ first) * first
     if np.linalg.norm(across) < _PARALLEL:
         raise SceneError(f"the directions of {along[0]} and {towards[0]} are parallel")
@@ -207,45 +207,45 @@ def _from_directions(table: Mapping[str, Any], names: Names) -> Quaternion:
 
 def _values(
     table: Mapping[str, Any],
-    readers: Mapping[str, Callable[[Any, Names], Any]],
-    names: Names,
+    readers: Mapping[str, Callable[[Any, ReadContext], Any]],
+    names: ReadContext,
     problems: list[Problem],
 ) -> dict[str, Any]:
     """The entries of a table, each read by its reader; all that is wrong with them at once."""
     problems = [unknown_key(key, tuple(readers)) for key in table if key not in readers] + problems
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, read in readers.items():
         try:
-            found[key] = read(table[key], names) if key in table else None
+            values[key] = read(table[key], names) if key in table else None
         except SceneError as error:
             problems += under(key, error.problems)
     if problems:
         raise SceneError.from_problems(problems)
-    return found
+    return values
 
 
-def _read_angle(value: Any, names: Names) -> float:
+def _read_angle(value: Any, names: ReadContext) -> float:
     return read_number(value, names, "rad")
 
 
-def _read_angles(value: Any, names: Names) -> tuple[float, ...]:
+def _read_angles(value: Any, names: ReadContext) -> tuple[float, ...]:
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, list | tuple) or len(value) != 3:
-        raise SceneError(f"three angles are expected, given {given(value)}")
+        raise SceneError(f"three angles are expected, given {quote(value)}")
     return tuple(read_number(item, names, "rad") for item in value)
 
 
-def _read_sequence(value: Any, names: Names) -> str:
+def _read_sequence(value: Any, names: ReadContext) -> str:
     if isinstance(value, str) and value in EULER_SEQUENCES:
         return value
     near = nearest(str(value), EULER_SEQUENCES)
-    what = f"unknown sequence of axes {given(value)}"
+    what = f"unknown sequence of axes {quote(value)}"
     raise SceneError.from_problems([Problem("", what, EULER_SEQUENCES, near)])
 
 
-def _from_rows(rows: Any, names: Names) -> Quaternion:
+def _from_rows(rows: Any, names: ReadContext) -> Quaternion:
     if not all(isinstance(row, list | tuple) and len(row) == 3 for row in rows):
-        raise SceneError(f"a 3x3 matrix has three rows of three numbers, given {given(rows)}")
+        raise SceneError(f"a 3x3 matrix has three rows of three numbers, given {quote(rows)}")
     A = np.array([[read_number(item, names) for item in row] for row in rows])
     with np.errstate(all="ignore"):
         error = float(np.abs(A.T @ A - np.eye(3)).max())
@@ -259,13 +259,8 @@ def _from_rows(rows: Any, names: Names) -> Quaternion:
     return quaternion_from_matrix(A)
 
 
-def _orientation(value: Any, info: ValidationInfo) -> Quaternion:
-    try:
-        return read_orientation(value, names_of(info))
-    except SceneError as error:
-        raise fail(*error.problems) from None
-
-
 _ROWS = list_form(list_form(NUMBER, 3), 3)
 _FORM = {"anyOf": [list_form(NUMBER, 4), _ROWS, {"type": "object"}]}
-Orientation = Annotated[Quaternion, Reader(_orientation, form=_FORM)]
+Orientation = Annotated[
+    Quaternion, Reader(lambda value, info: read_orientation(value, context_of(info)), form=_FORM)
+]

@@ -14,7 +14,7 @@ from typing import Any
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.values.quantities import expression_and_factor, read_number
-from flexmb.model.values.reading import Terms, given
+from flexmb.model.values.reading import ReadContext, quote
 from flexmb.units import SI, UnitSystem
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
@@ -45,7 +45,7 @@ class _Resolver:
         for name in self.raw:
             self.visit(name, ())
         values = {name: self.values[name] for name in self.raw if name in self.values}
-        return values, [problem for found in self.wrong.values() for problem in found]
+        return values, [problem for problems in self.wrong.values() for problem in problems]
 
     def visit(self, name: str, trail: tuple[str, ...]) -> None:
         if name in self.values or name in self.wrong:
@@ -67,12 +67,12 @@ class _Resolver:
     def evaluate(self, name: str, where: str, trail: tuple[str, ...]) -> None:
         value = self.raw[name]
         if isinstance(value, Mapping):
-            self.wrong[name] = [Problem(where, f"a number is expected, given {given(value)}")]
+            self.wrong[name] = [Problem(where, f"a number is expected, given {quote(value)}")]
             return
         try:
             used: tuple[str, ...] = ()
             if isinstance(value, str):
-                used = names_in(expression_and_factor(value, self.known(name), None)[0])
+                used = names_in(expression_and_factor(value, self.context(name), None)[0])
             for other in used:
                 if other in self.raw:
                     self.visit(other, (*trail, name))
@@ -81,11 +81,11 @@ class _Resolver:
             if any(other in self.wrong for other in used):
                 self.wrong[name] = []
                 return
-            self.values[name] = read_number(value, self.known(name), None)
+            self.values[name] = read_number(value, self.context(name), None)
         except SceneError as error:
             self.wrong[name] = [replace(problem, where=where) for problem in error.problems]
 
-    def known(self, name: str) -> Terms:
+    def context(self, name: str) -> ReadContext:
         """All names, so that a misspelt one finds its neighbours; used ones have their values."""
         values = {other: self.values.get(other, 0.0) for other in self.raw if other != name}
-        return Terms(values, self.units)
+        return ReadContext(values, self.units)

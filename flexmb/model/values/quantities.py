@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal
@@ -27,15 +28,14 @@ from flexmb.model.values.reading import (
     NUMBER,
     FieldType,
     Form,
-    Names,
+    ReadContext,
     Reader,
     choice,
+    context_of,
     fail,
-    given,
     list_form,
-    names_of,
-    slot_of,
-    units_of,
+    quote,
+    under,
 )
 from flexmb.units import UNITS, parse_unit
 
@@ -63,7 +63,7 @@ _NOUNS = {
 
 
 def expression_and_factor(
-    text: str, names: Names, unit: str | None, time: bool = False
+    text: str, names: ReadContext, unit: str | None, time: bool = False
 ) -> tuple[str, float]:
     """The expression of a text, and the factor from its unit to the scene's own.
 
@@ -89,13 +89,13 @@ def expression_and_factor(
         return text, 1.0
     for symbol in _SYMBOLS.findall(unit_text):
         if symbol in names:
-            what = f'"{symbol}" in {given(text)} is a unit and a parameter: rename the parameter, '
+            what = f'"{symbol}" in {quote(text)} is a unit and a parameter: rename the parameter, '
             raise SceneError(what + f'or write "*{symbol}" if it was meant')
-    own, units = parse_unit(unit_text), units_of(names)
+    own, units = parse_unit(unit_text), names.units
     if unit is not None and own.dimension != parse_unit(unit).dimension:
         label = f" [{units.label(unit)}]" if unit else ""
         noun = _NOUNS.get(unit, "another quantity")
-        raise SceneError(f"{noun}{label} is expected, given {given(text)}")
+        raise SceneError(f"{noun}{label} is expected, given {quote(text)}")
     return front, float(f"{own.factor / units.factor(*own.dimension[:3]):.15g}")
 
 
@@ -113,7 +113,7 @@ def _split(text: str, time: bool) -> tuple[str, str]:
     return text, ""
 
 
-def _refuse_unknown(text: str, names: Names, time: bool) -> None:
+def _refuse_unknown(text: str, names: ReadContext, time: bool) -> None:
     """Say so where a number is followed by a word that is no unit."""
     match = _NUMBER_AND_WORD.match(text)
     symbols = _SYMBOLS.findall(match["unit"]) if match else []
@@ -138,7 +138,7 @@ _SIGN_FORMS: dict[str, Form] = {
 }
 
 
-def read_number(value: Any, names: Names, unit: str | None = "") -> float:
+def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
     """A finite number, in the scene's units, from a number or an expression.
 
     Parameters
@@ -163,16 +163,30 @@ def read_number(value: Any, names: Names, unit: str | None = "") -> float:
         assert constant is not None  # without time everything folds
         return _finite(constant * factor, value)
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise SceneError(f"a number or an expression is expected, given {given(value)}")
+        raise SceneError(f"a number or an expression is expected, given {quote(value)}")
     try:
         return _finite(float(value), value)
     except OverflowError:
         return _finite(math.inf, value)
 
 
+def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]) -> list[float]:
+    """Numbers in SI, each with its own SI unit; all mistakes at once."""
+    numbers: list[float] = []
+    problems: list[Problem] = []
+    for i, (value, unit) in enumerate(zip(values, units, strict=False)):
+        try:
+            numbers.append(read_number(value, names, unit) * names.units.scale(unit))
+        except SceneError as error:
+            problems += under(f"[{i}]", error.problems)
+    if problems:
+        raise SceneError.from_problems(problems)
+    return numbers
+
+
 def _finite(number: float, value: Any) -> float:
     if not math.isfinite(number):
-        raise SceneError(f"a finite number is expected, given {given(value)}")
+        raise SceneError(f"a finite number is expected, given {quote(value)}")
     return number
 
 
@@ -184,51 +198,41 @@ class Quantity(FieldType):
     sign: Sign = "any"
     limits: tuple[float, float] | None = None
 
-    def unit_in(self, names: Names) -> str | None:
+    def unit_in(self, names: ReadContext) -> str | None:
         """The SI unit in this place; None where it is not known."""
         return self.unit
 
     def read(self, value: Any, info: ValidationInfo) -> float:
         """The number in SI."""
-        names = names_of(info)
+        names = context_of(info)
         unit = self.unit_in(names)
-        try:
-            number = read_number(value, names, unit)
-        except SceneError as error:
-            raise fail(*error.problems) from None
-        units = units_of(names)
-        if self._wrong_sign(number):
-            raise fail(self._sign_problem(number, value, units.label(unit or "")))
+        number = read_number(value, names, unit)
+        units = names.units
+        if (self.sign == "positive" and number <= 0) or (self.sign != "any" and number < 0):
+            sign = "positive" if self.sign == "positive" else "zero or positive"
+            source = f" (given {quote(value)})" if isinstance(value, str) else ""
+            what = f"must be {sign}, is {number:g} {units.label(unit or '')}".rstrip() + source
+            raise fail(Problem("", what))
         if self.limits is not None and not self.limits[0] <= number <= self.limits[1]:
             low, high = self.limits
             what = f"must lie between {low:.4g} and {high:.4g}, is {number:g}"
             raise fail(Problem("", what))
         scaled = number * units.scale(unit or "")
         if not math.isfinite(scaled):
-            raise fail(Problem("", f"a finite number is expected, given {given(value)}"))
+            raise fail(Problem("", f"a finite number is expected, given {quote(value)}"))
         return scaled
 
     def write(self, value: Any, info: SerializationInfo) -> Any:
         """The number in the scene's units, as it was given."""
-        names = names_of(info)
+        names = context_of(info)
         unit = self.unit_in(names) or ""
-        return units_of(names).written(value, unit) if isinstance(value, float) else value
+        return names.units.written(value, unit) if isinstance(value, float) else value
 
     def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
         form = {**NUMBER, **_SIGN_FORMS[self.sign]}
         if self.limits is not None:
             form["minimum"], form["maximum"] = self.limits
         return {**form, "description": f"[{self.unit}]"} if self.unit else form
-
-    def _wrong_sign(self, number: float) -> bool:
-        return (self.sign == "positive" and number <= 0) or (
-            self.sign == "not negative" and number < 0
-        )
-
-    def _sign_problem(self, number: float, value: Any, label: str) -> Problem:
-        wanted = "positive" if self.sign == "positive" else "zero or positive"
-        origin = f" (given {given(value)})" if isinstance(value, str) else ""
-        return Problem("", f"must be {wanted}, is {number:g} {label}".rstrip() + origin)
 
 
 @dataclass(frozen=True)
@@ -242,12 +246,12 @@ class WordOr(FieldType):
 
     def read(self, value: Any, info: ValidationInfo) -> float | str:
         """The word, or the number in SI."""
-        names = names_of(info)
+        names = context_of(info)
         if value == self.word:
             return self.word
         if isinstance(value, str) and value.isalpha() and value not in names:
-            label = f" [{units_of(names).label(self.unit)}]" if self.unit else ""
-            what = f"{self.noun}{label} is expected, given {given(value)}"
+            label = f" [{names.units.label(self.unit)}]" if self.unit else ""
+            what = f"{self.noun}{label} is expected, given {quote(value)}"
             raise fail(Problem("", what, (self.word, "a number or an expression")))
         return Quantity(self.unit, self.sign).read(value, info)
 
@@ -261,10 +265,10 @@ class WordOr(FieldType):
 
 @dataclass(frozen=True)
 class Measured(Quantity):
-    """Annotation of a float whose SI unit depends on where it is used: that of the slot."""
+    """Annotation of a float whose SI unit depends on where it is used: the expected one."""
 
-    def unit_in(self, names: Names) -> str | None:
-        return slot_of(names)
+    def unit_in(self, names: ReadContext) -> str | None:
+        return names.expected_unit
 
 
 @dataclass(frozen=True)
@@ -293,15 +297,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, Real) and not isinstance(value, int | float | np.generic):
-        return _number(value)
+        with suppress(OverflowError):  # refused where it is read
+            return float(value)
     return _as_list(value)
-
-
-def _number(value: Real) -> Any:
-    try:
-        return float(value)
-    except OverflowError:
-        return value  # refused where it is read
 
 
 def _as_list(value: Any) -> Any:
@@ -326,7 +324,7 @@ Sizes = Annotated[tuple[Size, Size, Size], BeforeValidator(_as_list)]
 
 def _text(value: Any, info: ValidationInfo) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise fail(Problem("", f"a text is expected, given {given(value)}"))
+        raise fail(Problem("", f"a text is expected, given {quote(value)}"))
     return value
 
 
@@ -337,7 +335,7 @@ Pair = tuple[Text, Text]
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def read_axis(value: Any, names: Names) -> tuple[float, ...]:
+def read_axis(value: Any, names: ReadContext) -> tuple[float, ...]:
     """A unit vector from ``"x"``, ``"-z"`` or three numbers.
 
     Raises
@@ -380,20 +378,17 @@ def unit_vector(values: Iterable[float]) -> tuple[float, ...]:
 
 
 def _bad_axis(value: Any) -> SceneError:
-    what = f"an axis is a direction, given {given(value)}"
+    what = f"an axis is a direction, given {quote(value)}"
     allowed = (*_SIGNED_AXES, "[x, y, z]")
     return SceneError.from_problems([Problem("", what, allowed)])
 
 
-def _axis(value: Any, info: ValidationInfo) -> tuple[float, ...]:
-    try:
-        return read_axis(value, names_of(info))
-    except SceneError as error:
-        raise fail(*error.problems) from None
-
-
 _SIGNED_AXES = ("x", "y", "z", "-x", "-y", "-z")
+_AXIS_FORM = {"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]}
 Axis = Annotated[
     tuple[float, float, float],
-    Reader(_axis, form={"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]}),
+    Reader(
+        lambda value, info: read_axis(value, context_of(info)),
+        form={"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]},
+    ),
 ]

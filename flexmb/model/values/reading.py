@@ -25,7 +25,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-from flexmb.errors import Problem, SceneError, nearest
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.units import SI, UnitSystem
 
 S = TypeVar("S", bound="Spec")
@@ -42,8 +42,25 @@ class Spec(BaseModel):
     )
 
 
-class Terms(dict[str, float]):
-    """What the numbers of a scene mean: the parameters by name, the unit system, the slot.
+GROUND = "ground"
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
+
+
+def bad_name(name: Any) -> str:
+    """What is wrong with a name; empty if nothing."""
+    if isinstance(name, str) and _NAME.match(name):
+        return ""
+    return f'"{name}" is no name: letters, digits, _ and - only, and a letter first'
+
+
+def split_reference(reference: str) -> tuple[str, str]:
+    """Body and marker of ``"body.marker"``; a bare ``"body"`` means its origin."""
+    body, _, marker = reference.partition(".")
+    return body, marker or "origin"
+
+
+class ReadContext(dict[str, float]):
+    """What the numbers of a scene mean: parameters by name, the unit system, the expected unit.
 
     Parameters
     ----------
@@ -51,9 +68,9 @@ class Terms(dict[str, float]):
         Values of the parameters, in the scene's units.
     units : UnitSystem
         The unit system in which numbers are given.
-    slot : str, optional
+    expected_unit : str, optional
         SI unit of values whose quantity depends on where they are used, such as those of a
-        function of time; None where it is not known.
+        function of time; None where it depends on more.
     folder : Path, optional
         What paths of files are relative to.
     """
@@ -62,26 +79,16 @@ class Terms(dict[str, float]):
         self,
         values: Names | None = None,
         units: UnitSystem = SI,
-        slot: str | None = None,
+        expected_unit: str | None = None,
         folder: Path = _HERE,
     ) -> None:
         super().__init__(values or {})
-        self.units, self.slot, self.folder = units, slot, folder
+        self.units, self.expected_unit, self.folder = units, expected_unit, folder
 
-
-def units_of(names: Names) -> UnitSystem:
-    """The unit system in which numbers are given; SI where nothing is said."""
-    return names.units if isinstance(names, Terms) else SI
-
-
-def slot_of(names: Names) -> str | None:
-    """SI unit of values whose quantity depends on where they are used."""
-    return names.slot if isinstance(names, Terms) else None
-
-
-def folder_of(names: Names) -> Path:
-    """What paths of files are relative to."""
-    return names.folder if isinstance(names, Terms) else _HERE
+    @classmethod
+    def of(cls, names: Names | None) -> ReadContext:
+        """As it is, or of mere values of the parameters in SI."""
+        return names if isinstance(names, cls) else cls(names)
 
 
 def fail(*problems: Problem) -> PydanticCustomError:
@@ -106,13 +113,12 @@ def only_one(spec: Spec, *words: str) -> str:
     return present[0]
 
 
-def names_of(info: ValidationInfo | SerializationInfo) -> Names:
-    """Values of the parameters that expressions may use, as :class:`Terms` where units are told."""
-    names: Names | None = info.context
-    return {} if names is None else names
+def context_of(info: ValidationInfo | SerializationInfo) -> ReadContext:
+    """What numbers mean that pydantic validates or writes."""
+    return ReadContext.of(info.context)
 
 
-def given(value: Any) -> str:
+def quote(value: Any) -> str:
     """A value as a message shows it: like TOML, and short."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -131,12 +137,12 @@ def _join(where: str, place: str) -> str:
     return where + place if place.startswith("[") else f"{where}.{place}"
 
 
-def read_entry(cls: type[S], data: Any, names: Names) -> tuple[S | None, list[Problem]]:
+def read_entry(cls: type[S], data: Any, names: ReadContext) -> tuple[S | None, list[Problem]]:
     """Read a table; either the specification or the problems, places relative to the table."""
     if isinstance(data, cls):
         return data, []
     if not isinstance(data, Mapping):
-        return None, [Problem("", f"a table is expected, given {given(data)}")]
+        return None, [Problem("", f"a table is expected, given {quote(data)}")]
     try:
         return cls.model_validate(dict(data), context=names), []
     except ValidationError as error:
@@ -184,18 +190,18 @@ _EXPECTED = {
 
 def _plain(where: str, detail: Any) -> Problem:
     """One of pydantic's own errors in our words."""
-    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    kind, value, limits = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "literal_error":
-        allowed = tuple(re.findall(r"'([^']*)'", str(context["expected"])))
+        allowed = tuple(re.findall(r"'([^']*)'", str(limits["expected"])))
         return Problem(
-            where, f"unknown choice {given(value)}", allowed, nearest(str(value), allowed)
+            where, f"unknown choice {quote(value)}", allowed, nearest(str(value), allowed)
         )
     if kind in ("too_long", "too_short"):
-        count = context.get("max_length", context.get("min_length"))
-        return Problem(where, f"{count} values are expected, given {given(value)}")
+        count = limits.get("max_length", limits.get("min_length"))
+        return Problem(where, f"{count} values are expected, given {quote(value)}")
     if kind in _EXPECTED:
-        return Problem(where, f"{_EXPECTED[kind]}, given {given(value)}")
-    return Problem(where, f"{detail['msg']}, given {given(value)}")
+        return Problem(where, f"{_EXPECTED[kind]}, given {quote(value)}")
+    return Problem(where, f"{detail['msg']}, given {quote(value)}")
 
 
 Form = dict[str, Any]
@@ -244,8 +250,16 @@ class FieldType:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
+        reader = self.reader(source)
+
+        def read(value: Any, info: ValidationInfo) -> Any:
+            try:
+                return reader(value, info)
+            except FlexmbError as error:
+                raise fail(*error.problems) from None
+
         return core_schema.with_info_plain_validator_function(
-            self.reader(source),
+            read,
             serialization=core_schema.plain_serializer_function_ser_schema(
                 self.write, info_arg=True
             ),
@@ -296,7 +310,7 @@ class Entry(_Table):
 
     def reader(self, source: Any) -> Callable[[Any, ValidationInfo], Any]:
         def read(value: Any, info: ValidationInfo) -> Spec:
-            spec, problems = read_entry(source, value, names_of(info))
+            spec, problems = read_entry(source, value, context_of(info))
             if spec is None:
                 raise fail(*problems)
             return spec  # type: ignore[no-any-return]
@@ -314,7 +328,7 @@ class Variant(_Table):
     def read(self, value: Any, info: ValidationInfo) -> Spec:
         if isinstance(value, Spec):
             return value
-        spec, problems = read_variant(self.noun, self.kinds(), value, names_of(info))
+        spec, problems = read_variant(self.noun, self.kinds(), value, context_of(info))
         if spec is None:
             raise fail(*problems)
         return spec
@@ -325,13 +339,13 @@ class Variant(_Table):
 
 
 def read_variant(
-    noun: str, kinds: Mapping[str, type[S]], data: Any, names: Names
+    noun: str, kinds: Mapping[str, type[S]], data: Any, names: ReadContext
 ) -> tuple[S | None, list[Problem]]:
     """Read a table whose key ``type`` chooses the specification."""
     if isinstance(data, Mapping) and "type" not in data:
         return None, [Problem("type", "is missing", tuple(kinds))]
     if isinstance(data, Mapping) and data["type"] not in tuple(kinds):
-        what = f"unknown {noun} {given(data['type'])}"
+        what = f"unknown {noun} {quote(data['type'])}"
         near = nearest(str(data["type"]), kinds)
         return None, [Problem("type", what, tuple(kinds), near)]
     kind = kinds[data["type"]] if isinstance(data, Mapping) else next(iter(kinds.values()))

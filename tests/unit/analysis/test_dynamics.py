@@ -21,7 +21,7 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import load_scene
-from flexmb.model.tasks.dynamics import DynamicsSpec
+from flexmb.model.scenes.dynamics import DynamicsSpec
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 

@@ -25,10 +25,10 @@ from flexmb.model.functions.function import FUNCTION_FORMS
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import COORDINATES, JOINT_TYPES
+from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensors.control import StateSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
 from flexmb.units import UNIT_SYSTEMS
 
 METHOD_NAMES = get_args(DynamicsSpec.model_fields["method"].annotation)

@@ -38,7 +38,7 @@ TIMES = (0.4, 1.1, 3.9)
 
 
 def by_quadrature(function, order, t):
-    inside = sorted({*function.kinks(t), *(b for b in BREAKS if b < t)}) or None
+    inside = sorted({*function.derivative_jumps(t), *(b for b in BREAKS if b < t)}) or None
     rate = lambda s: (t - s) ** (order - 1) * function.value(s)[0]  # noqa: E731
     return quad(rate, 0.0, t, points=inside, epsabs=1e-13, epsrel=1e-13, limit=300)[0]
 
@@ -84,6 +84,6 @@ def test_a_value_that_is_missing_is_told():
 
 
 def test_what_never_settles_is_told(monkeypatch):
-    monkeypatch.setattr("flexmb.model.functions.antiderivatives._MOST_PIECES", 20)
+    monkeypatch.setattr("flexmb.model.functions.antiderivatives._MAX_PIECES", 20)
     with pytest.raises(SceneError, match="changes too often"):
         antiderivative(read_function("sin(exp(3*t))").expression.ops, 1, END)

@@ -8,7 +8,7 @@ import pytest
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 from flexmb.units import unit_system
 
 FIELDS = {"type": "table", "file": "motion.csv", "beyond": "hold"}
@@ -16,7 +16,7 @@ FIELDS = {"type": "table", "file": "motion.csv", "beyond": "hold"}
 
 def read(tmp_path, text, system="SI", **fields):
     (tmp_path / "motion.csv").write_text(text, encoding="utf-8")
-    names = Terms({}, unit_system(system), folder=tmp_path)
+    names = ReadContext({}, unit_system(system), folder=tmp_path)
     return read_function({**FIELDS, **fields}, names, "m")
 
 
@@ -45,7 +45,7 @@ def test_columns_are_read(tmp_path, text, fields):
         ("0,0\n1,x\n", {}, 'motion.csv, line 2: "x" is no finite number'),
         ("t,y\n0,0\n# a\n1,nan\n", {}, 'motion.csv, line 4: "nan" is no finite number'),
         ("0,0\n1,1\n1,2\n", {}, "motion.csv, line 3: times must increase, 1 does not lie after"),
-        ("0,0\n1\n", {}, "motion.csv, line 2: there are 1 columns, number 2 is asked for"),
+        ("0,0\n1\n", {}, "motion.csv, line 2: there are 1 columns, no number 2"),
         ("t,y\n0,0\n1,1\n", {"columns": ["t", "lift"]}, 'motion.csv has no column "lift"'),
         ("0,0\n1,1\n", {"columns": ["t", "y"]}, "its first line names none"),
         ("0,0\n1,1\n", {"columns": [0, 1]}, "a number from 1 on, given 0"),

@@ -8,7 +8,7 @@ from gearkit import planetary, wheels
 
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.counts import count
+from flexmb.model.joints.joint import count
 
 
 def equation(model, name):

@@ -8,8 +8,8 @@ import flexmb
 from flexmb.engine.integrators import chosen_method
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.tasks.dynamics import METHODS, OPTIONS
-from flexmb.model.tasks.study import override
+from flexmb.model.scenes.dynamics import METHODS, OPTIONS
+from flexmb.model.scenes.study import override
 
 VALUES = {
     "order": 5, "spectral_radius": 0.9, "newton_tolerance": 1e-9, "alpha": -0.2, "beta": 0.3,

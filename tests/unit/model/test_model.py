@@ -12,7 +12,7 @@ import pytest
 from flexmb.errors import SceneError
 from flexmb.flexbody import rigid_body, save
 from flexmb.model import Model, load_scene
-from flexmb.model.counts import count
+from flexmb.model.joints.joint import count
 
 CASES = sorted((Path(__file__).parents[3] / "cases").glob("*/scene.toml"))
 SCENE = """

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from flexmb.errors import SceneError
 from flexmb.model.functions.function import FUNCTION_FORMS, read_function
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 from flexmb.units import unit_system
 
 RISES = ("step", "step5", "havsin", "cycloidal", "modified-sine")
@@ -107,13 +107,13 @@ def test_the_modified_sine_has_the_factors_of_the_literature():
 )
 def test_trapezoids_cover_their_way_in_their_time(fields, length, top):
     function = read_function({"type": "trapezoidal", "t0": 0.5, **fields})
-    kinks = function.kinks(4.0)
-    way, _ = quad(lambda t: function.value(t)[1], 0.0, 4.0, points=kinks, limit=200)
+    jumps = function.derivative_jumps(4.0)
+    way, _ = quad(lambda t: function.value(t)[1], 0.0, 4.0, points=jumps, limit=200)
     assert way == pytest.approx(fields["y1"], rel=1e-12)
     assert function.value(0.5 + length) == pytest.approx((fields["y1"], 0, 0), abs=1e-12)
     assert function.value(0.5 + 0.5 * length)[1] == pytest.approx(top, rel=1e-12)
-    assert function.kinks(9.0)[0] == 0.5
-    assert function.kinks(9.0)[-1] == pytest.approx(0.5 + length)
+    assert function.derivative_jumps(9.0)[0] == 0.5
+    assert function.derivative_jumps(9.0)[-1] == pytest.approx(0.5 + length)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_mistakes_of_trapezoids_are_told(fields, place, sentence):
 
 
 def test_numbers_are_in_the_units_of_the_scene():
-    names = Terms({}, unit_system("mm-t-s"))
+    names = ReadContext({}, unit_system("mm-t-s"))
     given = {"type": "trapezoidal", "y1": 500, "speed": 250, "acceleration": "1 m/s^2"}
     function = read_function(given, names, "m")
     assert function.value(0.25 + 1.0)[1] == pytest.approx(0.25)

@@ -103,7 +103,7 @@ def test_evaluation_changes_nothing():
     ("fields", "place", "sentence"),
     [
         ({"points": [[0, 1], [0, 2]]}, "points[1]", "times must increase"),
-        ({"points": [[0, 1], [1, 2, 3]]}, "points", "a list of points"),
+        ({"points": [[0, 1], [1, 2, 3]]}, "points[1]", "a point [t, y]"),
         ({"points": [[0, "a"], [1, 2]]}, "points[0][1]", 'unknown name "a"'),
         ({"points": [[0, 1]]}, "points", "two points or more are needed, given 1"),
         ({}, "", 'give either "points" or "file"'),
@@ -113,10 +113,10 @@ def test_evaluation_changes_nothing():
     ],
 )
 def test_mistakes_of_points_are_told(fields, place, sentence):
-    from flexmb.model.values.reading import Terms
+    from flexmb.model.values.reading import ReadContext
     from flexmb.units import unit_system
 
-    names = Terms({}, unit_system("mm-t-s"))
+    names = ReadContext({}, unit_system("mm-t-s"))
     with pytest.raises(SceneError) as caught:
         read_function({"type": "spline", **fields}, names, "m")
     (problem,) = caught.value.problems

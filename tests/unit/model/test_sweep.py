@@ -9,7 +9,7 @@ import pytest
 
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.model.tasks.study import resolve_knob, sweep_values
+from flexmb.model.scenes.study import resolve_knob, sweep_values
 
 SCENE = {
     "parameters": {"speed": 3.0, "step": 1.0},

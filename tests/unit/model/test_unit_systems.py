@@ -13,7 +13,7 @@ from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
 from flexmb.model.scenes.conversion import gravity_in_words
-from flexmb.model.values.reading import Terms
+from flexmb.model.values.reading import ReadContext
 from flexmb.units import SI, UNIT_SYSTEMS, unit_system
 
 SAME = 1e-13  # of the largest entry of a table: numbers are scaled by factors of fifteen digits
@@ -234,7 +234,7 @@ def test_meshes_have_their_own_units_and_materials_and_sections_the_scenes():
 def test_texts_with_units(text, unit, value):
     for system in UNIT_SYSTEMS.values():
         function = read_function(text.replace("t", "tonne") if text == "2 t" else text,
-                                 Terms({"r": 3.0}, system), unit)  # fmt: skip
+                                 ReadContext({"r": 3.0}, system), unit)  # fmt: skip
         assert function.constant == pytest.approx(value, rel=1e-14)
 
 
@@ -245,7 +245,7 @@ def test_time_is_not_a_tonne_in_functions():
 
 
 def test_time_runs_in_the_units_of_the_scene():
-    terms = Terms({}, unit_system("mm-kg-ms"))
+    terms = ReadContext({}, unit_system("mm-kg-ms"))
     value, rate, second = read_function("t**2", terms, "m").value(0.004)  # 4 ms: 16 mm
     assert (value, rate, second) == pytest.approx((0.016, 8.0, 2000.0))
 

@@ -17,7 +17,7 @@ from flexmb.engine.integrators import chosen_method
 from flexmb.engine.jit import Unit
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
-from flexmb.model.tasks.dynamics import METHODS, DynamicsSpec
+from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 
 FEW = (motion.move, wrench.add_moment_arm, wrench.marker_jacobian)
 

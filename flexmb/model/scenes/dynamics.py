@@ -1,4 +1,4 @@
-"""How a scene is run in time: span, step, outputs, method and its numbers.
+"""How a scene is run: dynamics with its method and numbers, kinematics, assembly.
 
 What a method does stands in the files of `flexmb.engine.integrators`.
 """
@@ -6,23 +6,33 @@ What a method does stands in the files of `flexmb.engine.integrators`.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from itertools import repeat
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.values.quantities import Integer, Quantity, Time, plain, read_number
+from flexmb.model.values.points import check_order
+from flexmb.model.values.quantities import (
+    Angle,
+    Integer,
+    Length,
+    Quantity,
+    Time,
+    WordOr,
+    plain,
+    read_numbers,
+)
 from flexmb.model.values.reading import (
     NUMBER,
+    Entry,
     Form,
     Reader,
     Spec,
+    context_of,
     fail,
     fail_if,
     list_form,
-    names_of,
-    under,
-    units_of,
 )
 
 METHODS: dict[str, str] = {
@@ -145,31 +155,19 @@ def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
         raise fail(Problem("", "the list of output times is empty"))
     if len(value) > MOST_OUTPUTS:
         raise fail(Problem("", f"at most {MOST_OUTPUTS} are recorded, given {len(value)}"))
-    names = names_of(info)
-    units = units_of(names)
-    times: list[float] = []
-    problems: list[Problem] = []
-    for i, item in enumerate(value):
-        try:
-            times.append(read_number(item, names, "s") * units.scale("s"))
-        except SceneError as error:
-            problems += under(f"[{i}]", error.problems)
-            continue
-        if i == len(times) - 1 and i and times[i] <= times[i - 1]:
-            before, now = (units.say(times[j], "s") for j in (i - 1, i))
-            what = f"times must increase: {now} does not lie after {before}"
-            problems.append(Problem(f"[{i}]", what))
-    fail_if(problems[:_MAX_PROBLEMS])
+    names = context_of(info)
+    try:
+        times = read_numbers(value, names, repeat("s"))
+    except SceneError as error:
+        raise fail(*error.problems[:_MAX_PROBLEMS]) from None
+    check_order(times, names.units, "s", "times")
     return tuple(times)
-
-
-_MAX_PROBLEMS = 5  # of one list that are reported
 
 
 def _write_outputs(value: int | tuple[float, ...], info: SerializationInfo) -> Any:
     if isinstance(value, int):
         return value
-    units = units_of(names_of(info))
+    units = context_of(info).units
     return [units.written(time, "s") for time in value]
 
 
@@ -180,6 +178,9 @@ _OUTPUTS: Form = {
     ],
     "description": "or times [s]",
 }
+
+
+_MAX_PROBLEMS = 5  # of one list that are reported
 
 
 class DynamicsSpec(Spec):
@@ -267,7 +268,7 @@ class DynamicsSpec(Spec):
     @model_validator(mode="after")
     def _outputs_lie_inside(self, info: ValidationInfo) -> Self:
         if isinstance(self.outputs, tuple):
-            units = units_of(names_of(info))
+            units = context_of(info).units
             end = units.say(self.duration, "s")
             for i in (0, len(self.outputs) - 1):
                 time = self.outputs[i]
@@ -282,3 +283,48 @@ class DynamicsSpec(Spec):
     def n_rows(self) -> int:
         """Number of rows that are recorded."""
         return len(self.outputs) if isinstance(self.outputs, tuple) else self.outputs + 1
+
+
+class KinematicsSpec(Spec):
+    """Motion that joints and drivers fix alone, without integration.
+
+    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, each with positions,
+    velocities, accelerations and the reactions of that motion, to round-off whatever their number.
+    """
+
+    duration: Time
+    outputs: Annotated[int, Integer(1)] = 200
+
+
+class GuessSpec(Spec):
+    """Coordinates of a joint to begin near: ``angle``, ``stroke`` or both."""
+
+    angle: Angle | None = None
+    stroke: Length | None = None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.angle is None and self.stroke is None:
+            raise fail(Problem("", 'give "angle", "stroke" or both'))
+        return self
+
+    @property
+    def coordinates(self) -> dict[str, float]:
+        """What is guessed, by the name of the coordinate."""
+        values = {"angle": self.angle, "stroke": self.stroke}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+class AssemblySpec(Spec):
+    """How the first pose is computed.
+
+    ``weights`` by body: bodies move as little as the gaps allow, one of weight 10 as if it had ten
+    times its mass, a ``"fixed"`` one not at all; 1 by default. ``guess`` by joint: coordinates near
+    which the mechanism begins; of several ways to assemble it, the nearest is taken.
+    """
+
+    weights: dict[
+        str,
+        Annotated[float | Literal["fixed"], WordOr("fixed", "a positive number", "", "positive")],
+    ] = {}
+    guess: dict[str, Annotated[GuessSpec, Entry()]] = {}

@@ -15,12 +15,12 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import SerializationInfo, ValidationInfo
+from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.tasks.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
+from flexmb.model.scenes.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
 from flexmb.model.values.quantities import Integer, Quantity, Text, plain
-from flexmb.model.values.reading import Reader, Spec, fail, fail_if, given, under
+from flexmb.model.values.reading import Reader, Spec, fail, fail_if, quote, under
 
 _MAKEABLE = (
     "assembly",
@@ -59,7 +59,7 @@ def _value(text: Any) -> Any:
 def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     where = f"override {name}"
     if isinstance(value, Mapping):
-        return Problem(where, f"a single value is expected, given {given(value)}")
+        return Problem(where, f"a single value is expected, given {quote(value)}")
     parts = name.split(".")
     if len(parts) == 1:
         parameters = scene.get("parameters", {})
@@ -147,7 +147,7 @@ def knob_names(scene: Mapping[str, Any]) -> Iterator[str]:
     yield from DynamicsSpec.model_fields
     yield from _TOP
     for section in _SECTIONS[1:]:
-        yield from _leaves(section, _table(scene, section))
+        yield from (path for path, _ in _leaves(section, _table(scene, section)))
 
 
 def _table(scene: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -155,12 +155,14 @@ def _table(scene: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return table if isinstance(table, Mapping) else {}
 
 
-def _leaves(path: str, value: Any) -> Iterator[str]:
-    if not isinstance(value, Mapping):
-        yield path
-        return
-    for key, inside in value.items():
-        yield from _leaves(f"{path}.{key}", inside)
+def _leaves(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Values of nested tables: TOML reads ``bodies.rod.modes = [4]`` as tables in tables."""
+    for key, value in table.items():
+        name = f"{path}.{key}" if path else str(key)
+        if isinstance(value, Mapping):
+            yield from _leaves(name, value)
+        else:
+            yield name, value
 
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -193,14 +195,10 @@ def sweep_values(source: Any) -> tuple[Any, ...]:
             if value not in values:
                 values.append(value)
     if not values:
-        raise _bad("no values are given")
+        raise SceneError("no values are given")
     if len(values) > _MAX_VALUES:
-        raise _bad(f"{len(values)} values are given; a study takes up to {_MAX_VALUES}")
+        raise SceneError(f"{len(values)} values are given; a study takes up to {_MAX_VALUES}")
     return tuple(values)
-
-
-def _bad(what: str) -> SceneError:
-    return SceneError.from_problems([Problem("", what)])
 
 
 def _split(text: str) -> list[str]:
@@ -221,16 +219,16 @@ def _expanded(piece: Any) -> Iterator[Any]:
         yield piece
         return
     if not piece.strip():
-        raise _bad("a value between the commas is empty")
+        raise SceneError("a value between the commas is empty")
     match = _RANGE.match(piece)
     if match is None:
         if _HALF_RANGE.match(piece):
-            raise _bad(f'the range "{piece.strip()}" must have two numbers: 1e-2..1e-6')
+            raise SceneError(f'the range "{piece.strip()}" must have two numbers: 1e-2..1e-6')
         yield _value(piece.strip())
         return
     a, b = match["a"], match["b"]
     if float(a) <= 0 or float(b) <= 0:
-        raise _bad(f'the range "{piece.strip()}" must have two positive ends')
+        raise SceneError(f'the range "{piece.strip()}" must have two positive ends')
     values = _decades(float(a), float(b)) if match["n"] is None else _spaced(piece, match)
     whole = a.isdigit() and b.isdigit()
     yield from (round(value) if whole else value for value in values)
@@ -249,7 +247,7 @@ def _spaced(piece: str, match: re.Match[str]) -> Iterator[float]:
     count = match["n"].strip()
     if not count.isdigit() or not 2 <= int(count) <= _MAX_VALUES:
         what = f'the range "{piece.strip()}" needs after ":" a number of values'
-        raise _bad(f"{what} from 2 to {_MAX_VALUES}")
+        raise SceneError(f"{what} from 2 to {_MAX_VALUES}")
     a, b, n = float(match["a"]), float(match["b"]), int(count)
     ratio = (b / a) ** (1 / (n - 1))
     digits = 3 if abs(ratio - 1.0) > _COARSE else 12
@@ -259,32 +257,16 @@ def _spaced(piece: str, match: re.Match[str]) -> Iterator[float]:
 
 def _vary(value: Any, info: ValidationInfo) -> dict[str, tuple[Any, ...]]:
     if not isinstance(value, Mapping):
-        raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {given(value)}"))
+        raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {quote(value)}"))
     knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
-    for knob, values in _flat("", value):
+    for knob, values in _leaves("", value):
         try:
             knobs[knob] = sweep_values(values)
         except SceneError as error:
             problems += under(knob, error.problems)
     fail_if(problems)
     return knobs
-
-
-def _flat(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Knobs of nested tables too: TOML reads ``bodies.rod.modes = [4]`` as tables in tables."""
-    for key, value in table.items():
-        name = f"{path}.{key}" if path else str(key)
-        if isinstance(value, Mapping):
-            yield from _flat(name, value)
-        else:
-            yield name, value
-
-
-def _as_lists(
-    value: Mapping[str, tuple[Any, ...]], info: SerializationInfo
-) -> dict[str, list[Any]]:
-    return {knob: list(values) for knob, values in value.items()}
 
 
 def _target(value: Any, info: ValidationInfo) -> float:
@@ -304,7 +286,7 @@ class StudySpec(Spec):
     all by default.
     """
 
-    vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, _as_lists, {"type": "object"})]
+    vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, form={"type": "object"})]
     repeats: Annotated[int, Integer(1)] = 3
     target: Annotated[float, Reader(_target)] = 0.01
     sensors: tuple[Text, ...] = ()

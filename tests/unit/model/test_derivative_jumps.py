@@ -1,4 +1,4 @@
-"""Times of kinks, read off programs."""
+"""Times of jumps, read off programs."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
     ids=str,
 )
 def test_kinks_are_found(given, wanted):
-    assert read_function(given).kinks(6.0) == pytest.approx(wanted, rel=1e-14)
+    assert read_function(given).derivative_jumps(6.0) == pytest.approx(wanted, rel=1e-14)
 
 
 def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
     points = [[0, 1], [0.7, 3], [1.6, 2], [2.9, 2.5], [4, 1]]
     for form in ("akima", "spline", "table"):
         function = read_function({"type": form, "points": points, "beyond": "repeat"})
-        kinks = function.kinks(7.0)
-        for t in {*kinks, *(p[0] for p in points[1:]), 1.0, 3.3}:
+        jumps = function.derivative_jumps(7.0)
+        for t in {*jumps, *(p[0] for p in points[1:]), 1.0, 3.3}:
             before, after = (np.array(function.value(t + s)) for s in (-1e-9, 1e-9))
-            assert (np.abs(after - before).max() > 1e-3) == (t in kinks)
+            assert (np.abs(after - before).max() > 1e-3) == (t in jumps)

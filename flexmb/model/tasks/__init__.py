@@ -1,1 +1,0 @@
-"""What is asked of a model: runs, studies, pictures, known answers, and knobs to vary."""
