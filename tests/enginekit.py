@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system, with_markers
+from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
-from flexmb.engine.kernels import stages
-from flexmb.engine.kernels.kkt import factorise
 from flexmb.engine.sensors.sensor import read_channels
 from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_state, new_work
@@ -263,9 +263,9 @@ class Bench:
                     where = self.columns(self.body_of(row[end]))
                     n = where.stop - where.start
                     dense[k, where] += self.work.dense.jac[row[field] : row[field] + n]
-        for follow in self.sys.follows:
-            column = self.scalars[follow["coordinate"]]["iv"]
-            dense[follow["row"], column] = -follow["factor"]
+        for entry in self.sys.coupled:
+            column = self.scalars[entry["coordinate"]]["iv"]
+            dense[entry["row"], column] = -entry["factor"]
         if len(self.sliders):
             S = self.matrix()
             for slider in self.sliders:

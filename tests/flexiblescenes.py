@@ -11,11 +11,12 @@ from flexmb.model import Model
 STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7800.0}
 
 
-def rod(height, length=0.45, elements=8, modes=4):
+def rod(height, length=0.45, elements=8, modes=4, **options):
     """A square bar of steel along x with an interface at each end."""
     return reduce(
         line(elements, end=(length, 0, 0)), material=STEEL, modes=modes,
         interfaces={"root": "root", "tip": "tip"}, sections={"all": rectangle(height, height)},
+        **options,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ in their placed pose, and use every joint type, drivers, springs, follower and g
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,6 +86,21 @@ def interface(rng, name, m):
     return Interface(name, 0.5 * rng.standard_normal(3), 0.5 * shapes[0], shapes[1])
 
 
+def stiffened(rng, body):
+    """The body with any geometric stiffness: of centrifugal loads, and of forces at interfaces."""
+
+    def forms(*shape):
+        values = 0.1 * rng.standard_normal((*shape, body.m, body.m))
+        return values + values.swapaxes(-1, -2)
+
+    centrifugal = forms(3, 3)
+    return replace(
+        body,
+        centrifugal_stiffness=centrifugal + centrifugal.swapaxes(0, 1),
+        interfaces=tuple(replace(part, bend=forms(3)) for part in body.interfaces),
+    )
+
+
 def random_rotation(rng):
     """Rotation matrix, uniform over the group."""
     Q, R = np.linalg.qr(rng.standard_normal((3, 3)))
@@ -131,7 +146,7 @@ class Mechanism:
         self.clouds = {}
         self.pose = {}
         for k in range(n):
-            flexible = bodies == "flexible" or (bodies == "mixed" and k % 2 == 1)
+            flexible = bodies in ("flexible", "stiffened") or (bodies == "mixed" and k % 2 == 1)
             self._body(f"b{k}", 3 + k % 2 if flexible else 0)
         joints = edges(self.rng, topology, n)
         first = int(self.rng.integers(len(JOINT_TYPES)))
@@ -154,8 +169,9 @@ class Mechanism:
             ends = [Interface("a", np.zeros(3), nothing, nothing)]
             self.model.add_body(name, made.flexbody(name, ends), **place)
         elif m:
-            ends = [interface(rng, end, m) for end in ("a", "b", "c")]
-            self.model.add_body(name, made.flexbody(name, ends), **place)
+            body = made.flexbody(name, [interface(rng, end, m) for end in ("a", "b", "c")])
+            body = stiffened(np.random.default_rng(m), body) if self.bodies == "stiffened" else body
+            self.model.add_body(name, body, **place)
         else:
             self.model.add_body(name, **made.rigid_fields(), **place)
 

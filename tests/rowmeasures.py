@@ -117,8 +117,8 @@ def rows_at(compiled: Compiled, q: Array, t: float = 0.0) -> Rows:
                 column, slide = markers.slides[end]
                 Cq[k, column] += part @ slide
     scalars: Any = system.parts.coordinates
-    for follow in system.follows:
-        Cq[follow["row"], scalars[follow["coordinate"]]["iv"]] -= follow["factor"]
+    for entry in system.coupled:
+        Cq[entry["row"], scalars[entry["coordinate"]]["iv"]] -= entry["factor"]
     return Rows(C, g, Cq, markers)
 
 
@@ -147,11 +147,11 @@ def _asked(compiled: Compiled, q: Array, t: float) -> Array:
     system = compiled.system
     asked: Array = system.rows["offset"].astype(float)
     for k, row in enumerate(system.rows):
-        if row["fun"] >= 0 and not row["follows"]:
+        if row["fun"] >= 0 and not row["coupled"]:
             asked[k] += compiled.functions[row["fun"]].value(t)[0]
     scalars: Any = system.parts.coordinates
-    for follow in system.follows:
-        asked[follow["row"]] += follow["factor"] * q[scalars[follow["coordinate"]]["iq"]]
+    for entry in system.coupled:
+        asked[entry["row"]] += entry["factor"] * q[scalars[entry["coordinate"]]["iq"]]
     return asked
 
 

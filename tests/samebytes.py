@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from flexmb.results.columns import TABLES
+from flexmb.results.channels import TABLES
 
 
 def assert_same_bytes(one: Path, other: Path) -> None:

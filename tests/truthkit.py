@@ -11,7 +11,7 @@ from enginekit import Bench
 from scipy.spatial.transform import Rotation
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, solve_stage

@@ -13,16 +13,22 @@ import numpy as np
 
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
 from flexmb.analysis.assembly.rank import MAX_COORDINATES
-from flexmb.analysis.dynamics.analysis import Outcome, Sink
-from flexmb.analysis.dynamics.run import Clock
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_problems
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
     ContactLossMonitor,
     SingularOrientationMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import ChunkRows, Ending, assemble_first_state, run_chunks
+from flexmb.analysis.procedure import (
+    ChunkRows,
+    Ending,
+    Outcome,
+    PhaseTimer,
+    Sink,
+    assemble_first_state,
+    run_chunks,
+)
 from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,
@@ -53,7 +59,7 @@ class PreparedKinematics:
 
     pose: KinematicPose
     settings: KinematicsSettings
-    timer: Clock
+    timer: PhaseTimer
     notes: tuple[str, ...]
     not_unique: tuple[str, ...]  # joints and drivers whose reactions are not unique
 
@@ -176,11 +182,8 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
             lambda: call_kinematics(system, at, scratch, path, EVALUATE),
         )
 
-    try:
+    with driver_reasons(compiled, model):
         close_positions(compiled, model, state, make)
-    except AssemblyError as error:
-        reasons = driver_problems(compiled, model, error.problems)
-        raise AssemblyError.from_problems(reasons) from None
     return KinematicPose(compiled, model, state, work, new_path(compiled.system))
 
 

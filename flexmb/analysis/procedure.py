@@ -9,6 +9,7 @@ run computes never depends on what is in the cache.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,10 +17,10 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from flexmb.analysis.dynamics.run import Balance, Clock
 from flexmb.engine.compile import Compiled
 from flexmb.engine.jit import Unit
 from flexmb.engine.state import Output
+from flexmb.engine.tables import ENERGIES
 from flexmb.engine.units import interpretation, load_units, prepare_units
 from flexmb.engine.work import new_output
 from flexmb.errors import FlexmbError
@@ -32,6 +33,40 @@ T = TypeVar("T")
 # bodies 0.5 to 1.4 s, a body of 86 modes with a quasi-static start 2.1 s.
 _MAX_COORDINATES = 600
 _MAX_MODES_SQUARED = 6000  # summed over the bodies
+# Share of the stored energy below which an exchange of energy is that of a scene at rest.
+_REST_SHARE = 1e-6
+
+
+class Sink(Protocol):
+    """What takes the rows, such as `flexmb.results.ResultWriter`."""
+
+    def append(self, block: OutputBlock) -> None: ...
+    def save_state(self, state: dict[str, np.ndarray]) -> None: ...
+    def restart(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an analysis ended: status, sentence, statistics, and notes for the user."""
+
+    status: str
+    message: str
+    statistics: dict[str, float | int | str]
+    notes: tuple[str, ...]
+
+
+class PhaseTimer:
+    """Wall time by phase."""
+
+    def __init__(self) -> None:
+        self._last = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def lap(self, phase: str) -> None:
+        """Count the time since the last lap for a phase."""
+        now = time.perf_counter()
+        self.seconds[f"seconds_{phase}"] = now - self._last
+        self._last = now
 
 
 @dataclass(frozen=True)
@@ -67,7 +102,7 @@ def assemble_first_state(
     units: Iterable[Unit],
     first_state: Callable[[], T],
     progress: Progress = silent,
-) -> tuple[T, Clock]:
+) -> tuple[T, PhaseTimer]:
     """Load or compile units and find the first state; returns it, and the time both took.
 
     Parameters
@@ -86,7 +121,7 @@ def assemble_first_state(
     FlexmbError
         What is wrong with the model.
     """
-    timer, needed = Clock(), list(units)
+    timer, needed = PhaseTimer(), list(units)
     precheck(compiled, needed, first_state, progress)
     timer.lap("compile" if prepare_units(needed, progress) else "load")
     progress("assemble", 0.0)
@@ -148,7 +183,7 @@ class ChunkRows:
     def __init__(self, compiled: Compiled, n: int) -> None:
         self.output: Output = new_output(compiled.system, n, len(compiled.layout.channels))
         self.unread = False
-        self.balance = Balance()
+        self.balance = EnergyBalance()
         self.largest_drift = np.zeros(2)
 
     def clear(self) -> None:
@@ -165,3 +200,41 @@ class ChunkRows:
             self.balance.add(rows.energy)
             np.maximum(self.largest_drift, rows.drift.max(axis=0), out=self.largest_drift)
         return rows
+
+
+class EnergyBalance:
+    """Largest mismatch of energy and work, and what to compare it with.
+
+    Attributes
+    ----------
+    tally : (17,) array
+        Least and greatest of every energy so far (7, 7), and behind them the first mismatch, the
+        largest departure from it, and what an exchange at rest may be; NaN: no row yet.
+    """
+
+    def __init__(self) -> None:
+        n = len(ENERGIES)
+        self.tally = np.full(2 * n + 3, np.nan)
+        self._least, self._most = self.tally[:n], self.tally[n : 2 * n]
+        self._rest = self.tally[2 * n :]
+
+    def add(self, energy: np.ndarray) -> None:
+        """Take energies (n, 7) of the next rows."""
+        stored = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
+        if np.isnan(self._rest[0]):
+            self._rest[0] = stored[0]
+        off = float(np.abs(stored - self._rest[0]).max())
+        # in a scene at rest nothing but round-off of the stored energy moves
+        at_rest = _REST_SHARE * float(np.abs(energy).max())
+        self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
+        np.fmin(self._least, energy.min(axis=0), out=self._least)
+        np.fmax(self._most, energy.max(axis=0), out=self._most)
+
+    @property
+    def relative(self) -> float:
+        """Mismatch over the largest energy that moved."""
+        if np.isnan(self._rest[0]):
+            return 0.0
+        moved = max(float((self._most - self._least).max()), float(self._most[0]))
+        scale = max(moved, float(self._rest[2]))
+        return float(self._rest[1]) / scale if scale > 0.0 else 0.0

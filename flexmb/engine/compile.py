@@ -94,7 +94,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     tables = build_tables(model, bodies)
     length = model_length(model, bodies, tables.ground)
     system = _system(tables, order_equations(tables), length)
-    curve_points = tables.groups.curve_points
+    curve_points = tables.lowering.groups.curve_points
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
     return Compiled(
         system,
@@ -102,10 +102,10 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         np.append(initial_positions(model, tables.bodies), places),
         length,
         bodies,
-        functions=tuple(tables.functions.programs),
+        functions=tuple(tables.lowering.functions.programs),
         contacts=tuple(curve_points.contacts),
-        starts=tables.sensors.starts,
-        numbers=tuple(tables.sensors.numbers),
+        starts=tables.starts,
+        numbers=tuple(tables.numbers),
         elements=tables.lowering.elements,
     )
 
@@ -125,31 +125,33 @@ def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, Fle
 
 
 def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
-    model, lowering, sensors = of.model, of.lowering, of.sensors
-    n_functions, signals = len(of.functions.programs), sensors.feedback
+    lowering, groups, markers = of.lowering, of.lowering.groups, of.lowering.markers
+    model, programs = lowering.model, lowering.functions.programs
     scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
     gravity = np.array(model.gravity or (0.0,) * 3)
-    of.markers.frame_together([(row.I, row.J) for row in of.groups.rows])
-    markers, pool = of.markers.table(), of.markers.pool.array()
-    parts = Parts(of.bodies, pool, markers, gravity, of.coordinates, order.curve_markers)
-    rows = row_table(of.groups, 6 + of.bodies["m"], n_functions)
-    functions = lower(of.functions.programs, sensors.numbers)
-    core = core_tables(parts, rows, order.groups, functions, sensors.sensors, _plane(model))
+    markers.frame_together([(row.I, row.J) for row in groups.rows])
+    parts = Parts(
+        of.bodies, markers.pool.array(), markers.table(), gravity, of.coordinates,
+        order.curve_markers,
+    )  # fmt: skip
+    rows = row_table(groups, 6 + of.bodies["m"], len(programs))
+    functions = lower(programs, of.numbers)
+    core = core_tables(parts, rows, order.groups, functions, of.sensors, _plane(model))
     kinds = core | of.kinds
-    if signals is not None:
-        kinds["feedback"] = signals.feedback
+    if of.feedback is not None:
+        kinds["feedback"] = of.feedback.feedback
     return System(
         parts=parts,
         rows=rows,
-        follows=order.follows,
+        coupled=order.coupled,
         groups=order.groups,
         kkt=order.kkt,
         weights=np.append(body_weights(model, lowering.flexbodies, length), scalar_weights),
-        row_weights=row_weights(of.groups, length),
+        row_weights=row_weights(groups, length),
         functions=functions,
-        time_events=time_event_table(of.functions.programs, model.dynamics),
-        sensors=sensors.sensors,
-        implicit_feedback=0 if signals is None else signals.feedback.implicit,
+        time_events=time_event_table(programs, model.dynamics),
+        sensors=of.sensors,
+        implicit_feedback=0 if of.feedback is None else of.feedback.feedback.implicit,
         history=lowering.history if lowering.history > 1 else 0,
         events=lowering.events,
         program_depth=lowering.program_depth,
@@ -173,7 +175,7 @@ def core_tables(
     rigid = parts.bodies["m"] == 0
     modal = parts.markers["modes"] >= 0
     point = parts.markers["point"] == 1
-    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["follows"] == 0))
+    driven = np.flatnonzero((rows["fun"] >= 0) & (rows["coupled"] == 0))
     points = _joints_of_points(parts, rows, groups)
     coincident = rows["kind"] == POINT
     others = coincident & ~np.repeat(points, groups["n"])
@@ -235,19 +237,20 @@ def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _layout(of: ModelTables, system: System) -> Layout:
-    columns = zip(of.model.bodies, of.bodies, strict=True)
+    model, groups, scalars = of.lowering.model, of.lowering.groups, of.lowering.scalars
+    columns = zip(model.bodies, of.bodies, strict=True)
     return Layout(
         bodies=tuple(
             BodyColumns(name, int(row["iq"]), int(row["iv"]), int(row["m"]))
             for name, row in columns
         ),
-        coordinates=tuple(scalar.name for scalar in of.lowering.scalars),
-        nq=of.nq + len(of.lowering.scalars),
-        nv=of.nv + len(of.lowering.scalars),
-        nc=len(of.groups.rows),
-        rows=tuple(of.groups.names),
-        reactions=tuple(of.groups.owners),
-        channels=of.model.channels(),
+        coordinates=tuple(scalar.name for scalar in scalars),
+        nq=int((7 + of.bodies["m"]).sum()) + len(scalars),
+        nv=int((6 + of.bodies["m"]).sum()) + len(scalars),
+        nc=len(groups.rows),
+        rows=tuple(groups.names),
+        reactions=tuple(groups.owners),
+        channels=model.channels(),
         energies=ENERGIES,
         fingerprint=fingerprint(system),
     )

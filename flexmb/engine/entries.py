@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.engine import initial_conditions, kinematics_loop, march
+from flexmb.engine import initial_conditions, kinematics_loop, time_loop
 from flexmb.engine.functions.function import run_program
 from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
@@ -77,7 +77,11 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
 
 def integration_units(system: System, method: Method) -> list[Unit]:
     """The units that a run calls, and those that stand in its tables."""
-    units = [march.march, initial_conditions.solve_stage, initial_conditions.evaluate_rows]
+    units = [
+        time_loop.integrate_steps,
+        initial_conditions.solve_stage,
+        initial_conditions.evaluate_rows,
+    ]
     units.append(run_program)  # what few scenes do without
     return [*units, *units_of(system), *units_in(method)]
 
@@ -96,12 +100,7 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
     """
     if aside is None:
         aside = output_run(run.record if isinstance(run, Packed) else run)
-    return int(call(march.march, run, aside, n_steps))
-
-
-def prepare_kinematics(system: System, progress: Progress = silent) -> int:
-    """Load all units of a kinematic analysis; as `prepare_integration`."""
-    return prepare_units(kinematics_units(system), progress)
+    return int(call(time_loop.integrate_steps, run, aside, n_steps))
 
 
 def kinematics_units(system: System) -> list[Unit]:

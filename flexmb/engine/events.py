@@ -23,9 +23,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import copy, store
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.projection import VELOCITIES, accelerations
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     energies,
     feedback_stage,
     pose_stage,
@@ -34,7 +32,9 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE
+from flexmb.engine.projection import VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
 # A step is short enough if a crossing is this fraction of it before its end, by a straight line.

@@ -8,11 +8,7 @@ import math
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import constraint_jacobian
-from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.projection import NOTHING, accelerations, project_velocity
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
     complete_poses,
@@ -26,13 +22,17 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_jacobian
+from flexmb.engine.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
 
 # A correction of positions is cut to this share of the model size (or radians) per round.
-_LONGEST = 0.3
+_MAX_CORRECTION = 0.3
 
 
 @unit
@@ -74,15 +74,15 @@ def _solve(run, at, level):
     if level == VELOCITIES:
         project_velocity(run, at, 0.0)
         return 0.0
-    return _correct_positions(run)
+    constraint_stage(run, at)
+    return correct_positions(run)
 
 
-@kernel
-def _correct_positions(run):
+@unit
+def correct_positions(run: Run) -> float:
+    """One Gauss–Newton correction of q towards C = 0 by the present factor; its weighted size."""
     dq, fac, kkt, weights = run.work.trial.dq, run.work.factor, run.system.kkt, run.system.weights
-    C, place, q = run.work.con.C, kkt.place, run.state.q
-    constraint_stage(run, run.state_point)
-    nv = dq.shape[0]
+    C, place, q, nv = run.work.con.C, kkt.place, run.state.q, run.work.trial.dq.shape[0]
     for i in range(nv):
         fac.rhs[place[i]] = 0.0
     for i in range(C.shape[0]):
@@ -91,11 +91,11 @@ def _correct_positions(run):
     for i in range(nv):
         dq[i] = fac.sol[place[i]]
     size = weighted_size(dq, weights)
-    if size > _LONGEST:
+    if size > _MAX_CORRECTION:
         for i in range(nv):
-            dq[i] *= _LONGEST / size
+            dq[i] *= _MAX_CORRECTION / size
     move(run.system.parts, q, dq, q)
-    return size
+    return size  # type: ignore[no-any-return]
 
 
 ROW_STAGES = ("constants", "functions", "position", "axes", "constraint")

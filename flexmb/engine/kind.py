@@ -6,8 +6,8 @@ sensors. A kind is declared once, in the file of its kernels; what walks over ro
 terms or channels calls its units through a table, by its number there, and names none of them. A
 scene loads and compiles only the units of what it holds.
 
-Stages of the equations (`engine.kernels.stages`): signatures of the units of a `Kind`, with `run`
-the Run, `tables` the kind's own record, `at` the Point where the stage is evaluated:
+Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with `run` the Run,
+`tables` the kind's own record, `at` the Point where the stage is evaluated:
 
     stage                     returns
     constants   (run, tables, at)           status; what never changes in a run

@@ -12,13 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import read_reactions
-from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
     complete_poses,
@@ -31,6 +27,10 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.initial_conditions import correct_positions
+from flexmb.engine.iteration_matrix import factorise_metric
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (
     KinematicsSettings,
     Path,
@@ -53,7 +53,6 @@ from flexmb.engine.state import Run
 POINTS, CORRECT, EVALUATE = 0, 1, 2
 # An increment is at least this share of the interval between outputs.
 _LEAST_INCREMENT = 2.0**-22
-_MAX_CORRECTION = 0.3  # a correction of first positions is cut to this
 
 
 @unit
@@ -158,29 +157,6 @@ def evaluate_state(run: Run, path: Path) -> int:
 
 
 @unit
-def correct_state(run: Run) -> float:
-    """One Gauss–Newton correction of q with least change; returns its weighted size."""
-    fac, place, dq, weights, q = (
-        run.work.factor, run.system.kkt.place, run.work.trial.dq, run.system.weights, run.state.q
-    )  # fmt: skip
-    C, nv = run.work.con.C, run.work.trial.dq.shape[0]
-    for i in range(nv):
-        fac.rhs[place[i]] = 0.0
-    for i in range(C.shape[0]):
-        fac.rhs[place[nv + i]] = -C[i]
-    solve_refined(run.system.kkt, fac, 2)
-    size = 0.0
-    for i in range(nv):
-        dq[i] = fac.sol[place[i]]
-        size = max(size, abs(dq[i]) * weights[i])
-    if size > _MAX_CORRECTION:
-        for i in range(nv):
-            dq[i] *= _MAX_CORRECTION / size
-    move(run.system.parts, q, dq, q)
-    return size
-
-
-@unit
 def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: int, n: int) -> float:
     """See `entries.analyse_kinematics`."""
     begin_run(run, run.state_point)
@@ -194,4 +170,4 @@ def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: in
                 status = write_point(run, path, settings)
         return float(status)
     evaluate_state(run, path)
-    return correct_state(run) if what == CORRECT else 0.0
+    return correct_positions(run) if what == CORRECT else 0.0

@@ -23,11 +23,7 @@ import numpy as np
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import constraint_right_side
-from flexmb.engine.kernels.kkt import factorise_metric
-from flexmb.engine.kernels.projection import depends_on_solution
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
     feedback_stage,
@@ -38,6 +34,9 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise_metric
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import (
     FINE,
     JUMP,
@@ -49,6 +48,7 @@ from flexmb.engine.method import (
     SINGULAR,
     UNLIKE_RATES,
 )
+from flexmb.engine.projection import depends_on_solution
 from flexmb.engine.records import Matrix, Vector, array_of
 from flexmb.engine.state import Run
 

@@ -9,7 +9,7 @@ Memory that a method carries from step to step (previous accelerations, contract
 lives in `State`, so a multi-step method, a multi-stage method and an explicit one fit alike; and
 because a step is only proposed, an event found between `State` and the trial state can still
 shorten or reject it. The words of methods are
-`model.tasks.methods`.
+`model.scenes.dynamics`.
 """
 
 from __future__ import annotations

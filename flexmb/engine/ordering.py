@@ -16,7 +16,7 @@ from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
     coupled_bodies,
-    follow_table,
+    coupled_coordinate_table,
     groups_within_bodies,
     joint_groups,
     scalar_coordinates,
@@ -41,61 +41,24 @@ Table = NDArray[np.void]
 
 
 @dataclass(frozen=True)
-class SensorTables:
-    """Tables of sensors; channels and states by number; functions that act by what they read."""
-
-    sensors: Sensors
-    numbers: Mapping[str, int]
-    starts: tuple[feedback.Start, ...]
-    feedback: feedback.FeedbackTables | None
-
-
-@dataclass(frozen=True)
 class ModelTables:
     """All tables of a model; places in the factor are still open.
 
     The scalar coordinates of curve markers are the last ones, from number `before` on. `kinds` are
     the tables of the kinds that the model holds, by name; `ground` (n, 3) are the points of the
-    ground that joints and forces hold on to.
+    ground that joints and forces hold on to; `numbers` those of channels and states by name.
     """
 
-    bodies: Table
     lowering: Lowering
+    bodies: Table
     before: int
     coordinates: Table
     kinds: dict[str, Any]
     ground: NDArray[np.float64]
-    sensors: SensorTables
-
-    @property
-    def model(self) -> Model:
-        """The model."""
-        return self.lowering.model
-
-    @property
-    def markers(self) -> MarkerTable:
-        """The markers."""
-        return self.lowering.markers
-
-    @property
-    def functions(self) -> Functions:
-        """The functions."""
-        return self.lowering.functions
-
-    @property
-    def groups(self) -> Groups:
-        """The groups of constraint rows."""
-        return self.lowering.groups
-
-    @property
-    def nq(self) -> int:
-        """Position coordinates of the bodies."""
-        return int((7 + self.bodies["m"]).sum())
-
-    @property
-    def nv(self) -> int:
-        """Velocity coordinates of the bodies."""
-        return int((6 + self.bodies["m"]).sum())
+    sensors: Sensors
+    numbers: Mapping[str, int]
+    starts: tuple[feedback.Start, ...]  # of the states
+    feedback: feedback.FeedbackTables | None  # functions that act by what they read
 
 
 def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTables:
@@ -140,8 +103,9 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     signals = feedback.feedback_tables(lowering, acting, numbers, sensors, table)
     if signals is not None:
         _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
-    tables = SensorTables(sensors, numbers, starts, signals)
-    return ModelTables(bodies, lowering, before, table, kinds, ground, tables)
+    return ModelTables(
+        lowering, bodies, before, table, kinds, ground, sensors, numbers, starts, signals
+    )
 
 
 def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> NDArray[np.void]:
@@ -177,20 +141,20 @@ class EquationOrder:
 
     kkt: Kkt
     groups: NDArray[np.void]
-    follows: NDArray[np.void]
+    coupled: NDArray[np.void]
     curve_markers: NDArray[np.void]
 
 
 def order_equations(of: ModelTables) -> EquationOrder:
     """Order the equations; tells all tables where their blocks are."""
     symbolic = analyse(_blocks(of))
-    groups, follows = _place_groups(of, symbolic), follow_table(of.groups)
-    _place_coordinates(follows, groups, of.coordinates, symbolic)
+    groups, coupled = _place_groups(of, symbolic), coupled_coordinate_table(of.lowering.groups)
+    _place_coordinates(coupled, groups, of.coordinates, symbolic)
     _place_kinds(of, symbolic)
-    curve_markers = of.groups.curve_points.table(
-        of.groups.groups, len(of.bodies), symbolic, of.before
+    curve_markers = of.lowering.groups.curve_points.table(
+        of.lowering.groups.groups, len(of.bodies), symbolic, of.before
     )
-    return EquationOrder(symbolic.kkt, groups, follows, curve_markers)
+    return EquationOrder(symbolic.kkt, groups, coupled, curve_markers)
 
 
 def normal_axis(spec: BodySpec, plane: str) -> int:
@@ -230,22 +194,26 @@ def _coupled_rows(of: ModelTables) -> list[tuple[Any, str, int, int]]:
 
 
 def _blocks(of: ModelTables) -> Blocks:
-    groups, bodies, markers = of.groups, _columns(of.model, of.bodies), of.markers
+    groups, bodies, markers = (
+        of.lowering.groups,
+        _columns(of.lowering.model, of.bodies),
+        of.lowering.markers,
+    )
     pairs = coupled_bodies(groups)
     pairs += [(markers.body(i), markers.body(j)) for _, _, i, j in _coupled_rows(of)]
-    follows = [
-        {c for row in groups.in_group(k) for c, _ in row.follows} for k in range(len(groups.groups))
+    coupled = [
+        {c for row in groups.in_group(k) for c, _ in row.coupled} for k in range(len(groups.groups))
     ]
     for group, coordinate in of.lowering.reaction_loads:
-        follows[group].add(coordinate)
+        coupled[group].add(coordinate)
     curve_points, first = groups.curve_points, len(bodies) + of.before
     pairs += curve_points.couples(groups.groups, first)
-    pairs += [] if of.sensors.feedback is None else of.sensors.feedback.couples
+    pairs += [] if of.feedback is None else of.feedback.couples
     return Blocks(
         columns=bodies + [[0]] * len(of.lowering.scalars),
         group_rows=[n for _, n, _, _ in groups.groups],
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
-        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in follows],
+        group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in coupled],
         couples=[(i, j) for i, j in pairs if i != j],
         group_sliders=_group_curve_points(groups, first),
     )
@@ -261,7 +229,7 @@ def _group_curve_points(groups: Groups, first: int) -> list[tuple[int, ...]]:
 
 def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
     """GROUP rows; tells bodies where their blocks are."""
-    groups = of.groups
+    groups = of.lowering.groups
     of.bodies["panel"] = symbolic.panel_of[: len(of.bodies)]
     first = len(symbolic.panel_of) - len(groups.groups)
     rows = []
@@ -273,23 +241,23 @@ def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
     return np.array(rows, GROUP)
 
 
-def _place_coordinates(follows, groups, scalars, symbolic: Symbolic) -> None:
+def _place_coordinates(coupled, groups, scalars, symbolic: Symbolic) -> None:
     """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
     n_bodies = len(symbolic.panel_of) - len(groups) - len(scalars)
     scalars["panel"] = symbolic.panel_of[n_bodies : n_bodies + len(scalars)]
     group_of = np.repeat(np.arange(len(groups)), groups["n"])
-    for follow in follows:
-        pair = int(group_of[follow["row"]]), n_bodies + int(follow["coordinate"])
-        follow["link"] = symbolic.coordinate_links[pair]
+    for entry in coupled:
+        pair = int(group_of[entry["row"]]), n_bodies + int(entry["coordinate"])
+        entry["link"] = symbolic.coordinate_links[pair]
 
 
 def _place_kinds(of: ModelTables, symbolic: Symbolic) -> None:
     """Tell all kinds where their blocks are."""
-    placement = Placement(symbolic, of.markers, len(of.bodies))
+    placement = Placement(symbolic, of.lowering.markers, len(of.bodies))
     for row, field, i, j in _coupled_rows(of):
         row[field] = placement.link(i, j)
     for kind in KINDS:
         if kind.place is not None and kind.name in of.kinds:
             kind.place(of.kinds[kind.name], placement)
-    if of.sensors.feedback is not None:
-        of.sensors.feedback.place(symbolic)
+    if of.feedback is not None:
+        of.feedback.place(symbolic)

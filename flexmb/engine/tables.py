@@ -55,11 +55,13 @@ FLEX_LAYOUT = (
 )
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
-# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node.
+# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node. Where the translation of the
+# carrier is of second order in eta, `bend` is the pool offset of three forms K_d (m, m), else < 0.
 MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
+        ("bend", _I),
         ("point", _I),  # 1: only its place matters (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
@@ -135,7 +137,7 @@ ROW = np.dtype(
         ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
         ("jac_J", _I),
         ("in_group", _I),  # its place in its group
-        ("follows", _I),  # number of scalar coordinates that it follows in place of `fun`
+        ("coupled", _I),  # number of scalar coordinates that it follows in place of `fun`
         ("offset", _F),  # constant that its measure keeps
     ],
     align=True,
@@ -143,7 +145,7 @@ ROW = np.dtype(
 
 # One scalar coordinate that a row follows, times a factor: the row's slot in Constraints.fun holds
 # the sum and its rate. The entries of a row stand together, the one that begins it with first = 1.
-FOLLOW = np.dtype(
+COUPLED_COORDINATE = np.dtype(
     [
         ("row", _I),
         ("coordinate", _I),
@@ -264,7 +266,7 @@ class System(NamedTuple):
 
     parts: Parts
     rows: array_of(ROW)
-    follows: array_of(FOLLOW)
+    coupled: array_of(COUPLED_COORDINATE)
     groups: array_of(GROUP)
     kkt: Kkt
     weights: Vector  # (nv,) size of one unit of each velocity coordinate's increment

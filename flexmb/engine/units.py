@@ -1,8 +1,9 @@
 """Compiled units in this process: loading them, and calling them.
 
 Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
-never imports Numba; what is missing is compiled first (`engine.compilation`). Where nothing may be
-compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain Python.
+never imports Numba; what is missing is compiled first (`engine.compiler_pool`). Where nothing may
+be compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain
+Python.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from flexmb.engine.compilation import compile_units
+from flexmb.engine.compiler_pool import compile_units
 from flexmb.engine.jit import UNITS, Unit, reached
 from flexmb.engine.records import Packed, array_ndim, pack, units_in
 from flexmb.engine.unit_cache import Stored, read_stored

@@ -47,7 +47,7 @@ from flexmb.engine.state import (
     Trial,
     Work,
 )
-from flexmb.engine.tables import System
+from flexmb.engine.tables import Parts, System
 
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
 _NO_FACTOR = Factor(
@@ -164,6 +164,12 @@ def new_state(system: System, channels: int = 0) -> State:
     )  # fmt: skip
 
 
+def _bending_shape(parts: Parts) -> tuple[int, int]:
+    """Shape of Now.Phi."""
+    bends = bool((parts.markers["bend"] >= 0).any())
+    return (len(parts.markers), 3 * int(parts.bodies["m"].max())) if bends else (0, 0)
+
+
 def _nan(*shape: int) -> np.ndarray:
     return np.full(shape, np.nan)
 
@@ -178,12 +184,13 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     nq, nv, nc = sizes(system)
     m, history = system.parts.bodies["m"], system.history
     nfun = len(system.functions.start) - 1
-    nfun += int(np.sum(system.follows["first"]))
+    nfun += int(np.sum(system.coupled["first"]))
     depth = max(system.functions.depth, system.sensors.programs.depth, system.program_depth)
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum())),
+        _nan(*_bending_shape(system.parts)),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),

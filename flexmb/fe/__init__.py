@@ -6,7 +6,7 @@ from flexmb.fe.assembly.assemble import FEMatrices, assemble, geometric_stiffnes
 from flexmb.fe.assembly.interfaces import RigidInterface, WeightedInterface, make_interfaces
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.displacements import node_modes, surface
-from flexmb.fe.elements.blocks import ELEMENTS, Block
+from flexmb.fe.elements.element_blocks import ELEMENTS, Block
 from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report

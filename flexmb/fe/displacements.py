@@ -14,9 +14,9 @@ import numpy as np
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import RigidInterface
 from flexmb.fe.elements.beam_elements import BeamFields
-from flexmb.fe.elements.blocks import Block
+from flexmb.fe.elements.element_blocks import Block
 from flexmb.fe.meshes.facets import skin_lines, skin_triangles
-from flexmb.fe.sections.thin_walls import outline
+from flexmb.fe.sections.beam_section import outline
 from flexmb.fe.stress import smooth_parts
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.parts import NodeModes, Surface
@@ -71,7 +71,7 @@ def _extruded(
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Rings of corners (r, p, 3) and their nodes (r,), and triangles between and across them.
 
-    Elements that go on into each other share the ring at their node.
+    Elements that continue each other share the ring at their node.
     """
     pieces = [len(part) for part in outline(_end_sections(blocks[0], fe)[0][0])]
     keys, corners = [], []
@@ -145,7 +145,7 @@ def node_modes(
     interfaces : tuple of RigidInterface
         Their nodes take ``interface_rotations`` (i, 3, m).
     progress : Progress
-        Told the phase ``"recovery"``.
+        Called with the phase ``"recovery"``.
     """
     nodes, table = fe.numbering.nodes, fe.numbering.table
     everywhere = fe.expand(Phi)
@@ -158,7 +158,8 @@ def node_modes(
     progress("recovery", 1.0)
     groups = {name: np.intersect1d(part, nodes) for name, part in fe.mesh.node_sets.items()}
     moved = everywhere[table[nodes, :3]]
-    return NodeModes(nodes, fe.mesh.points[nodes], moved, rotation[nodes], groups)
+    turns = rotation[nodes] if fe.blocks else None  # without elements no rotation is known
+    return NodeModes(nodes, fe.mesh.points[nodes], moved, turns, groups)
 
 
 def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:

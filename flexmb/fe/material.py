@@ -16,8 +16,6 @@ from flexmb.flexbody.mesh_options import MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import read_options
 from flexmb.materials import AnyMaterial, Material, OrthotropicMaterial, material
 
-__all__ = ["MaterialLike", "plausibility", "resolve"]
-
 MaterialLike = str | AnyMaterial | Mapping[str, Any]
 
 _DENSITY = (500.0, 25e3)  # kg/m^3: light wood is below metals and polymers, osmium is 22.6e3

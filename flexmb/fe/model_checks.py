@@ -16,7 +16,7 @@ import numpy as np
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
-from flexmb.fe.elements.blocks import Block
+from flexmb.fe.elements.element_blocks import Block
 from flexmb.fe.material import plausibility
 from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
 from flexmb.fe.reduction.fixed_interface import read_modes

@@ -2,7 +2,7 @@
 
 In: a mesh with its unit system, a material, named interfaces, a number of modes. Out: a
 :class:`FlexBody` in SI. Each step (read, assemble, reduce, orthonormalise, integrals, recovery) is
-a function of its own in this package, for whoever needs what lies between.
+a function of its own in this package.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from skfem import CellBasis
+from skfem import Mesh as SkfemMesh
 
-from flexmb.errors import FlexmbWarning, MeshError, Problem, ReductionError
+from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
 from flexmb.fe.assembly.interfaces import (
     InterfaceLike,
@@ -30,7 +32,6 @@ from flexmb.fe.assembly.interfaces import (
 from flexmb.fe.assembly.loads import load_options, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.meshes.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
@@ -43,6 +44,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
 from flexmb.fe.reduction.methods import reduce_model, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -54,6 +56,13 @@ from flexmb.fe.reduction.reduced_basis import (
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.reduction_key import mesh_hash, reduction_key
+from flexmb.fe.scikit_fem import (
+    has_stress,
+    mesh_from_skfem,
+    model_from_basis,
+    refuse_mesh_options,
+    require_basis,
+)
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
@@ -67,10 +76,10 @@ Words = Mapping[str, Mapping[str, Any]]
 
 
 def reduce(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh | CellBasis,
     *,
     units: str = "SI",
-    material: MaterialLike,
+    material: MaterialLike | None = None,
     interfaces: Mapping[str, InterfaceLike] | None = None,
     modes: Any = None,
     damping: float = 0.0,
@@ -84,6 +93,9 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
+    geometric_stiffening: bool = False,
+    stiffness: Any = None,
+    mass: Any = None,
     inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -91,9 +103,10 @@ def reduce(
 
     Parameters
     ----------
-    mesh : path, mapping or Mesh
+    mesh : path, mapping, Mesh, skfem.Mesh or skfem.CellBasis
         A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. Its
         volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
+        Or a basis of scikit-fem, in SI, with its own ``stiffness`` and ``mass``.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
@@ -127,11 +140,17 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
+    geometric_stiffening : bool
+        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+        when it bends; needs an interface; three static solutions for each, and six more.
+    stiffness, mass : (N, N) sparse, optional
+        With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
+        for stress alone.
     inspect : callable, optional
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
     progress : Progress
-        Told the phases read, assemble, factor, modes, integrals, recovery.
+        Called with the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
@@ -144,16 +163,30 @@ def reduce(
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
     progress("read", 0.0)
-    model, ends, findings = _prepare(
-        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
-    )
-    attempts.raise_errors()
+    if isinstance(mesh, CellBasis):
+        refuse_mesh_options(units=units, sections=sections, **connections)
+        resolved = None if material is None else resolve(material)
+        fe = model_from_basis(mesh, stiffness, mass, resolved)
+        ends = attempts(make_interfaces, fe, interfaces or {}) or ()
+        attempts.raise_errors()
+        findings = model_findings(fe, ends)
+        where = where if has_stress(fe) else "none"
+    else:
+        require_basis(stiffness, mass)
+        if material is None:
+            raise MaterialError.from_problems([Problem("material", "is missing")])
+        model, ends, findings = _prepare(
+            attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
+        )
+        attempts.raise_errors()
+        assert model is not None
+        fe = assemble_model(model, mass_matrix, progress)
+        check_releases(fe, [part.nodes for part in ends])
+        if sentence := mass_sentence(fe, point_mass(masses)):
+            findings.append(Finding("warning", sentence))
+    if geometric_stiffening:
+        require_stresses(fe, ends)
     progress("read", 1.0)
-    assert model is not None
-    fe = assemble_model(model, mass_matrix, progress)
-    check_releases(fe, [part.nodes for part in ends])
-    if sentence := mass_sentence(fe, point_mass(masses)):
-        findings.append(Finding("warning", sentence))
     for finding in findings:
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
@@ -167,6 +200,8 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
+    if geometric_stiffening:
+        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
@@ -174,16 +209,17 @@ def reduce(
     options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
+    options["geometric_stiffening"] = geometric_stiffening
     made = sections_from(sections)
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
-    if not isinstance(mesh, Mesh):
+    if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source)
 
 
 def _prepare(
     attempts: Attempts,
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     scale: float,
     material: MaterialLike | None,
     sections: Mapping[str, Any] | None,
@@ -192,7 +228,7 @@ def _prepare(
     **connections: Words | None,
 ) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
     """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
-    read = attempts(mesh_from, mesh)
+    read = attempts(mesh_from_skfem if isinstance(mesh, SkfemMesh) else mesh_from, mesh)
     made = attempts(sections_from, sections)
     resolved = None if material is None else attempts(resolve, material)
     if read is None:
@@ -229,7 +265,7 @@ def _in_plane(
 
 
 def survey(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     *,
     units: str = "SI",
     material: MaterialLike | None = None,
@@ -280,7 +316,7 @@ def survey(
 
 
 def mesh_problems(
-    mesh: MeshLike,
+    mesh: MeshLike | SkfemMesh,
     interfaces: Mapping[str, Any] | None = None,
     sections: Any = None,
     **options: Any,
@@ -314,7 +350,7 @@ def make_body(
     damping : float
         Damping ratio of every mode.
     progress : Progress
-        Told the phases ``"integrals"`` and ``"recovery"``.
+        Called with the phases ``"integrals"`` and ``"recovery"``.
     """
     progress("integrals", 0.0)
     ties = reduced.interfaces
@@ -334,7 +370,7 @@ def make_body(
             for tie, q in zip(ties, motion, strict=True)
         ),
         modes=mode_infos(fe, reduced, elastic, inertia.Mab),
-        surface=surface(fe, nodes),
+        surface=surface(fe, nodes) if fe.blocks else None,
         nodes=nodes,
         loads=tuple(
             LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
@@ -369,7 +405,7 @@ def _provenance(
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
         "mesh": fe.mesh.source,
-        "material": json.dumps(asdict(fe.material)),
+        "material": "" if fe.material is None else json.dumps(asdict(fe.material)),
         "interfaces": json.dumps(dict(interfaces), default=str),
         "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
         **{name: _option_text(value) for name, value in options.items() if value is not None},

@@ -33,6 +33,7 @@ _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
+    "geometric_stiffening": False,
 }
 _NO_VALUES = ("name", "source")  # of materials
 

@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
-from flexmb.fe.elements.blocks import Block
+from flexmb.fe.elements.element_blocks import Block
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import STRESS_OPTIONS
@@ -121,7 +121,7 @@ def stress_option(option: bool | str) -> str:
 def stress_modes(
     fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None, progress: Progress = silent
 ) -> StressModes | None:
-    """Stress per unit modal coordinate at all places of some nodes; None if no element tells any.
+    """Stress per unit modal coordinate at all places of some nodes; None if no element has any.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def stress_modes(
     nodes : (k,) int, optional
         Mesh nodes where stress is wanted, such as those of the skin; all by default.
     progress : Progress
-        Told the phase ``"stress"``.
+        Called with the phase ``"stress"``.
     """
     U = fe.expand(Phi)
     wanted = np.ones(len(fe.mesh.points), dtype=bool)
@@ -237,7 +237,7 @@ def with_recovery(
         ``"surface"`` (or True): at the nodes of the skin, where stress is largest; ``"all"``: also
         at the nodes inside solids; ``"none"`` (or False): neither stress nor section forces.
     progress : Progress
-        Told the phase ``"stress"``.
+        Called with the phase ``"stress"``.
 
     Raises
     ------

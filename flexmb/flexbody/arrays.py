@@ -1,7 +1,7 @@
 """Turning what a caller gives into read-only arrays of a known shape, with sentences when it fails.
 
 In: an array-like and the shape it must have (``None`` leaves a length free). Out: a read-only
-float64 or int64 array. Mistakes are collected, so that a body tells all of them at once.
+float64 or int64 array. Mistakes are collected, so that all are raised at once.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ReductionError
-
-__all__ = ["Checker", "FloatArray", "IntArray"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

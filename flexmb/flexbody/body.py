@@ -34,7 +34,7 @@ from flexmb.flexbody.parts import (
 )
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
-_RIGID = 1e-10  # least share of a mode's mass matrix that must be left beside rigid motion
+_RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
 _MASSLESS = 1e-12  # relative; a smaller moment of inertia is that of a line of masses about itself
 _SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
 _PLANES = ((1, 2), (2, 0), (0, 1))  # the components of a cross product
@@ -80,6 +80,9 @@ class FlexBody:
         Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
         Where the body comes from: hashes, material, options, versions.
+    centrifugal_stiffness : (3, 3, m, m) float, optional
+        Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
+        interfaces the geometric stiffening of the body. None: left out.
 
     Raises
     ------
@@ -105,6 +108,7 @@ class FlexBody:
     section_forces: SectionForceModes | None = None
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
+    centrifugal_stiffness: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")
@@ -181,6 +185,8 @@ def _convert(body: FlexBody, check: Checker) -> None:
         "K": (m, m),
         "D": (m, m),
     }
+    if body.centrifugal_stiffness is not None:
+        shapes["centrifugal_stiffness"] = (3, 3, m, m)
     for name, shape in shapes.items():
         value = getattr(body, name)
         value = np.zeros(shape) if value is None else value
@@ -224,7 +230,7 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
     """The modes and the six motions of the body frame must be independent.
 
     Else the mass matrix at rest is singular. About the centre and in principal axes its rigid block
-    is diagonal; what is left of the modal mass beside it, relative to all of it, is compared.
+    is diagonal; what remains of the modal mass, relative to all of it, is compared.
     """
     if body.m == 0:
         return
@@ -242,6 +248,10 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
 
 
 def _check_parts(body: FlexBody, check: Checker) -> None:
+    bends = {part.bend is not None for part in body.interfaces}
+    if body.m and bends | {body.centrifugal_stiffness is not None} == {False, True}:
+        what = "geometric stiffening needs both the centrifugal loads and a bend of each interface"
+        check.add("centrifugal_stiffness", f"{what}: one of them alone is wrong")
     for field_ in ("interfaces", "loads"):
         names = [part.name for part in getattr(body, field_)]
         for name in sorted({name for name in names if names.count(name) > 1}):

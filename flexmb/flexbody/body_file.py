@@ -4,8 +4,7 @@ A file is HDF5 with the attributes format, version, name and mass at its root, a
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
 d loads, u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group
-may be empty only where the table says so. ``RESERVED`` groups exist in every file, empty until a
-body carries such data.
+may be empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
 is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
@@ -35,9 +34,8 @@ from flexmb.flexbody.parts import (
 )
 
 FORMAT = "flexmb-flexbody"
-VERSION = 2
+VERSION = 3
 FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
-RESERVED = ("geometric_stiffness",)
 
 
 class Dataset(NamedTuple):
@@ -58,6 +56,14 @@ TABLE = (
     Dataset("inertia/Mab", "f8", (3, 3, "m", "m"), "Phi^T int rho N_a^T N_b Phi"),
     Dataset("stiffness/K", "f8", ("m", "m"), "modal stiffness"),
     Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
+    Dataset(
+        "stiffness/centrifugal_stiffness",
+        "f8",
+        (3, 3, "m", "m"),
+        "geometric, of rho (e_a s_b)",
+        True,
+    ),
+    Dataset("interfaces/bend", "f8", ("i", 3, "m", "m"), "geometric, of unit forces", True),
     Dataset("interfaces/name", "text", ("i",), "names of the markers"),
     Dataset("interfaces/position", "f8", ("i", 3), "reference points [m]"),
     Dataset("interfaces/Phi_t", "f8", ("i", 3, "m"), "translation per unit eta [m]"),
@@ -95,8 +101,8 @@ TABLE = (
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
     Dataset("load_vectors/modal", "f8", ("d", "m"), "work per unit eta", True),
-    Dataset("provenance/key", "text", ("s",), "what is told"),
-    Dataset("provenance/value", "text", ("s",), "and what it is"),
+    Dataset("provenance/key", "text", ("s",), "names of entries"),
+    Dataset("provenance/value", "text", ("s",), "their values"),
 )
 
 _PARTS = {  # groups that hold one part of a body, by the field that has it
@@ -115,6 +121,10 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
     }
     datasets |= {"stiffness/K": body.K, "stiffness/D": body.D}
+    if body.centrifugal_stiffness is not None:
+        datasets["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
+    if body.interfaces and all(part.bend is not None for part in body.interfaces):
+        datasets["interfaces/bend"] = np.array([part.bend for part in body.interfaces])
     for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
         rows = [getattr(part, name) for part in body.interfaces]
         datasets[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
@@ -262,8 +272,6 @@ def _write(file: h5py.File, body: FlexBody) -> None:
             file.create_dataset(path, data=np.array(value, dtype=object), dtype=h5py.string_dtype())
         else:
             file.create_dataset(path, data=value)
-    for name in RESERVED:
-        file.create_group(name).attrs["content"] = "none"
     file.create_group("frame").attrs["choice"] = FRAME
 
 
@@ -275,14 +283,8 @@ def _check_header(file: h5py.File, source: Path) -> None:
         what = f"is a flexible body of file version {version}; this flexmb reads {VERSION}"
         raise BodyFileError(f"{source}: {what}: reduce the mesh again")
     frame = file["frame"].attrs.get("choice") if "frame" in file else None
-    filled = [name for name in RESERVED if _content(file, name) != "none"]
-    if frame != FRAME or filled:
-        what = ", ".join(filled) or f"frame {frame}"
-        raise BodyFileError(f"{source}: holds what this flexmb does not know ({what})")
-
-
-def _content(file: h5py.File, group: str) -> Any:
-    return file[group].attrs.get("content") if group in file else None
+    if frame != FRAME:
+        raise BodyFileError(f"{source}: holds what this flexmb does not know (frame {frame})")
 
 
 def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:

@@ -36,18 +36,25 @@ class Interface:
         Undeformed reference point, body frame [m].
     Phi_t, Phi_r : (3, m) float
         Translation [m] and small rotation [rad] of the point per unit modal coordinate, body axes.
+    bend : (3, m, m) float, optional
+        Geometric stiffness of a unit force at the point along each body axis [1/m per m^2 of eta]:
+        the point falls back by half of eta^T bend eta. None: not known, and left out.
     """
 
     name: str
     position: FloatArray
     Phi_t: FloatArray
     Phi_r: FloatArray
+    bend: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"interface {self.name}")
         _set(self, position=check.floats("position", self.position, (3,)))
         _set(self, Phi_t=check.floats("Phi_t", self.Phi_t, (3, None)))
-        _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, self.Phi_t.shape[1])))
+        m = self.Phi_t.shape[1]
+        _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, m)))
+        if self.bend is not None:
+            _set(self, bend=check.floats("bend", self.bend, (3, m, m)))
         check.raise_problems()
 
 

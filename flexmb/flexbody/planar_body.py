@@ -7,7 +7,7 @@ quadratic fit through the nearest points for others.
 In: a body and the normal of the plane, in body axes. Out: the same body with those combinations of
 its modes that mirror themselves at the plane through the centre of mass; in them the plane's
 points stay in it. How much of a mode is antisymmetric is measured at the nodes, whose motion is
-compared with the mirrored one; a body that tells no nodes is judged by the kinetic energy along the
+compared with the mirrored one; a body without nodes is judged by the kinetic energy along the
 normal. Interfaces must lie in the plane.
 """
 
@@ -277,7 +277,7 @@ def _with_plane_interfaces(
 
 
 def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
-    """The body in the modes made of `kept` (m, k); `dropped` are told as such."""
+    """The body in the modes made of `kept` (m, k); `dropped` are listed as such."""
     if not inside.shape[1]:
         what = f"has no modes in the plane {plane}"
         raise ReductionError.from_problems([Problem(f"body {body.name}", what)])
@@ -300,14 +300,22 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
         Mab=Z.T @ body.Mab @ Z,
         K=_symmetric(Z.T @ body.K @ Z),
         D=None if body.D is None else _symmetric(Z.T @ body.D @ Z),
+        centrifugal_stiffness=_combined(body.centrifugal_stiffness, Z),
         interfaces=tuple(
-            Interface(part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z)
+            Interface(
+                part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z, _combined(part.bend, Z)
+            )
             for part in body.interfaces
         ),
         modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
         loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
         **_combine_recovery(body, Z),
     )
+
+
+def _combined(forms: FloatArray | None, Z: FloatArray) -> FloatArray | None:
+    """Forms (..., m, m) of the modes made by Z (m, k)."""
+    return None if forms is None else np.asarray(Z.T @ forms @ Z)
 
 
 def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
@@ -360,7 +368,8 @@ def _check_interfaces(body: FlexBody, n: FloatArray) -> None:
 
 def _in_plane(part: Interface, n: FloatArray) -> Interface:
     N = np.outer(n, n)
-    return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r)
+    bend = None if part.bend is None else part.bend - np.einsum("ab,bij->aij", N, part.bend)
+    return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r, bend)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ modes; a flexible one has one for each of its interfaces. Out: specifications, a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -279,7 +280,7 @@ def _with_global_axes(model: ModelData, marker: PlacedMarker, R: Array) -> Place
 
 def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
     """The marker with its axes R (3, 3) in the body's."""
-    return PlacedMarker(marker.body, marker.rho, marker.arm, R, marker.Phi_t, marker.Phi_r)
+    return replace(marker, R=R)
 
 
 def body_axes(model: ModelData, body: str) -> Array:

@@ -18,22 +18,25 @@ from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.bodies.carriers import far_markers
 from flexmb.model.bodies.markers import GroundSpec, MarkerSpec
-from flexmb.model.joints.coupler import Coupler
-from flexmb.model.joints.coupler_loops import repeated_couplers
+from flexmb.model.joints.coupler import Coupler, repeated_couplers
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.plane import read_plane
 from flexmb.model.references import Component
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.conversion import build, read_gravity, scene_dict
+from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
-from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.scenes.sections import read_named
+from flexmb.model.scenes.sections import (
+    CheckSpec,
+    FrequencyCheckSpec,
+    ResultsSpec,
+    ViewSpec,
+    read_named,
+)
 from flexmb.model.scenes.study import StudySpec
 from flexmb.model.sensors.control import ControllerSpec, StateSpec
 from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
-from flexmb.model.values.parameters import resolve
 from flexmb.model.values.quantities import plain
 from flexmb.model.values.reading import (
     GROUND,
@@ -93,7 +96,7 @@ class Model:
         self.folder = Path(folder)
         self.parameter_sources: dict[str, Any] = plain(parameters or {})
         self.units = unit_system(units)
-        self.parameters, problems = resolve(self.parameter_sources, self.units)
+        self.parameters, problems = resolve_parameters(self.parameter_sources, self.units)
         _raise(problems)
         self.gravity: tuple[float, float, float] | None = None
         self.set_gravity(gravity)

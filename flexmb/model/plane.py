@@ -18,6 +18,7 @@ from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.bodies.body import BodySpec
 from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.references import Scope
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.model.values.reading import quote
 
@@ -78,9 +79,9 @@ def keeps_plane(vector: Iterable[float], plane: str) -> bool:
     return bool(abs(v @ np.array(PLANES[plane])) <= ALIGNED * np.linalg.norm(v))
 
 
-def planar_problems(model: ModelData, flexbodies: Bodies) -> Iterator[Problem]:
+def planar_problems(scope: Scope) -> Iterator[Problem]:
     """What a planar scene cannot hold, with scene paths."""
-    plane = model.plane
+    model, plane = scope.model, scope.model.plane
     if plane is None:
         return
     if model.gravity is not None and not keeps_plane(model.gravity, plane):
@@ -88,11 +89,11 @@ def planar_problems(model: ModelData, flexbodies: Bodies) -> Iterator[Problem]:
     for name, spec in model.bodies.items():
         yield from _body_problems(f"bodies.{name}", spec, plane)
     for name, joint in model.joints.items():
-        yield from joint.planar_problems(model, f"joints.{name}", flexbodies, plane)
-    yield from _coordinate_problems(model, flexbodies, plane)
+        yield from joint.planar_problems(scope, f"joints.{name}", plane)
+    yield from _coordinate_problems(model, scope.flexbodies, plane)
     for section in ("drivers", "forces"):
         for name, spec in getattr(model, section).items():
-            yield from spec.planar_problems(model, f"{section}.{name}", flexbodies, plane)
+            yield from spec.planar_problems(scope, f"{section}.{name}", plane)
 
 
 def _body_problems(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:

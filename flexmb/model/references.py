@@ -29,9 +29,7 @@ class Component(Spec):
         """What does not fit the model that it is in; ``where`` is its scene path."""
         yield from ()
 
-    def planar_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         """What has no meaning in a planar scene; asked where it fits the model otherwise."""
         yield from ()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.columns import Columns
+from flexmb.results.channels import Columns
 from flexmb.results.output_request import row_bytes, stored_columns
 from flexmb.results.reactions import NOT_UNIQUE, Reaction
 from flexmb.results.recovery import PeakStress, SectionForces, Stress

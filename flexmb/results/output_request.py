@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.results.channels import list_channels
-from flexmb.results.columns import Columns, widths
+from flexmb.results.channels import Columns, list_channels, widths
 
 StoredColumns = dict[str, NDArray[np.int64]]
 

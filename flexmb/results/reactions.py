@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.tables import Layout
 from flexmb.errors import ResultFileError
-from flexmb.results.columns import Columns
 
 Array = NDArray[np.float64]
 NOT_UNIQUE = "reactions_not_unique"
@@ -54,11 +54,11 @@ class MarkerPair(NamedTuple):
         return self.J.partition(".")[0]
 
 
-def marker_pairs(columns: Columns, scene: Mapping[str, Any]) -> tuple[MarkerPair, ...]:
+def marker_pairs(layout: Layout, scene: Mapping[str, Any]) -> tuple[MarkerPair, ...]:
     """Both markers of all that has a reaction, in the order of the table."""
     joints, drivers = scene.get("joints", {}), scene.get("drivers", {})
     pairs = []
-    for path in columns.reactions:
+    for path in layout.reactions:
         section, _, name = path.partition(".")
         table = scene.get(section, {}).get(name, {})
         joint = str(table.get("joint", ""))

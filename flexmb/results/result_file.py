@@ -3,7 +3,7 @@
 Every dataset has its final shape and its place in the file before the run starts, so that no
 bookkeeping of HDF5 changes during the run: only numbers are written, the row counter last. That
 is why a file is readable after a kill at any moment. `/progress` says how many rows are valid;
-rows beyond it hold nothing. `columns` describes the tables over time; the other datasets are:
+rows beyond it hold nothing. `channels` describes the tables over time; the other datasets are:
 
 =============  ==================  ==========================================================
 dataset        shape               meaning
@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.columns import TABLES, Columns, widths
+from flexmb.results.channels import TABLES, Columns, widths
 from flexmb.results.kill_safe_file import DiskFile, WriteLock
 from flexmb.results.output_request import StoredColumns
 

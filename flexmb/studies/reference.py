@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from flexmb.model.scenes.dynamics import ACCURACY, OPTIONS
 from flexmb.studies.channel_errors import Difference, Reading, difference, error_text
-from flexmb.studies.settings import Setting
+from flexmb.studies.study_settings import Setting
 
 _AUTO = "auto"
 # Methods that confirm each other; under error control the last two, which are of high order.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import OutputError, ViewError
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.rows import Error, Row, StudyRows
-from flexmb.studies.settings import is_numerical, label, value_text
+from flexmb.studies.study_settings import is_numerical, label, value_text
 from flexmb.studies.summary import seconds_text, series, series_knob, summarise
 from flexmb.workflow import machine
 

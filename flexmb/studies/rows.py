@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
 from flexmb.studies.channel_errors import COMPARED
-from flexmb.studies.settings import headings
+from flexmb.studies.study_settings import headings
 
 Array = NDArray[np.float64]
 ALL = "all"

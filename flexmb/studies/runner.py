@@ -23,7 +23,7 @@ from flexmb.studies.channel_errors import Reading, check_sensors, difference, ow
 from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch
 from flexmb.studies.report import Study
 from flexmb.studies.rows import Error, Row
-from flexmb.studies.settings import (
+from flexmb.studies.study_settings import (
     Setting,
     StudySource,
     change_model,

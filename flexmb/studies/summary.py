@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from flexmb.studies.rows import Row, StudyRows
-from flexmb.studies.settings import is_numerical, label
+from flexmb.studies.study_settings import is_numerical, label
 
 _MIN_GAIN = 1.5  # times less error: what a slower setting must give to count as better
 _MIN_SPAN = 10.0  # times less error that a series must cover before its trend is reported

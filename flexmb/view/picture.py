@@ -18,11 +18,9 @@ from flexmb.errors import ViewError
 from flexmb.model.values.reading import GROUND
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
-from flexmb.view.camera import mechanism_camera
-from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.content import Content, Deformed, Scale, Solid, Triangles, mechanism_camera
 from flexmb.view.mechanism import Mechanism, size_of
 from flexmb.view.shapes import (
-    Triangles,
     body_shape,
     curve_shapes,
     ground_shapes,

@@ -8,8 +8,6 @@ it and a rail along what slides on it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,7 +15,7 @@ from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.values.reading import GROUND, split_reference
-from flexmb.view.camera import Camera
+from flexmb.view.content import Camera, Triangles
 from flexmb.view.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -29,18 +27,6 @@ _LINK = 0.012  # radius of a link
 _CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
 _RAIL, _RAIL_END = 0.005, 0.08  # radius, length beyond the travel
 _BEHIND = 0.08  # distance of a pedestal behind its cam
-
-
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """Points (n, 3) [m] and triangles (t, 3) as rows of indices into them."""
-
-    points: Array
-    faces: NDArray[np.int64]
-
-    def moved(self, r: ArrayLike, A: ArrayLike) -> Triangles:
-        """Turned by A (3, 3), then shifted by r (3,)."""
-        return Triangles(self.points @ np.asarray(A).T + np.asarray(r), self.faces)
 
 
 def joined(parts: list[Triangles]) -> Triangles:

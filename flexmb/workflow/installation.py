@@ -122,7 +122,7 @@ def warmup(progress: Progress = silent) -> Warmup:
     CompilationError
         A unit does not compile on this machine.
     """
-    from flexmb.engine.compilation import compile_units
+    from flexmb.engine.compiler_pool import compile_units
     from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders, unit_file
     from flexmb.engine.units import missing_units
@@ -174,7 +174,7 @@ def _cache() -> tuple[str, str]:
 
 
 def _compiler() -> tuple[str, str]:
-    from flexmb.engine.compilation import compile_units
+    from flexmb.engine.compiler_pool import compile_units
     from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders
     from flexmb.engine.units import interpreted, missing_units

@@ -133,8 +133,8 @@ def resume_run(
     progress: Progress = silent,
 ) -> RunReport:
     """Resume a run and draw it; see :func:`resume`."""
-    from flexmb.analysis.dynamics.analysis import integrate
-    from flexmb.analysis.dynamics.resume import prepare_rest
+    from flexmb.analysis.dynamics.dynamics import run_dynamics
+    from flexmb.analysis.dynamics.resume import prepare_resumed
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
     from flexmb.results import Result, ResultWriter, extend_file
@@ -149,7 +149,7 @@ def resume_run(
         raise SceneError.from_problems(problems)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
-    prepared = prepare_rest(compiled, model, run, progress=progress)
+    prepared = prepare_resumed(compiled, model, run, progress=progress)
     if duration is not None and model.dynamics is not None:
         spec = model.dynamics
         extend_file(run.path, model.units.written(spec.duration, "s"), spec.n_rows - 1)
@@ -157,7 +157,7 @@ def resume_run(
         if writer.rows_written != prepared.rows_before:
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
         began = float(prepared.run.state.t[0])
-        outcome = integrate(prepared, writer, progress=progress)
+        outcome = run_dynamics(prepared, writer, progress=progress)
         writer.finish(
             {**outcome.statistics, "resumed_at_s": began}, outcome.status, outcome.message
         )

@@ -22,7 +22,7 @@ from flexmb.workflow.run_report import RunReport, report_run
 from flexmb.workflow.start_from import StartState, match_start
 
 if TYPE_CHECKING:
-    from flexmb.analysis.dynamics.analysis import Outcome, Sink
+    from flexmb.analysis.procedure import Outcome, Sink
     from flexmb.engine.compile import Compiled
     from flexmb.model import Model
     from flexmb.results import Result
@@ -185,7 +185,7 @@ def prepare_task(
     progress : Progress
         Called for every phase.
     """
-    from flexmb.analysis.dynamics.analysis import integrate, prepare
+    from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
 
     if analysis == "kinematics":
@@ -194,7 +194,7 @@ def prepare_task(
             analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
         )
     begin = start.begin if start is not None else None
-    prepared = prepare(compiled, model, begin=begin, progress=progress)
+    prepared = prepare_dynamics(compiled, model, begin=begin, progress=progress)
     notes: tuple[str, ...] = ()
     if start is not None:
         notes = (*start.notes, *start.changes(compiled, prepared.run.state, model.units))
@@ -202,7 +202,7 @@ def prepare_task(
     return Task(
         analysis,
         model.dynamics.n_rows,
-        lambda sink: integrate(prepared, sink, progress=progress),
+        lambda sink: run_dynamics(prepared, sink, progress=progress),
         notes,
     )
 

@@ -14,7 +14,7 @@ from flexmb.errors import SolverError
 from flexmb.progress import Progress
 
 if TYPE_CHECKING:
-    from flexmb.analysis.dynamics.analysis import Outcome
+    from flexmb.analysis.procedure import Outcome
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.dynamics.analysis import integrate, prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import FlexmbWarning
 
@@ -95,9 +95,9 @@ def judged(model, truth=None, bodies=None, **knobs):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FlexmbWarning)
         made, rows = compile_system(model, bodies), _Rows()
-        prepared = prepare(made, model)
+        prepared = prepare_dynamics(made, model)
         begin = time.process_time()
-        outcome = integrate(prepared, rows)
+        outcome = run_dynamics(prepared, rows)
         cpu = time.process_time() - begin
     if outcome.status != "finished":
         return Judged(np.inf, np.nan, "", outcome.statistics, cpu, outcome.message, outcome.notes)

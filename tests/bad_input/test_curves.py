@@ -9,7 +9,7 @@ import pytest
 from truthkit import Memory
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.analysis import dynamics as dynamics_of
+from flexmb.analysis.dynamics.dynamics import dynamics as dynamics_of
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.model import Model

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import flexmb
-from flexmb.analysis.dynamics.failure import n_kept, open_joint
+from flexmb.analysis.dynamics.failure import n_closed, open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError
@@ -104,9 +104,9 @@ def test_a_gap_that_no_small_motion_narrows_is_no_assembly() -> None:
 def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
     compiled = compile_system(arm("t"))
     rows = OutputBlock(*(np.zeros((5, 1)) for _ in range(9)))
-    assert n_kept(compiled, rows) == 5
+    assert n_closed(compiled, rows) == 5
     rows.drift[3:] = 2e-3 * compiled.length
-    assert n_kept(compiled, rows) == 3
+    assert n_closed(compiled, rows) == 3
     assert len(rows.part(0, 3).t) == 3
     gaps = np.zeros(compiled.layout.nc)
     gaps[1] = -0.02

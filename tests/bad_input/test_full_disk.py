@@ -48,8 +48,8 @@ for limit in range(0, 700_000, 23_456):
 RUN = """
 import resource, sys
 import flexmb
-from flexmb.analysis.dynamics import run
-run._CHUNK_WORK = 18 * 100
+from flexmb.analysis.dynamics import integration
+integration._CHUNK_WORK = 18 * 100
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 def told(phase, share, detail=""):
     if phase == "integrate" and share > 0.5:

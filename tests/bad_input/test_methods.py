@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.dynamics import run as run_module
-from flexmb.analysis.dynamics.analysis import dynamics, prepare
+from flexmb.analysis.dynamics import integration as run_module
+from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.integrators.coordinate_partitioning import choose_independent
 from flexmb.engine.method import FINE, NO_PARTITION
@@ -51,7 +51,7 @@ def test_fixed_steps_beyond_stability(method):
 @pytest.mark.parametrize("method", EXPLICIT)
 def test_error_control_that_would_never_end(method, monkeypatch):
     """Stability of explicit methods allows steps of a microsecond, for an hour."""
-    monkeypatch.setattr(run_module, "_LOOK_EVERY", 300)
+    monkeypatch.setattr(run_module, "_CHECK_EVERY", 300)
     ended = outcome(stiff_chain(1e12), duration=3600.0, outputs=10, method=method, accuracy=1e-3)
     assert ended.status == "failed"
     assert "leave" in ended.message and "for the rest of the run" in ended.message
@@ -63,12 +63,12 @@ def test_a_choice_of_coordinates_that_does_not_exist():
     model = stiff_chain()
     model.set_dynamics(duration=1.0, step=1e-3, method="coordinate-partitioning")
     compiled = compile_system(model)
-    run = prepare(compiled, model).run
-    handed, split = run._handed, run.work.partition
-    assert run.march(1) == FINE
+    run = prepare_dynamics(compiled, model).run
+    packed, split = run._run, run.work.partition
+    assert run.integrate(1) == FINE
     assert split.free.sum() == split.rank[0] == 10  # of 12 coordinates
     split.rank[0] += 1
-    assert call(choose_independent, handed, handed.record.state_point) == NO_PARTITION
+    assert call(choose_independent, packed, packed.record.state_point) == NO_PARTITION
     text = sentence(NO_PARTITION, compiled, run.work, 0.5)
     assert text.startswith("at t = 0.5 s no choice of independent coordinates")
     assert "explicit-rk" in text

@@ -151,7 +151,7 @@ ONE_LINE = [
     ),
     pytest.param(
         ('material = "steel"', 'material = "steel"\nmass = 3'),
-        'bodies.rod: the mass is told twice, by "mass" and "material"',
+        'bodies.rod: the mass is given twice, by "mass" and "material"',
         id="mass told twice",
     ),
     pytest.param(

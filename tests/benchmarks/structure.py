@@ -120,7 +120,8 @@ def files_of_main_job():
     Returns
     -------
     dict of str to list of str
-        Functions by file; compiled functions are not seen.
+        Functions by file. Neither bodies of modules and classes count, which run when they are
+        imported, nor generators and lambdas within functions; compiled functions are not seen.
     """
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(
@@ -132,14 +133,15 @@ def files_of_main_job():
 
 
 _PROFILED = """
-import collections, json, sys, threading
+import collections, inspect, json, sys, threading
 from pathlib import Path
 import flexmb
 root = str(Path(flexmb.__file__).parent)
 seen = collections.defaultdict(set)
 def profile(frame, event, _):
     code = frame.f_code
-    if event == "call" and code.co_filename.startswith(root) and code.co_name != "<module>":
+    function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
+    if event == "call" and function and code.co_filename.startswith(root):
         seen[code.co_filename[len(root) + 1:]].add(code.co_qualname)
 from flexmb.cli import main
 def call(*words):

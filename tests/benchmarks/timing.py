@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration
@@ -83,7 +83,7 @@ def set_up(n, joint="spherical", **fields):
     lap("tables")
     prepare_integration(compiled.system, generalized_alpha(0.8))
     begin = time.process_time()
-    prepare(compiled, model)
+    prepare_dynamics(compiled, model)
     lap("first state")
     with tempfile.TemporaryDirectory() as folder:
         file, rows = Path(folder) / "result.h5", model.dynamics.outputs + 1
@@ -118,18 +118,18 @@ def control_overhead(model, compiled, accuracy):
     )
     ratios, iterations = [], np.zeros(2)
     for _ in range(_REPEATS + 1):
-        seconds, state = _march(compiled, chosen, controlled, first)
+        seconds, state = _integrate(compiled, chosen, controlled, first)
         steps = int(state.count[0]["steps"])
         fixed = method.Settings(
             0.0, duration, duration, duration / steps, 0.0, 0.0, 2, 1e-8, 15, 1, stiff, 0
         )
-        other, last = _march(compiled, chosen, fixed, first)
+        other, last = _integrate(compiled, chosen, fixed, first)
         ratios.append(seconds / other)
         iterations[:] = state.count[0]["residuals"], last.count[0]["residuals"]
     return median(ratios[1:]), steps, int(state.count[0]["rejected"]), iterations / steps
 
 
-def _march(compiled, chosen, settings, first):
+def _integrate(compiled, chosen, settings, first):
     """CPU time of a whole run from the first state, and the last one."""
     state = type(first)(*(array.copy() for array in first))
     channels = len(compiled.layout.channels)

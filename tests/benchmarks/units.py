@@ -89,11 +89,11 @@ def _add_body(made, kind):
 def prepared(kind):
     """Make a run of one of them ready here; prints how many units were compiled, and how long."""
     from flexmb.engine.entries import prepare_integration
-    from flexmb.engine.integrators import chosen_method
+    from flexmb.engine.integrators import make_integrator
 
     model, compiled = with_one(kind)
     begin = time.perf_counter()
-    units = prepare_integration(compiled.system, chosen_method(model.dynamics))
+    units = prepare_integration(compiled.system, make_integrator(model.dynamics))
     print(json.dumps({"units": units, "wall": time.perf_counter() - begin}))
 
 

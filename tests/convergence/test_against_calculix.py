@@ -11,7 +11,7 @@ import pytest
 from femeshes import held_frequencies, solid_box
 
 from flexmb.fe import assemble, resolve
-from flexmb.fe.elements import blocks as registry
+from flexmb.fe.elements import element_blocks as registry
 from flexmb.fe.elements.isoparametric import tetrahedron_rule, wedge_rule
 
 STEEL = resolve("steel")

@@ -13,7 +13,7 @@ from samebytes import assert_same_bytes
 from truthkit import order, run
 
 import flexmb
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.engine.units import interpretation
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
@@ -224,7 +224,7 @@ _FIXED = ("gamma", "newton_tolerance")  # options of runs with fixed steps
 @pytest.mark.parametrize("case", CASES)
 def test_a_stopped_run_goes_on_to_the_same_bytes(case, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_CHUNK_WORK", 1)
-    monkeypatch.setattr(module, "_LEAST_CHUNK", 30)
+    monkeypatch.setattr(module, "_MIN_CHUNK", 30)
     options, _ = CASES[case]
     model = loop()
     model.set_dynamics(duration=0.2, step=1e-3, outputs=50, **options)

@@ -10,7 +10,7 @@ from solidkit import clamped_block, held, nodal_stress, solve
 from truthkit import reference
 
 from flexmb.fe import SolidSection, assemble, geometric_stiffness, resolve
-from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.solid_elements import Solid
 
 STEEL = resolve("steel")

@@ -2,7 +2,7 @@
 
 At random states far from equilibrium and off the constraints, at fixed v̇ and λ: S = M + cv ∂F/∂v +
 cp ∂F/∂q bordered by C_q, with joints, drivers, springs, dampers, follower and global loads on rigid
-and flexible bodies.
+and flexible bodies, with geometric stiffening too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, 
 
 DIFFERENCES = 1e-9
 LAST_DIGITS = 1e-12
-CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in BODIES]
+CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in (*BODIES, "stiffened")]
 
 
 @pytest.fixture(params=CASES, ids=["-".join(case) for case in CASES])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.dynamics.analysis import integrate, prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
 from flexmb.engine.compile import compile_system
 
 OUTPUTS = 10
@@ -50,9 +50,9 @@ class Flexmb:
             duration=scene.duration, outputs=OUTPUTS, accuracy=accuracy, **self.knobs
         )
         compiled, rows = compile_system(model), _LastRow()
-        prepared = prepare(compiled, model)
+        prepared = prepare_dynamics(compiled, model)
         begin = time.process_time()
-        outcome = integrate(prepared, rows)
+        outcome = run_dynamics(prepared, rows)
         cpu = time.process_time() - begin
         assert outcome.status == "finished", outcome.message
         at = [compiled.layout.channels.index(channel) for channel in scene.channels]

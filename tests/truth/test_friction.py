@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truthkit import run
 
-from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model
@@ -92,7 +92,7 @@ def test_smooth_friction_creeps_as_it_says():
     found = run(made, duration=0.5, outputs=10, accuracy=1e-3)
     share = math.tan(a) / 0.5
     assert found.v[-1, 0] == pytest.approx(creep * share / math.sqrt(1 - share**2), rel=1e-3)
-    notes = prepare(compile_system(made), made).notes
+    notes = prepare_dynamics(compile_system(made), made).notes
     assert any("forces.rub: smooth friction does not stick but creeps" in note for note in notes)
 
 

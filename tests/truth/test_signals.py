@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from truthkit import Memory, order, run
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError
 from flexmb.model import Model

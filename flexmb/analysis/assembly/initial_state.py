@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.gaps import Offset
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
@@ -109,8 +108,14 @@ def assemble(
     stiff = _stiffened(system, _RIGID * period)
     velocities = InitialVelocities(compiled, model, stiff)
 
+    weights = assembly_weights(model)
+
+    def make(of: Compiled, at: State) -> Corrector:
+        metric = _weighted(_stiffened(of.system, _RIGID * period), weights)
+        return mass_corrector(metric, at, work if at is state else None)
+
     def close(guess: bool = False) -> None:
-        _close(compiled, model, state, work, period, guess=guess)
+        close_positions(compiled, model, state, make, guess)
         velocities.set(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
@@ -138,19 +143,6 @@ def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues
         solve_stage(compiled.system, state, work, RESIDUAL)
         for start in follow:
             state.v[start.iv] = work.con.fun[start.program, 0]
-
-
-def _close(
-    compiled: Compiled, model: Model, state: State, work: Work, period: float, *, guess: bool
-) -> tuple[Offset, ...]:
-    """Close the positions with least change in masses times weights, hardly straining bodies."""
-    weights = assembly_weights(model)
-
-    def make(of: Compiled, at: State) -> Corrector:
-        metric = _weighted(_stiffened(of.system, _RIGID * period), weights)
-        return mass_corrector(metric, at, work if at is state else None)
-
-    return close_positions(compiled, model, state, make, guess)
 
 
 def _equilibrate(

@@ -9,7 +9,6 @@ of the bodies; each takes one equation for itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -243,8 +242,8 @@ def dense_jacobian(compiled: Compiled, work: Work) -> Array:
             mine, count = bodies["m"] == m, np.arange(6 + m)
             k = on_body[mine, None]
             Cq[k, bodies["iv"][mine, None] + count] += jac[places[k] + count]
-    for follow in system.follows:
-        Cq[follow["row"], parts.coordinates[follow["coordinate"]]["iv"]] -= follow["factor"]
+    for coupled in system.coupled:
+        Cq[coupled["row"], parts.coordinates[coupled["coordinate"]]["iv"]] -= coupled["factor"]
     markers = work.now.marker
     for curve, now in zip(parts.curve_markers, work.now.curve_marker, strict=True):
         # rows on curve markers change with the places of these along their curves
@@ -293,11 +292,6 @@ def joint_rows(compiled: Compiled) -> Mask:
 def element(path: str) -> str:
     """The section and name of what a path is of: couplers have a reaction for each joint."""
     return ".".join(path.split(".")[:2])
-
-
-def elements(paths: Iterable[str]) -> tuple[str, ...]:
-    """The elements of paths, each once."""
-    return tuple(dict.fromkeys(element(path) for path in paths))
 
 
 def plain_name(path: str) -> str:

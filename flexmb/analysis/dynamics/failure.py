@@ -26,8 +26,6 @@ from flexmb.model.model import Model
 from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.results import OutputBlock
 
-__all__ = ["gaps_at", "n_kept", "not_finite_function", "open_joint", "reason"]
-
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
 _OPEN = 1e-3
@@ -35,7 +33,7 @@ _OPEN = 1e-3
 _WORDS = ("value", "first derivative", "second derivative")
 
 
-def reason(
+def failure_sentence(
     status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float
 ) -> str:
     """The sentence for a step that failed.
@@ -49,11 +47,11 @@ def reason(
     time, step : float
         When the step began, and its length [s].
     """
-    told = ""
+    cause = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
-        told = _not_finite(compiled, model, work, time)
-        told = told or not_finite_function(model, (time, time + 0.5 * step, time + step))
-    return told or sentence(status, compiled, work, time)
+        cause = _not_finite(compiled, model, work, time)
+        cause = cause or not_finite_function(model, (time, time + 0.5 * step, time + step))
+    return cause or sentence(status, compiled, work, time)
 
 
 def not_finite_function(model: Model, times: Iterable[float]) -> str:
@@ -89,8 +87,8 @@ def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> st
     return ""
 
 
-def n_kept(compiled: Compiled, rows: OutputBlock) -> int:
-    """How many of the first rows keep the constraints."""
+def n_closed(compiled: Compiled, rows: OutputBlock) -> int:
+    """How many of the first rows satisfy the constraints."""
     apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))
     return int(apart[0]) if len(apart) else len(rows.t)
 
@@ -106,7 +104,7 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
-    """The sentence for constraints that are no longer kept; `C` are their gaps at that time."""
+    """The sentence for open constraints; `C` (nc,) are their gaps at that time."""
     worst = int(np.argmax(np.abs(C)))
     where, gap = compiled.layout.rows[worst], abs(C[worst])
     return (

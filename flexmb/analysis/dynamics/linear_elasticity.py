@@ -1,8 +1,8 @@
 """Where a run leaves what linear elasticity about a rigid motion can answer.
 
 In: rows of a run, in order. Out: sentences on flexible bodies that bend too far for small
-deformations, and on those that turn so fast that centrifugal stiffening, which the equations leave
-out, would change their frequencies. A deflection is that relative to where the body is joined, the
+deformations, and on those that turn so fast that centrifugal stiffening, if it is left out, would
+change their frequencies. A deflection is that relative to where the body is joined, the
 speed that of the joint; it is compared with the lowest natural frequency of the body as it is
 joined, of those modes that the motion contains. Source of the
 bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan & Banerjee, Dynamics
@@ -25,8 +25,6 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
-
-__all__ = ["LinearElasticityMonitor", "joined_modes"]
 
 Array = NDArray[np.float64]
 
@@ -51,6 +49,7 @@ class _Watched:
     inertia: Array  # (3, 3) about the centre of mass, over the largest
     frequencies: Array  # (j,) as it is joined, ascending, rad/s
     amplitudes: Array  # (j, m) deflection in each of these modes, over the length, per unit eta
+    is_stiffened: bool  # by centrifugal loads and the forces of joints
 
 
 class LinearElasticityMonitor:
@@ -81,7 +80,15 @@ class LinearElasticityMonitor:
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
             self._bodies.append(
-                _Watched(columns, deflection, turn, inertia, frequencies, amplitudes)
+                _Watched(
+                    columns,
+                    deflection,
+                    turn,
+                    inertia,
+                    frequencies,
+                    amplitudes,
+                    body.centrifugal_stiffness is not None,
+                )  # fmt: skip
             )
         n = len(self._bodies)
         self._deflected, self._turned = np.zeros((2, n)), np.zeros((2, n))  # largest, and its time
@@ -120,7 +127,7 @@ class LinearElasticityMonitor:
             speed, t = self._turned[:, k]
             present = self._amplitudes[k] > _PRESENT * self._amplitudes[k].max(initial=0.0)
             ratio = speed / one.frequencies[present].min(initial=np.inf)
-            if _SOFTENING * ratio**2 > LARGEST_SOFTENING:
+            if not one.is_stiffened and _SOFTENING * ratio**2 > LARGEST_SOFTENING:
                 yield self._softening(name, speed, ratio, t)
 
     def _softening(self, name: str, speed: float, ratio: float, t: float) -> str:
@@ -132,8 +139,8 @@ class LinearElasticityMonitor:
         else:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
         return (
-            f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; divide "
-            "the body into several that are joined, which brings it back"
+            f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
+            "the body with geometric_stiffening = true"
         )
 
 

@@ -1,4 +1,9 @@
-"""The error of a run, measured: what sensors of the same run with longer steps say.
+"""The error of a run, measured by its scout: the same run with longer steps.
+
+The scout selects its steps by error control; the fine run, whose rows are the result, takes
+`refinement` times as many, spread as the scout's were, so that the errors of both differ by a
+factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is stored but its
+state at the border of a chunk.
 
 Two runs of a method of order p on the same plan of steps, one with r times as many, differ by the
 error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
@@ -10,19 +15,29 @@ sensor's name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dynamics.integration import (
+    Integration,
+    damps_vibrations,
+    fine_settings,
+    scout_rows,
+    scout_settings,
+)
+from flexmb.analysis.monitors import SampledHistory
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
 from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
 from flexmb.model.sensors.sensor import channels_of, unit_of
 from flexmb.model.values.reading import Spec
 from flexmb.results import OutputBlock
-
-__all__ = ["QUANTITIES", "ErrorOf", "MeasuredError"]
 
 Array = NDArray[np.float64]
 
@@ -36,15 +51,21 @@ QUANTITIES = {
     "N": "reactions",
     "N m": "reactions",
 }
-"""What the channels of each unit are judged as."""
-_SAMPLES = 256  # times at which the growth of the errors is kept
+"""Quantity to which the channels of each unit belong."""
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
+_SCOUT = "scout_"
+_NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
+# Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
+_DAMPED_RATIO = 2.6
+# Difference of a pass below which that of the next one is compared with it; least share of the
+# order that two passes may show.
+_SAME_MOTION, _MIN_ORDER = 0.05, 0.5
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
 @dataclass(frozen=True)
-class _Judged:
+class _Compared:
     """One sensor, body or joint: where its components stand in a table of the rows."""
 
     name: str
@@ -64,12 +85,12 @@ class ErrorOf:
 
 
 class MeasuredError:
-    """Differences of two runs of one model at the same outputs; fed in order.
+    """Differences of two runs of one model at the same outputs, whose rows it takes in order.
 
     Parameters
     ----------
     layout, model : Layout, Model
-        Names of channels, and sensors with their units. Bodies are judged where nothing senses a
+        Names of channels, and sensors with their units. Bodies are compared where nothing senses a
         position or a velocity.
     least : mapping of str to float, optional
         Motion by unit below which a sensor counts as at rest.
@@ -78,79 +99,59 @@ class MeasuredError:
     def __init__(
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None
     ) -> None:
-        self._judged = _judged(layout, model)
+        self._compared = _compared(layout, model)
         self._least = least or {}
-        n = len(self._judged)
-        self._count = np.array([0, 0, 1])  # rows so far, samples of the growth, rows for each
+        n = len(self._compared)
         self._largest = np.zeros((2, n))  # difference so far; its time
-        widest = max((len(one.columns) for one in self._judged), default=0)
+        widest = max((len(one.columns) for one in self._compared), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
-        self._places = [k for k, one in enumerate(self._judged) if one.quantity == "positions"]
-        self._growth = np.full((_SAMPLES, 1 + len(self._places)), np.nan)  # time, of positions
+        self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
+        self._growth = SampledHistory(len(self._places))  # of the differences of positions
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that is known so far, to be kept and filled in again."""
+        """All that there is so far, to be saved and filled in again."""
         return {
-            "error_count": self._count, "error_largest": self._largest, "error_range": self._range,
-            "error_growth": self._growth,
+            "error_count": self._growth.count, "error_largest": self._largest,
+            "error_range": self._range, "error_growth": self._growth.table,
         }  # fmt: skip
 
     def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
-        """Take in the same rows of both runs, as far as both have them (SI).
+        """Take the same rows of both runs, as far as both have them (SI).
 
         Parameters
         ----------
         coarse, fine : OutputBlock
-            Rows (k, ...) of the scout and of the run that is kept.
+            Rows (k, ...) of the scout and of the fine run.
         """
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
-        gaps = np.zeros((n, len(self._judged)))
-        for k, one in enumerate(self._judged):
+        gaps = np.zeros((n, len(self._compared)))
+        for k, one in enumerate(self._compared):
             columns = list(one.columns)
             ours, theirs = (getattr(rows, one.table)[:n][:, columns] for rows in (fine, coarse))
             gaps[:, k] = np.abs(ours - theirs).max(axis=1, initial=0.0)
             low, high = self._range[:, k, : len(columns)]
             np.minimum(low, ours.min(axis=0), out=low)
             np.maximum(high, ours.max(axis=0), out=high)
-        gaps[np.isnan(gaps)] = np.inf  # nothing is known then
+        gaps[np.isnan(gaps)] = np.inf
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
-        row, count = 0, self._count
-        while row < n:
-            skipped = min(int(-count[0] % count[2]), n - row)
-            count[0] += skipped
-            row += skipped
-            if row < n:
-                self._sample(fine.t[row], so_far[row, self._places])
-                row += 1
-
-    def _sample(self, t: float, differences: Array) -> None:
-        """Keep the differences so far at every row, then at every second, ..."""
-        count = self._count
-        if count[0] % count[2] == 0:
-            if count[1] == _SAMPLES:
-                self._growth[: _SAMPLES // 2] = self._growth[::2].copy()
-                self._growth[_SAMPLES // 2 :] = np.nan
-                count[1], count[2] = _SAMPLES // 2, 2 * count[2]
-            if count[0] % count[2] == 0:
-                self._growth[count[1]] = t, *differences
-                count[1] += 1
-        count[0] += 1
+        self._growth.add(fine.t[:n], so_far[:, self._places])
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
-        spans, found = self._spans(), dict[str, ErrorOf]()
-        for k, one in enumerate(self._judged):
+        spans, largest = self._spans(), dict[str, ErrorOf]()
+        for k, one in enumerate(self._compared):
             apart = self._largest[0, k] / spans[k] if spans[k] > 0.0 else 0.0
             # once the runs have parted, the finer one is no better than the other
             error = apart if apart > _PARTED else apart / (max(ratio, 1.0 + 1e-9) - 1.0)
-            if one.quantity not in found or error > found[one.quantity].error:
-                found[one.quantity] = ErrorOf(float(error), one.name, float(self._largest[1, k]))
-        return found
+            if one.quantity not in largest or error > largest[one.quantity].error:
+                time = float(self._largest[1, k])
+                largest[one.quantity] = ErrorOf(float(error), one.name, time)
+        return largest
 
     def reached_until(self, accuracy: float) -> float:
         """Time from which on the runs' positions are apart by more; infinite: never [s]."""
@@ -158,18 +159,18 @@ class MeasuredError:
         for column, k in enumerate(self._places, start=1):
             if spans[k] == 0.0:
                 continue
-            beyond = np.flatnonzero(self._growth[:, column] > accuracy * spans[k])
+            beyond = np.flatnonzero(self._growth.table[:, column] > accuracy * spans[k])
             if len(beyond):
-                until = min(until, float(self._growth[beyond[0], 0]))
+                until = min(until, float(self._growth.table[beyond[0], 0]))
             elif self._largest[0, k] > accuracy * spans[k]:
                 until = min(until, float(self._largest[1, k]))
         return until
 
     def _spans(self) -> Array:
-        """Peak-to-peak of each; 0 for what is at rest beside others of its unit."""
+        """Peak-to-peak of each; 0 for what is at rest against others of its unit."""
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
-        units = np.array([one.unit for one in self._judged])
+        units = np.array([one.unit for one in self._compared])
         for unit in set(units):
             same = units == unit
             least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
@@ -177,27 +178,140 @@ class MeasuredError:
         return np.asarray(spans)
 
 
-def _judged(layout: Layout, model: Model) -> list[_Judged]:
+def _compared(layout: Layout, model: Model) -> list[_Compared]:
     """Sensors by what they measure, bodies where nothing is sensed, and joints."""
     column = {channel: k for k, channel in enumerate(layout.channels)}
     owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
-    judged = []
+    compared = []
     for name, spec in owners.items():
         unit = unit_of(vars(spec)) or ""
         columns = tuple(column[c] for c in channels_of(name, spec) if c in column)
         if columns:
-            judged.append(_Judged(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
-    known = {one.quantity for one in judged}
+            compared.append(_Compared(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
+    sensed = {one.quantity for one in compared}
     for body in layout.bodies:
         for quantity, unit, table, first, n in (
             ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
             ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
         ):  # fmt: skip
-            if quantity not in known:
+            if quantity not in sensed:
                 columns = tuple(range(first, first + n))
-                judged.append(_Judged(f"bodies.{body.name}", quantity, unit, table, columns))
+                compared.append(_Compared(f"bodies.{body.name}", quantity, unit, table, columns))
     for k, name in enumerate(layout.reactions):
         for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
             columns = (first, first + 1, first + 2)
-            judged.append(_Judged(name, "reactions", unit, "reactions", columns))
-    return judged
+            compared.append(_Compared(name, "reactions", unit, "reactions", columns))
+    return compared
+
+
+class VerifiedRun:
+    """Two runs of one model that advance together.
+
+    Attributes
+    ----------
+    scout, fine : Integration
+        The runs; the fine one follows the plan that the scout writes.
+    error : MeasuredError
+        Their difference so far.
+    recorded, of_scout : (n,) array of bool
+        Which of the times of the fine run are outputs, and at which it is compared with the scout.
+    passes : array
+        Record `PASSES` of the run.
+    """
+
+    def __init__(
+        self, scout: Integration, fine: Integration, error: MeasuredError, recorded: np.ndarray,
+        of_scout: np.ndarray, passes: np.ndarray,
+    ) -> None:  # fmt: skip
+        self.scout, self.fine, self.error = scout, fine, error
+        self.recorded, self.of_scout, self.passes = recorded, of_scout, passes
+
+    @property
+    def difference(self) -> float:
+        """Largest difference of positions, over their peak-to-peak."""
+        largest = self.error.largest(2.0)
+        return largest["positions"].error if "positions" in largest else 0.0
+
+    @property
+    def order(self) -> float:
+        """That of the method, or less, where the difference fell less since the pass before.
+
+        Not where the runs were different motions then, whose difference says nothing.
+        """
+        integrator, passes, now = self.fine.method, self.passes[0], self.difference
+        if not 0.0 < passes["last_difference"] < _SAME_MOTION or now == 0.0:
+            return integrator.order
+        reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
+        order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
+        return min(max(order, _MIN_ORDER * integrator.order), integrator.order)
+
+    @property
+    def ratio(self) -> float:
+        """Error of the scout over that of the fine run, which may add steps where it needs them."""
+        fine, scout = (run.state.count[0]["steps"] for run in (self.fine, self.scout))
+        finer = min(max(fine / max(scout, 1), 1.0), self.fine.settings.refinement)
+        return float(finer**self.order)
+
+    @classmethod
+    def of(
+        cls, compiled: Compiled, model: Model, integrator: method.Method, settings: method.Settings,
+        first: State, times: np.ndarray, recorded: np.ndarray, passes: np.ndarray,
+    ) -> VerifiedRun:  # fmt: skip
+        """A run from a copy of a state, and its scout, at the local tolerance of the settings.
+
+        `recorded` says which of the times (n,) of the run are outputs.
+        """
+        states = [State(*(array.copy() for array in first)) for _ in range(2)]
+        of_scout = scout_rows(len(times))
+        scout = Integration(
+            compiled, integrator, scout_settings(settings, integrator), states[0], times[of_scout]
+        )
+        fine = Integration(
+            compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
+        )
+        length, span = compiled.length, settings.end - settings.start
+        least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
+        at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
+        error = MeasuredError(compiled.layout, model, at_rest)
+        return cls(scout, fine, error, recorded, of_scout, passes)
+
+    def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
+        """One chunk of both, or the first row; returns the status, and the rows of the fine run."""
+        scout, fine = self.scout, self.fine
+        status = scout.integrate(0 if first else scout.chunk)
+        coarse = scout.rows.read()
+        rows: list[OutputBlock] = []
+        done = 0
+        end = scout.plan.knots[scout.plan.used[0] - 1]
+        while first or fine.state.t[0] < end:
+            fine_status = fine.integrate(0 if first else fine.chunk)
+            block = fine.rows.read()
+            both = block.rows(self._newest(self.of_scout, block))
+            self.error.add(coarse.part(done, done + len(both.t)), both)
+            done += len(both.t)
+            rows.append(block.rows(self._newest(self.recorded, block)))
+            if first or fine_status != method.FINE:
+                status = max(status, fine_status)
+                break
+        return status, rows
+
+    def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
+        """Of rows of the fine run, those of its newest block."""
+        behind = int(self.fine.state.count[0]["outputs"])
+        return which[behind - len(block.t) : behind]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that a resumed run needs in addition to the state of the fine run."""
+        return {
+            **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
+            **self.error.arrays(),
+        }
+
+    def errors(self) -> dict[str, ErrorOf]:
+        """The measured error of each quantity.
+
+        Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
+        between, which may be all that a small sensor sees: no balance of energies tells.
+        """
+        damped = damps_vibrations(self.fine.compiled, self.fine.method)
+        return self.error.largest(min(self.ratio, _DAMPED_RATIO) if damped else self.ratio)

@@ -1,33 +1,69 @@
-"""Whether a run that controls its error is made again: more accurately, or by another method.
+"""A run and its passes: the same run again, more accurately or by another method.
 
-In: a run that was marched. Out: the next tolerance, and what to say of the error that is left.
+A run that controls its error is integrated from its start again with a stricter local tolerance
+until the error measured with its scout is small enough, and by the method for stiff motions where
+stability limits the steps of an explicit one.
+
+A rough run before the first pass shows how far and how fast each part of the model will move. The
+error of a step is judged by motion and speed of each coordinate so far: a machine that starts from
+rest has not moved yet, and its stiff parts would be resolved as if their first tremor were all that
+ever happens. Nothing else is taken from the rough run: a wrong scale costs steps or another pass,
+no accuracy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
-from flexmb.analysis.dynamics.prepared import MOST_PASSES, Prepared
-from flexmb.analysis.dynamics.run import Run
-from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD
+import numpy as np
 
-__all__ = [
-    "error_statistics", "limited_by_stability", "may_change_method", "missed_accuracy",
-    "stricter_tolerance", "unstable_step",
-]  # fmt: skip
+from flexmb.analysis.dynamics.integration import (
+    Integration,
+    compared_times,
+    local_tolerance,
+    output_times,
+    with_tolerance,
+)
+from flexmb.analysis.dynamics.measured_error import VerifiedRun
+from flexmb.analysis.procedure import PhaseTimer
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD, make_integrator
+from flexmb.engine.method import Settings
+from flexmb.engine.state import State
+from flexmb.errors import FlexmbError
+from flexmb.model.model import Model
+from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
+from flexmb.progress import Progress
+from flexmb.results import OutputBlock
 
-# Measured error, known to a factor of about three, over what was asked for: that is good enough;
-# that the next pass aims at; from which on a sentence tells it.
-_ENOUGH, _AIM, _TOLD = 0.6, 0.25, 1.0
+MAX_PASSES = 4
+"""Passes of a run at most, each with a stricter tolerance by the error measured."""
+PASSES = np.dtype([
+    ("tolerance", "f8"),  # local one
+    ("count", "i8"),  # passes so far
+    ("method", "i8"),  # its place in METHODS
+    ("last_tolerance", "f8"),  # of the pass before; 0: there was none
+    ("last_difference", "f8"),  # of the two runs of the pass before
+])  # fmt: skip
+"""Record of the passes of a run, saved with its state."""
+
+_FIRST = "first_"  # before the names of the first state in what is saved
+# Measured error, accurate to a factor of about three, over the requested one: that is good enough;
+# that the next pass aims at; from which on a note reports it.
+_ENOUGH, _AIM, _MISSED = 0.6, 0.25, 1.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
 # after a pass that was in vain, which after this many means that they part whatever the steps.
-_MOST_STEPS, _IN_VAIN, _PATIENT = 5.0, 0.5, 2
-_FINEST = 1e-13  # local tolerance, above round-off
-_APART = 0.01  # difference of two runs from which on they are different motions
-# Steps from which on, and their share at the limit of stability from which on a run is stiff.
-_MANY, _OFTEN = 200, 0.35
-# Their share in a run of fixed steps that fails by that.
-_SELDOM = 0.01
+_MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
+_MIN_TOLERANCE = 1e-13  # above round-off
+_DIFFERENT_MOTION = 0.01  # difference of two runs
+# Steps from which on, and their share at the limit of stability from which on a run is stiff; that
+# share in a run of fixed steps that fails by that.
+_MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
+_ROUGH = 1e-3  # local error of the rough run over the motion
+_MIN_MOTION = 1e-3  # that counts in the rough run, over the size of the model
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -36,56 +72,184 @@ _DRIFTED = (
 )
 
 
-def stricter_tolerance(prepared: Prepared) -> float | None:
-    """The local tolerance that leaves what was asked for, where the measured error is larger."""
+@dataclass(frozen=True)
+class PreparedDynamics:
+    """A run that is ready: nothing can fail any more but the motion itself."""
+
+    run: Integration
+    model: Model
+    timer: PhaseTimer
+    notes: tuple[str, ...]
+    settings: Settings  # of the run, were it alone
+    first: State  # where it begins
+    passes: np.ndarray  # record `PASSES`, (1,)
+    rows_before: int = 0  # rows that are in the file already
+    not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
+    verified: VerifiedRun | None = None  # with the scout of `run`
+
+    @property
+    def method(self) -> str:
+        """Name of the integrator."""
+        return tuple(METHODS)[int(self.passes[0]["method"])]
+
+    @property
+    def spec(self) -> DynamicsSpec:
+        """The section [dynamics] of the scene."""
+        assert self.model.dynamics is not None
+        return self.model.dynamics
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that a resumed run needs."""
+        return {
+            **self.run.state._asdict(),
+            **{_FIRST + name: value for name, value in self.first._asdict().items()},
+            "passes": self.passes,
+            **self.run.tallies(),
+            **({} if self.verified is None else self.verified.arrays()),
+        }
+
+    def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
+        """One chunk, or the first row; returns the status, and its rows."""
+        if self.verified is not None:
+            return self.verified.advance(first)
+        status = self.run.integrate(0 if first else self.run.chunk)
+        return status, [self.run.rows.read()]
+
+    def with_tolerance(self, tolerance: float) -> PreparedDynamics:
+        """The same run from its start with another local tolerance."""
+        assert self.verified is not None
+        settings = self.settings._replace(turn=1.0)
+        settings = with_tolerance(
+            settings, self.spec, self.run.method, self.run.compiled, tolerance
+        )
+        again, before = self._restarted(self.method, settings), self.passes[0]
+        last = self.settings.tolerance, self.verified.difference
+        again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
+        return again
+
+    def as_last_pass(self) -> PreparedDynamics:
+        """The same run from its start, the last one."""
+        again = self._restarted(self.method, self.settings)
+        again.passes["count"] = MAX_PASSES
+        return again
+
+    def by_method(self, name: str) -> PreparedDynamics:
+        """The same run from its start by another integrator."""
+        tolerance = local_tolerance(self.spec, make_integrator(self.spec, name), self.run.compiled)
+        return self._restarted(name, self.settings._replace(tolerance=tolerance, turn=1.0))
+
+    def _restarted(self, name: str, settings: Settings) -> PreparedDynamics:
+        return prepared_run(
+            self.run.compiled, self.model, name, self.first, settings, timer=self.timer,
+            notes=self.notes, not_unique=self.not_unique,
+        )  # fmt: skip
+
+
+def prepared_run(
+    compiled: Compiled, model: Model, name: str, state: State, settings: Settings, **fields: Any
+) -> PreparedDynamics:
+    """A run from a state by an integrator, with a scout where it controls its error."""
+    spec = model.dynamics
+    assert spec is not None
+    integrator, times, verified = make_integrator(spec, name), output_times(spec), None
+    passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
+    if spec.verify is not False and settings.step == 0.0:
+        compared = compared_times(spec)
+        recorded = np.isin(compared, times)
+        verified = VerifiedRun.of(
+            compiled, model, integrator, settings, state, compared, recorded, passes
+        )
+        run = verified.fine
+    else:
+        copy = State(*(array.copy() for array in state))
+        run = Integration(compiled, integrator, settings, copy, times)
+    return PreparedDynamics(
+        run, model, first=state, settings=settings, verified=verified, passes=passes, **fields
+    )
+
+
+def needs_rough_run(prepared: PreparedDynamics) -> bool:
+    """Whether a run is to know in advance what it will move: by the method for stiff motions."""
+    controlled, first = prepared.settings.step == 0.0, prepared.passes[0]["count"] == 1
+    return prepared.method == STIFF_METHOD and controlled and bool(first)
+
+
+def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
+    """Set motion and speed of all coordinates of a run from a rough run."""
+    own, settings = prepared.run, prepared.settings
+    rough = settings._replace(
+        interval=settings.end - settings.start, tolerance=_ROUGH, accuracy=_ROUGH,
+        least_motion=_MIN_MOTION,
+    )  # fmt: skip
+    state = State(*(array.copy() for array in prepared.first))
+    state.motion[:] = state.speed[:] = 0.0
+    run, status = Integration(own.compiled, own.method, rough, state), method.FINE
+    try:
+        while status == method.FINE and not run.finished:
+            status = run.integrate(run.chunk)
+            progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
+    except FlexmbError:  # too many steps: the run itself says so, if it does as well
+        return
+    if status != method.FINE:
+        return
+    states = [prepared.first, own.state]
+    if prepared.verified is not None:
+        states.append(prepared.verified.scout.state)
+    for other in states:
+        other.motion[:], other.speed[:] = state.motion, state.speed
+
+
+def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
+    """The local tolerance for the requested accuracy, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
-    if verified is None or prepared.pace[1] >= MOST_PASSES:
+    if verified is None or prepared.passes[0]["count"] >= MAX_PASSES:
         return None
     worst = verified.errors().get("positions")
     if worst is None or worst.error <= _ENOUGH * settings.accuracy:
         return None
     if _is_in_vain(prepared):
         return None
-    chosen, share = verified.kept.method, _AIM * settings.accuracy / worst.error
-    factor = share ** (chosen.error_order / verified.order)
-    stricter = settings.tolerance * max(factor, _MOST_STEPS**-chosen.error_order)
-    return max(float(stricter), _FINEST)
+    integrator, share = verified.fine.method, _AIM * settings.accuracy / worst.error
+    factor = share ** (integrator.error_order / verified.order)
+    stricter = settings.tolerance * max(factor, _MAX_MORE_STEPS**-integrator.error_order)
+    return max(float(stricter), _MIN_TOLERANCE)
 
 
-def _is_in_vain(prepared: Prepared) -> bool:
+def _is_in_vain(prepared: PreparedDynamics) -> bool:
     """Whether shorter steps do not help: the finest are taken, or the last pass brought little."""
     verified = prepared.verified
     assert verified is not None
-    before, passes = prepared.pace[4], prepared.pace[1]
-    if prepared.settings.tolerance <= 2.0 * _FINEST:
+    passes = prepared.passes[0]
+    if prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE:
         return True
-    return bool(passes > _PATIENT and verified.difference > _IN_VAIN * before)
+    little = verified.difference > _IN_VAIN * passes["last_difference"]
+    return bool(passes["count"] > _MIN_PASSES and little)
 
 
-def error_statistics(prepared: Prepared) -> dict[str, float | int | str]:
+def error_statistics(prepared: PreparedDynamics) -> dict[str, float | int | str]:
     """Measured errors, each with what it is the error of; nothing for a run without scout."""
     verified = prepared.verified
     if verified is None:
         return {}
     statistics: dict[str, float | int | str] = {
-        "accuracy_asked": verified.kept.settings.accuracy,
-        "passes": int(prepared.pace[1]),
+        "accuracy_asked": verified.fine.settings.accuracy,
+        "passes": int(prepared.passes[0]["count"]),
         "scout_steps": int(verified.scout.state.count[0]["steps"]),
     }
-    for quantity, found in verified.errors().items():
+    for quantity, worst in verified.errors().items():
         if quantity in ("positions", "velocities", "reactions"):
-            statistics[f"measured_error_of_{quantity}"] = found.error
-            statistics[f"worst_of_{quantity}"] = f"{found.name} at t = {found.time:.4g} s"
+            statistics[f"measured_error_of_{quantity}"] = worst.error
+            statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
     return statistics
 
 
-def missed_accuracy(prepared: Prepared) -> Iterator[str]:
-    """A sentence where the accuracy asked for was not reached."""
+def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
+    """A sentence where the requested accuracy was not reached."""
     verified, accuracy = prepared.verified, prepared.settings.accuracy
     if verified is None:
         return
     worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _TOLD * accuracy:
+    if worst is None or worst.error <= _MISSED * accuracy:
         return
     until = verified.error.reached_until(accuracy)
     unit = prepared.model.units
@@ -93,7 +257,7 @@ def missed_accuracy(prepared: Prepared) -> Iterator[str]:
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
         f"t = {unit.say(worst.time, 's', 4)})"
     )
-    if verified.difference < _APART and _is_in_vain(prepared):
+    if verified.difference < _DIFFERENT_MOTION and _is_in_vain(prepared):
         other = "" if prepared.method == FINE_METHOD else (
             f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
         )  # fmt: skip
@@ -109,17 +273,16 @@ def missed_accuracy(prepared: Prepared) -> Iterator[str]:
     )
 
 
-def may_change_method(prepared: Prepared) -> bool:
+def may_change_method(prepared: PreparedDynamics) -> bool:
     """Whether the run may go over to the method for stiff motions."""
-    spec = prepared.model.dynamics
-    automatic = spec is not None and spec.method == AUTO and prepared.settings.step == 0.0
+    automatic = prepared.spec.method == AUTO and prepared.settings.step == 0.0
     return automatic and prepared.method != STIFF_METHOD
 
 
-def unstable_step(run: Run, name: str, failed: bool) -> str:
+def unstable_step(run: Integration, name: str, failed: bool) -> str:
     """The sentence for steps that an explicit method is not stable with, or nothing."""
     memory, steps, h = run.state.memory[0], run.state.count[0]["steps"], run.settings.step
-    share = _SELDOM if failed else _OFTEN
+    share = _UNSTABLE_SHARE if failed else _STIFF_SHARE
     if h == 0.0 or memory["steps_at_stability_limit"] <= share * steps:
         return _DRIFTED if failed and run.method.stabilised else ""
     where = "beyond" if failed else "at"
@@ -134,9 +297,9 @@ def unstable_step(run: Run, name: str, failed: bool) -> str:
     )
 
 
-def limited_by_stability(prepared: Prepared) -> bool:
+def limited_by_stability(prepared: PreparedDynamics) -> bool:
     """Whether stability, not accuracy, limits the steps of an explicit method."""
     run = prepared.run if prepared.verified is None else prepared.verified.scout
     count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
     tried = count["steps"] + count["rejected"]
-    return may_change_method(prepared) and tried > _MANY and bool(stiff > _OFTEN * tried)
+    return may_change_method(prepared) and tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried)

@@ -6,7 +6,8 @@ drivers and joints that prescribe the same motion, and what to change.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,8 +122,26 @@ def _driver_findings(
     return problems, notes
 
 
+@contextmanager
+def driver_reasons(compiled: Compiled, model: Model) -> Iterator[None]:
+    """Replace an error of the assembly by the drivers that cause it, if they do.
+
+    Raises
+    ------
+    AssemblyError
+        Drivers that contradict each other or the joints, or whatever was open.
+    """
+    try:
+        yield
+    except AssemblyError as error:
+        problems = _driver_problems(compiled, model, error.problems)
+        raise AssemblyError.from_problems(problems) from None
+
+
 @one_blas_thread()
-def driver_problems(compiled: Compiled, model: Model, gaps: Sequence[Problem]) -> Sequence[Problem]:
+def _driver_problems(
+    compiled: Compiled, model: Model, gaps: Sequence[Problem]
+) -> Sequence[Problem]:
     """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
 
     These as well for a model too large for dense decompositions.

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
     element,
-    elements,
     plain_name,
     row_gradient,
 )
@@ -145,7 +144,8 @@ def redundancies(
         mine = circuits[label == k]
         joints = tuple(np.array(names)[shares[:, label == k].any(axis=1)].tolist())
         cures = _cures(model, pose, joints, mine, others) or _without_couplers(model, pose, mine)
-        groups.append(Redundancy(elements(joints), len(mine), cures))
+        owners = tuple(dict.fromkeys(element(joint) for joint in joints))
+        groups.append(Redundancy(owners, len(mine), cures))
     return tuple(groups)
 
 

@@ -8,6 +8,8 @@ frame of `rigid_body`, the modes add
 
 M_ωη has the row x: Z_yz − Z_zy and cyclic; G_x = M_yz − M_zy and cyclic. Exact for solids, beams
 and shells (Shabana, Dynamics of Multibody Systems, 4th ed., §5.4, written with second moments).
+With geometric stiffening M_ab is less the geometric stiffness K_ab of the centrifugal loads, but in
+M_ηη: what stiffens the body changes its inertia as much, so that no energy is made.
 
 The mass block of the tangents is M; the velocity tangent the derivative of the inertia forces with
 v (gyroscopic and damping terms); the position tangent that with the configuration at constant v and
@@ -350,6 +352,8 @@ FLEXIBLE_BODIES = Kind(
 def modal_block(body: FlexBody) -> Array:
     """The numbers of `tables.FLEX_LAYOUT` in one row."""
     M = body.Mab
+    if body.centrifugal_stiffness is not None:
+        M = M - body.centrifugal_stiffness
     turned = np.concatenate([M[b, a] for a in range(3) for b in range(3)])
     gyroscopic = np.concatenate([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
     damping = np.zeros_like(body.K) if body.D is None else body.D

@@ -5,6 +5,12 @@ arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular v
 is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 
+Where the geometric stiffness of the body is known, the place of a marker is of second order in η: s
+falls by ½ ηᵀ K_d η along the axis d, and Φ_t by ηᵀ K_d. K_d is the reduced geometric stiffness of a
+unit force there: the same numbers are foreshortening and stiffening, so that no energy is made
+(Wallrapp & Schwertassek, Representation of geometric stiffening in multibody system simulation,
+IJNME 32 (1991) 1833).
+
 Point markers are those whose place alone matters: their rows hold points together and nothing else.
 Such rows carry no moment and need no axes, so the position stage leaves out the turning of axes and
 the velocity stage the angular velocity; `axes` completes them where they are read, at outputs and
@@ -87,8 +93,12 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
         c[0], c[1], c[2], c[3] = tangent_coefficients(square)
         sine = 1.0 - c[1] * square  # sin θ/θ
         arm = turned_by(th, sine, c[0], triple(mk["arm"]))
-        s = plus(triple(mk["rho"]), 1.0, modal_vector(parts.pool, at_t, m, q, iq + 7))
-        s = plus(s, 1.0, arm)
+        moved = modal_vector(parts.pool, at_t, m, q, iq + 7)
+        if mk["bend"] >= 0:
+            phi = now.Phi[rows[n]]
+            _bend(mk, parts.pool, q, iq + 7, m, phi)
+            moved = times(0.5, plus(moved, 1.0, modal_vector(phi, 0, m, q, iq + 7)))
+        s = plus(plus(triple(mk["rho"]), 1.0, moved), 1.0, arm)
         put_part(mn["th"], 0, th)
         put_part(mn["arm"], 0, arm)
         put_part(mn["s"], 0, s)
@@ -97,6 +107,31 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
             put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis_vector(k)))
             put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
     return FINE
+
+
+@kernel
+def _bend(mk, pool, q, o, m, phi):
+    """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,)."""
+    for k in range(3 * m):
+        row, s = mk["bend"] + k * m, pool[mk["modes"] + k]
+        for j in range(m):
+            s -= pool[row + j] * q[o + j]
+        phi[k] = s
+
+
+@kernel
+def _bending_acceleration(mk, pool, v, o, m):
+    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]."""
+    x, y, z = 0.0, 0.0, 0.0
+    size = m * m
+    for i in range(m):
+        row = mk["bend"] + i * m
+        for j in range(m):
+            square = v[o + i] * v[o + j]
+            x -= pool[row + j] * square
+            y -= pool[row + size + j] * square
+            z -= pool[row + 2 * size + j] * square
+    return x, y, z
 
 
 @kernel
@@ -152,7 +187,12 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
         om, rate = part(v, iv + 3), modal_vector(parts.pool, at_t + 3 * m, m, v, iv + 6)
         # u and e: velocities in the body; e = Tᵀ θ̇
         e, x = turned_back(mn["T"], rate), outer(om, triple(mn["s"]))
-        u = plus(modal_vector(parts.pool, at_t, m, v, iv + 6), 1.0, outer(e, arm))
+        if mk["bend"] >= 0:
+            moved = modal_vector(now.Phi[rows[n]], 0, m, v, iv + 6)
+            bending = _bending_acceleration(mk, parts.pool, v, iv + 6, m)
+        else:
+            moved, bending = modal_vector(parts.pool, at_t, m, v, iv + 6), (0.0, 0.0, 0.0)
+        u = plus(moved, 1.0, outer(e, arm))
         put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, plus(x, 1.0, u))))
         put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
         y, slope = outer(th, rate), 2.0 * inner(th, rate)
@@ -160,7 +200,8 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
         change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
         # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
         x = plus(outer(om, plus(x, 2.0, u)), 1.0, outer(e, outer(e, arm)))
-        put_part(mn["bx"], 0, turned(A, plus(x, 1.0, outer(change, arm))))
+        x = plus(plus(x, 1.0, outer(change, arm)), 1.0, bending)
+        put_part(mn["bx"], 0, turned(A, x))
         put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
     return FINE
 
@@ -322,8 +363,8 @@ class MarkerTable:
     def add(self, marker: PlacedMarker, point: bool = False) -> int:
         """Index of the marker; `point` if only its place matters to who asks."""
         row = self._row(marker)
-        body, modes, rho, arm, R = row
-        key = body, modes, rho.tobytes(), arm.tobytes(), R.tobytes()
+        body, modes, bend, rho, arm, R = row
+        key = body, modes, bend, rho.tobytes(), arm.tobytes(), R.tobytes()
         if key not in self.numbers_of:
             self.numbers_of[key] = len(self.rows)
             self.rows.append(row)
@@ -356,7 +397,7 @@ class MarkerTable:
         rho, arm = marker.rho, marker.arm
         if modes < 0:  # what no mode moves is one rigid place
             rho, arm = marker.position, np.zeros(3)
-        return body, modes, rho, arm, marker.R
+        return body, modes, self._bend(marker) if modes >= 0 else -1, rho, arm, marker.R
 
     def body(self, marker: int) -> int:
         """Body of a marker, -1 for ground."""
@@ -364,7 +405,7 @@ class MarkerTable:
 
     def on_ground(self) -> NDArray[np.float64]:
         """Positions (n, 3) of those on the ground so far."""
-        return np.array([row[2] for row in self.rows if row[0] < 0]).reshape(-1, 3)
+        return np.array([row[3] for row in self.rows if row[0] < 0]).reshape(-1, 3)
 
     def _modes(self, marker: PlacedMarker) -> int:
         if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
@@ -375,6 +416,14 @@ class MarkerTable:
             self.modes[key] = self.pool.add(both)
         return self.modes[key]
 
+    def _bend(self, marker: PlacedMarker) -> int:
+        if marker.bend is None:
+            return -1
+        key = b"bend " + marker.body.encode() + marker.bend.tobytes()
+        if key not in self.modes:
+            self.modes[key] = self.pool.add(marker.bend)
+        return self.modes[key]
+
     def table(self) -> NDArray[np.void]:
         """MARKER rows."""
         table = np.zeros(len(self.rows), MARKER)
@@ -382,6 +431,6 @@ class MarkerTable:
             table["point"] = [
                 k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)
             ]
-            for k, name in enumerate(("body", "modes", "rho", "arm", "R")):
+            for k, name in enumerate(("body", "modes", "bend", "rho", "arm", "R")):
                 table[name] = [row[k] for row in self.rows]
         return table

@@ -70,9 +70,12 @@ def add_modal_forces(
     at, pool = mk["modes"], parts.pool
     turn = turned(mn["T"], plus((tx, ty, tz), 1.0, outer(triple(mn["arm"]), (fx, fy, fz))))
     for j in range(m):
-        s = pool[at + j] * fx + pool[at + m + j] * fy
-        s += pool[at + 2 * m + j] * fz + pool[at + 3 * m + j] * turn[0]
-        out[o + j] += s + pool[at + 4 * m + j] * turn[1] + pool[at + 5 * m + j] * turn[2]
+        s = pool[at + 3 * m + j] * turn[0] + pool[at + 4 * m + j] * turn[1]
+        out[o + j] += s + pool[at + 5 * m + j] * turn[2]
+    if mk["bend"] >= 0:
+        at, pool = 0, now.Phi[k]
+    for j in range(m):
+        out[o + j] += pool[at + j] * fx + pool[at + m + j] * fy + pool[at + 2 * m + j] * fz
     return FINE
 
 
@@ -93,18 +96,21 @@ def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
         Jm[r, 4] = A[r, 0] * s[2] - A[r, 2] * s[0]
         Jm[r, 5] = A[r, 1] * s[0] - A[r, 0] * s[1]
     if mk["modes"] >= 0:
+        phi = now.Phi[k] if mk["bend"] >= 0 else parts.pool
         for c in range(m):
-            point, turning = _modal_column(mk, mn, parts.pool, m, c)
+            point, turning = _modal_column(mk, mn, parts.pool, phi, m, c)
             add_column(Jm, 0, 6 + c, 1.0, turned(A, point))
             add_column(Jm, 3, 6 + c, 1.0, turned(A, turning))
     return FINE
 
 
 @kernel
-def _modal_column(mk, mn, pool, m, c):
+def _modal_column(mk, mn, pool, phi, m, c):
     """Translation Φ_t + (TᵀΦ_r) × ŝ and rotation TᵀΦ_r of a marker per η_c, body axes."""
     at = mk["modes"] + c
     turning = turned_back(mn["T"], mode_vector(pool, at + 3 * m, m))
+    if mk["bend"] >= 0:
+        at, pool = c, phi
     return plus(mode_vector(pool, at, m), 1.0, outer(turning, triple(mn["arm"]))), turning
 
 
@@ -151,17 +157,22 @@ def add_moment_arm(parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, 
         B[3 + c, 3 + c] -= inner(s, force)
         add_column(B, 3, 3 + c, s[c], force)
     if mk["modes"] >= 0:
-        _add_modal_arm(mk, mn, parts.pool, parts.bodies[mk["body"]]["m"], force, moment, B)
+        m = parts.bodies[mk["body"]]["m"]
+        phi = now.Phi[k] if mk["bend"] >= 0 else parts.pool
+        _add_modal_arm(mk, mn, parts.pool, phi, m, force, moment, B)
     return FINE
 
 
 @kernel
-def _add_modal_arm(mk, mn, pool, m, force, moment, B):
-    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm all move with η."""
+def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
+    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm all move with η.
+
+    Where the marker bends, its Φ_t falls by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d.
+    """
     o, arm = mk["modes"] + 3 * m, triple(mn["arm"])
     whole = plus(moment, 1.0, outer(arm, force))
     for c in range(m):
-        point, turning = _modal_column(mk, mn, pool, m, c)
+        point, turning = _modal_column(mk, mn, pool, phi, m, c)
         # moment row: δs × f'; modal rows, δθ': f' and τ' turn with the body
         change = outer(point, force)
         add_column(B, 3, 6 + c, 1.0, change)
@@ -172,6 +183,12 @@ def _add_modal_arm(mk, mn, pool, m, force, moment, B):
         x, y, z = plus(change, 1.0, slope)
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
+    if mk["bend"] >= 0:
+        for d in range(3):
+            for r in range(m):
+                row = mk["bend"] + (d * m + r) * m
+                for c in range(m):
+                    B[6 + r, 6 + c] -= force[d] * pool[row + c]
 
 
 @kernel

@@ -1,12 +1,15 @@
 """The methods that a scene can name: for each, what makes it.
 
-Their words are `model.tasks.methods`; the contract is in `engine.method`.
+A method is a file here with a table `METHODS`, and a line of words in `model.scenes.dynamics`; the
+contract is in `engine.method`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 from flexmb.engine.method import Method
@@ -18,7 +21,7 @@ __all__ = [
     "AUTO",
     "FINE_METHOD",
     "STIFF_METHOD",
-    "chosen_method",
+    "make_integrator",
     "import_methods",
     "method_name",
     "reason_of_method",
@@ -31,23 +34,13 @@ FINE_METHOD = "explicit-rk"
 """What reaches the smallest errors where nothing is stiff."""
 
 
-_MAKERS = {
-    "generalized-alpha": "generalized_alpha.make_method",
-    "hht": "generalized_alpha.make_hht",
-    "newmark": "generalized_alpha.make_newmark",
-    "trapezoidal": "generalized_alpha.make_trapezoidal",
-    "explicit-rk": "explicit_rk.make_method",
-    "baumgarte": "baumgarte.make_method",
-    "coordinate-partitioning": "coordinate_partitioning.make_method",
-    "radau": "radau.make_method",
-}
-"""File of each method, and the function there that makes it for a scene."""
-
-
-def _maker(name: str) -> Callable[[DynamicsSpec], Method]:
-    file, _, function = _MAKERS[name].partition(".")
-    maker: Callable[[DynamicsSpec], Method] = getattr(import_module(f"{__name__}.{file}"), function)
-    return maker
+@cache
+def _makers() -> dict[str, Callable[[DynamicsSpec], Method]]:
+    """What makes each method for a scene, by name: the tables `METHODS` of all files here."""
+    modules = [import_module(f"{__name__}.{file.name}") for file in iter_modules(__path__)]
+    return {
+        name: maker for module in modules for name, maker in getattr(module, "METHODS", {}).items()
+    }
 
 
 def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
@@ -70,12 +63,11 @@ def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:
     return "flexible bodies" if flexible else "stability limits the steps of explicit-rk"
 
 
-def chosen_method(spec: DynamicsSpec, name: str | None = None) -> Method:
-    """The integrator of a name, by default that of `dynamics.method`, with the numbers of a run."""
-    return _maker(name or method_name(spec))(spec)
+def make_integrator(spec: DynamicsSpec, name: str | None = None) -> Method:
+    """The integrator of a name, by default that of `dynamics.method`, for a scene."""
+    return _makers()[name or method_name(spec)](spec)
 
 
 def import_methods() -> None:
     """Import all methods, so that their units are known."""
-    for name in _MAKERS:
-        _maker(name)
+    _makers()

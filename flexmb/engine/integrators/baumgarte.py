@@ -31,3 +31,6 @@ def make_method(spec: DynamicsSpec) -> Method:
     return explicit_method(
         tableau_of(spec), step, interpolate, stabilised=1, alpha=alpha, beta=beta
     )
+
+
+METHODS = {"baumgarte": make_method}

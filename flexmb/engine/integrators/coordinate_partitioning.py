@@ -20,6 +20,12 @@ from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.rotation import tangent_coefficients
 from flexmb.engine.algebra.vector import copy, inner, outer, part, plus, put_part, weighted_size
 from flexmb.engine.bodies.motion import move
+from flexmb.engine.equations_of_motion import (
+    constraint_stage,
+    position_stage,
+    rate_stage,
+    velocity_stage,
+)
 from flexmb.engine.integrators.runge_kutta import (
     Tableau,
     add_slopes,
@@ -31,16 +37,9 @@ from flexmb.engine.integrators.runge_kutta import (
     put_slopes,
     tableau_of,
 )
+from flexmb.engine.iteration_matrix import least_pivot, put_metric
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
-from flexmb.engine.kernels.kkt import least_pivot, put_metric
-from flexmb.engine.kernels.projection import NOTHING, accelerations
-from flexmb.engine.kernels.stages import (
-    constraint_stage,
-    position_stage,
-    rate_stage,
-    velocity_stage,
-)
 from flexmb.engine.method import (
     FINE,
     NO_CONVERGENCE,
@@ -48,6 +47,7 @@ from flexmb.engine.method import (
     NOT_FINITE,
     Method,
 )
+from flexmb.engine.projection import NOTHING, accelerations
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
@@ -332,3 +332,6 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     if run.settings.works == 1:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
     return FINE
+
+
+METHODS = {"coordinate-partitioning": make_method}

@@ -24,8 +24,8 @@ from flexmb.engine.integrators.runge_kutta import (
     tableau_of,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.method import FINE, Method
+from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -96,3 +96,6 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
     normalise(run.system.parts.bodies, tr.q)
     return FINE
+
+
+METHODS = {"explicit-rk": make_method}

@@ -26,17 +26,16 @@ import numpy as np
 from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import weighted_size
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
+from flexmb.engine.equations_of_motion import residual, walk
+from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, factorise, give_up
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.kkt import factorise
-from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
-from flexmb.engine.kernels.projection import VELOCITIES, accelerations
-from flexmb.engine.kernels.stages import residual, walk
 from flexmb.engine.method import (
     FINE,
     NO_CONVERGENCE,
     NOT_FINITE,
     Method,
 )
+from flexmb.engine.projection import VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -347,3 +346,11 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
 def interpolate(run: Run, alpha: Alpha, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
     return interpolate_step(run, share)  # type: ignore[no-any-return]
+
+
+METHODS = {
+    "generalized-alpha": make_method,
+    "hht": make_hht,
+    "newmark": make_newmark,
+    "trapezoidal": make_trapezoidal,
+}

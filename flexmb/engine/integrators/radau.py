@@ -4,7 +4,7 @@ The constraints hold at the stages; the velocities of the new point are put on t
 of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
 motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
 ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton solves one real and one complex system
-(`kernels.collocation`). The error is estimated by an embedded formula of order 3, filtered by
+(`integrators.collocation`). The error is estimated by an embedded formula of order 3, filtered by
 S(h/γ)⁻¹ M. Stiff modes are damped, not resolved. Hairer & Wanner, Solving Ordinary Differential
 Equations II, 1996, §IV.8; for constraints Hairer, Lubich & Roche, The Numerical Solution of
 Differential-Algebraic Systems by Runge–Kutta Methods, 1989, §6.
@@ -30,18 +30,18 @@ from flexmb.engine.algebra.vector import (
     weighted_size,
 )
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.collocation import (
+from flexmb.engine.equations_of_motion import residual
+from flexmb.engine.integrators.collocation import (
     STAGES,
     Radau,
     correct_stages,
     factorise_stages,
     filter_motion,
 )
-from flexmb.engine.kernels.newton import REFACTOR_ABOVE, give_up
-from flexmb.engine.kernels.projection import POSITIONS, accelerations
-from flexmb.engine.kernels.stages import residual
+from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, give_up
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import Method
+from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -273,3 +273,6 @@ def _estimate_error(run, radau, h):
 def interpolate(run: Run, radau: Radau, share: float) -> int:
     """Positions and velocities at a share of the last accepted step, into the trial state."""
     return interpolate_step(run, share)  # type: ignore[no-any-return]
+
+
+METHODS = {"radau": make_method}

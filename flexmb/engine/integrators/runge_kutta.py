@@ -16,8 +16,8 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size
 from flexmb.engine.bodies.motion import motion_of_rate
+from flexmb.engine.equations_of_motion import constraint_stage, powers
 from flexmb.engine.jit import Unit, kernel
-from flexmb.engine.kernels.stages import constraint_stage, powers
 from flexmb.engine.method import (
     FINE,
     NO_CONVERGENCE,

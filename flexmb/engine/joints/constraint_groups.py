@@ -33,7 +33,7 @@ from flexmb.engine.joints.joint import (
     row_constant,
 )
 from flexmb.engine.row_kinds import DISTANCE, POINT, ROW_KINDS
-from flexmb.engine.tables import FOLLOW, ROW, Functions
+from flexmb.engine.tables import COUPLED_COORDINATE, ROW, Functions
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
@@ -53,7 +53,7 @@ class Entry(NamedTuple):
     b: int
     offset: float = 0.0
     fun: int = -1
-    follows: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
+    coupled: tuple[tuple[int, float], ...] = ()  # scalar coordinates and their factors
     I: int = -1  # noqa: E741
     J: int = -1
 
@@ -62,7 +62,7 @@ def _row_word(row: Entry) -> str:
     """What a row is."""
     if row.fun >= 0:
         return "driven"
-    if row.follows:
+    if row.coupled:
         return "coordinate"
     return ROW_KINDS[row.kind].word.format(a="xyz"[row.a], b="xyz"[row.b])
 
@@ -132,25 +132,25 @@ def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray
     at, slot = 0, n_functions
     for row, n, i, j in groups.groups:
         for r in range(n):
-            kind, a, b, offset, fun, follows, I, J = groups.rows[row + r]  # noqa: E741
+            kind, a, b, offset, fun, coupled, I, J = groups.rows[row + r]  # noqa: E741
             jac = []
             for body in (i, j):
                 jac.append(at if body >= 0 else -1)
                 at += size[body] if body >= 0 else 0
-            if follows:
+            if coupled:
                 fun, slot = slot, slot + 1
-            entries.append((kind, I, J, a, b, fun, *jac, r, len(follows), offset))
+            entries.append((kind, I, J, a, b, fun, *jac, r, len(coupled), offset))
     return np.array(entries, ROW)
 
 
-def follow_table(groups: Groups) -> np.ndarray:
-    """FOLLOW rows in the order of the rows; links are filled in later."""
+def coupled_coordinate_table(groups: Groups) -> np.ndarray:
+    """COUPLED_COORDINATE rows in the order of the rows; links are filled in later."""
     entries = [
         (k, coordinate, -1, n == 0, factor)
         for k, row in enumerate(groups.rows)
-        for n, (coordinate, factor) in enumerate(row.follows)
+        for n, (coordinate, factor) in enumerate(row.coupled)
     ]
-    return np.array(entries, FOLLOW)
+    return np.array(entries, COUPLED_COORDINATE)
 
 
 OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
@@ -223,26 +223,26 @@ def joint_groups(
 ) -> Groups:
     """All joints, all drivers, then what follows joints with coordinates of its own."""
     place = {scalar.name: k for k, scalar in enumerate(scalars)}
-    rows = _Rows(model, flexbodies, markers, place)
+    rows = _GroupBuilder(model, flexbodies, markers, place)
     for name in model.joints:
-        rows.joint(name)
+        rows.add_joint(name)
     for name in model.drivers:
-        rows.driver(name, functions)
+        rows.add_driver(name, functions)
     for name, force in followers(model).items():
         coordinate = joint_coordinate(model, force)
-        rows.follower(f"forces.{name}", force.joint, coordinate)
+        rows.add_follower(f"forces.{name}", force.joint, coordinate)
     for name, line in line_forces(model).items():
-        rows.line(f"forces.{name}", line.between)
+        rows.add_line(f"forces.{name}", line.between)
     for coupled in coupled_rows(model, flexbodies):
-        entry, between = rows.coupled(coupled)
-        rows.begin(coupled.coordinate)
+        entry, between = rows.coupled_entry(coupled)
+        rows.note_side(coupled.coordinate)
         rows.add(coupled.owner, between, [entry])
     return rows.groups
 
 
 @dataclass
-class _Rows:
-    """Adds the rows of what the model says, one after the other."""
+class _GroupBuilder:
+    """Adds the groups of a model, one after the other."""
 
     model: Model
     flexbodies: Mapping[str, FlexBody]
@@ -256,16 +256,16 @@ class _Rows:
         I, J = (self.markers.add(marker, points) for marker in between)  # noqa: E741
         self.groups.add(owner, self.markers, I, J, rows, words)
 
-    def begin(self, coordinate: str) -> None:
+    def note_side(self, coordinate: str) -> None:
         """The next group acts on this coordinate; on a second angle from marker J of the joint."""
         if coordinate == "second_angle":
             self.groups.reversed.add(len(self.groups.groups))
 
-    def joint(self, name: str) -> None:
+    def add_joint(self, name: str) -> None:
         model, joint = self.model, self.model.joints[name]
         I, J = lookup.joint_frames(model, name, self.flexbodies)  # noqa: E741
         if joint.curves:
-            self._on_curve(name, (I, J))
+            self._add_curve_joint(name, (I, J))
             return
         if model.plane is not None:
             I, J, types = planar_joint(model, joint, I, J)  # noqa: E741
@@ -273,25 +273,25 @@ class _Rows:
             types = JOINT_ROWS.get(joint.type) or composite_rows(model, name, I, J)
         self.ends[name] = I, J
         rows = [_ENTRIES.get(row) or _entry(model, name, row, (I, J)) for row in types]
-        rows += [self.coupled(thread)[0] for thread in screw_rows(model, name)]
+        rows += [self.coupled_entry(thread)[0] for thread in screw_rows(model, name)]
         self.add(f"joints.{name}", (I, J), rows)
 
-    def _on_curve(self, name: str, frames: Ends) -> None:
+    def _add_curve_joint(self, name: str, frames: Ends) -> None:
         groups = self.groups
         at = len(groups.groups), len(groups.rows)
-        site = JointContext(self.model, name, frames, self.markers, groups.curve_points, *at)
-        made = curve_joint(site)
-        if made.reversed:
+        context = JointContext(self.model, name, frames, self.markers, groups.curve_points, *at)
+        joint = curve_joint(context)
+        if joint.reversed:
             groups.reversed.add(at[0])
-        rows = [Entry(*row) for row in made.rows]
-        groups.add(f"joints.{name}", self.markers, made.I, made.J, rows)
+        rows = [Entry(*row) for row in joint.rows]
+        groups.add(f"joints.{name}", self.markers, joint.I, joint.J, rows)
 
-    def driver(self, name: str, functions: Functions) -> None:
+    def add_driver(self, name: str, functions: Functions) -> None:
         driver = self.model.drivers[name]
         if driver.joint is not None:
             row, (I, J) = self._measured(driver.joint, driver.coordinate)  # noqa: E741
             kinds, words = [row], ["driven"]
-            self.begin(driver.coordinate)
+            self.note_side(driver.coordinate)
         else:
             I, J, kinds = marker_rows(self.model, driver, self.flexbodies)  # noqa: E741
             words = [f"driven {motion.coordinate}" for motion in driver.motions(self.model.plane)]
@@ -300,25 +300,25 @@ class _Rows:
         rows = [Entry(*kind, fun=functions.add(program)) for kind, program in pairs]
         self.add(f"drivers.{name}", (I, J), rows, words)
 
-    def follower(self, owner: str, joint: str, coordinate: str) -> None:
+    def add_follower(self, owner: str, joint: str, coordinate: str) -> None:
         """A row by which the scalar coordinate of that name follows a joint coordinate."""
         row, between = self._measured(joint, coordinate)
-        self.begin(coordinate)
-        self.add(owner, between, [Entry(*row, follows=((self.place[owner], 1.0),))])
+        self.note_side(coordinate)
+        self.add(owner, between, [Entry(*row, coupled=((self.place[owner], 1.0),))])
 
-    def line(self, owner: str, between: tuple[str, str]) -> None:
+    def add_line(self, owner: str, between: tuple[str, str]) -> None:
         """A row by which the scalar coordinate of that name follows a distance."""
         I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
-        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, follows=((self.place[owner], 1.0),))])
+        self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, coupled=((self.place[owner], 1.0),))])
 
-    def coupled(self, coupled: CoupledRow) -> tuple[Entry, Ends]:
+    def coupled_entry(self, coupled: CoupledRow) -> tuple[Entry, Ends]:
         """A row that follows scalar coordinates, and its markers."""
         row, between = self._measured(coupled.joint, coupled.coordinate)
         offset = coupled.offset
         if coupled.relative:
             offset += row_constant(self.model, (*row, True), *between)
-        follows = tuple((self.place[name], factor) for name, factor in coupled.follows)
-        return Entry(*row, offset, follows=follows), between
+        factors = tuple((self.place[name], factor) for name, factor in coupled.factors)
+        return Entry(*row, offset, coupled=factors), between
 
     def _measured(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
         """Kind and axes of the row that measures a coordinate of a joint, and its markers."""

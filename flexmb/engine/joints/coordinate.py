@@ -53,21 +53,21 @@ def coordinate_table(scalars: list[Scalar], nq: int, nv: int) -> NDArray[np.void
 
 
 class Coordinates(NamedTuple):
-    """Scalar coordinates (`Parts.coordinates`, `System.follows`)."""
+    """Scalar coordinates (`Parts.coordinates`, `System.coupled`)."""
 
 
 @unit
 def put_values(run: Run, of: Coordinates, at: Point) -> int:
     """Σ f s of all rows that follow coordinates, as the value of their slots."""
     sys, q, fun = run.system, at.q, run.work.con.fun
-    follows, coordinates = sys.follows, sys.parts.coordinates
-    for k in range(follows.shape[0]):
-        follow = follows[k]
-        slot = sys.rows[follow["row"]]["fun"]
-        if follow["first"] == 1:
+    coupled, coordinates = sys.coupled, sys.parts.coordinates
+    for k in range(coupled.shape[0]):
+        entry = coupled[k]
+        slot = sys.rows[entry["row"]]["fun"]
+        if entry["first"] == 1:
             fun[slot, 0] = 0.0
             fun[slot, 2] = 0.0  # s̈ is an unknown
-        fun[slot, 0] += follow["factor"] * q[coordinates[follow["coordinate"]]["iq"]]
+        fun[slot, 0] += entry["factor"] * q[coordinates[entry["coordinate"]]["iq"]]
     return FINE
 
 
@@ -75,13 +75,13 @@ def put_values(run: Run, of: Coordinates, at: Point) -> int:
 def put_rates(run: Run, of: Coordinates, at: Point) -> int:
     """Σ f ṡ of all rows that follow coordinates, as the rate of their slots."""
     sys, v, fun = run.system, at.v, run.work.con.fun
-    follows, coordinates = sys.follows, sys.parts.coordinates
-    for k in range(follows.shape[0]):
-        follow = follows[k]
-        slot = sys.rows[follow["row"]]["fun"]
-        if follow["first"] == 1:
+    coupled, coordinates = sys.coupled, sys.parts.coordinates
+    for k in range(coupled.shape[0]):
+        entry = coupled[k]
+        slot = sys.rows[entry["row"]]["fun"]
+        if entry["first"] == 1:
             fun[slot, 1] = 0.0
-        fun[slot, 1] += follow["factor"] * v[coordinates[follow["coordinate"]]["iv"]]
+        fun[slot, 1] += entry["factor"] * v[coordinates[entry["coordinate"]]["iv"]]
     return FINE
 
 
@@ -89,17 +89,17 @@ def put_rates(run: Run, of: Coordinates, at: Point) -> int:
 def put_forces(run: Run, of: Coordinates, at: Point) -> int:
     """res = m s̈ + c ṡ + k (s − s0) − u + Cqᵀ λ of all coordinates."""
     sys, res, fun = run.system, run.work.trial.res, run.work.con.fun
-    coordinates, follows, q, v, vd = sys.parts.coordinates, sys.follows, at.q, at.v, at.vd
+    coordinates, coupled, q, v, vd = sys.parts.coordinates, sys.coupled, at.q, at.v, at.vd
     for k in range(coordinates.shape[0]):
         s = coordinates[k]
         i = s["iv"]
         res[i] = s["m"] * vd[i] + s["c"] * v[i] + s["k"] * (q[s["iq"]] - s["s0"])
         if s["fun"] >= 0:
             res[i] -= fun[s["fun"], 0]
-    for k in range(follows.shape[0]):
-        follow = follows[k]
-        i = coordinates[follow["coordinate"]]["iv"]
-        res[i] -= follow["factor"] * at.lam[follow["row"]]
+    for k in range(coupled.shape[0]):
+        entry = coupled[k]
+        i = coordinates[entry["coordinate"]]["iv"]
+        res[i] -= entry["factor"] * at.lam[entry["row"]]
     return FINE
 
 
@@ -127,14 +127,14 @@ def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> 
 def put_rows(run: Run, of: Coordinates, at: Point) -> int:
     """−f of the rows that follow coordinates in the Jacobian."""
     sys, factor = run.system, run.work.factor
-    follows = sys.follows
-    for k in range(follows.shape[0]):
-        follow = follows[k]
-        link, r = sys.kkt.links[follow["link"]], sys.rows[follow["row"]]["in_group"]
+    coupled = sys.coupled
+    for k in range(coupled.shape[0]):
+        entry = coupled[k]
+        link, r = sys.kkt.links[entry["link"]], sys.rows[entry["row"]]["in_group"]
         place = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
-        factor.low[place] = -follow["factor"]
+        factor.low[place] = -entry["factor"]
         if factor.symmetric[0] == 0:
-            factor.up[place] = -follow["factor"]
+            factor.up[place] = -entry["factor"]
     return FINE
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
 
-Follows = tuple[tuple[str, float], ...]
+Factors = tuple[tuple[str, float], ...]
 
 
 class CoupledRow(NamedTuple):
@@ -24,7 +24,7 @@ class CoupledRow(NamedTuple):
     owner: str  # name of its reaction
     joint: str
     coordinate: str
-    follows: Follows
+    factors: Factors
     offset: float
     relative: bool  # counted from the initial pose
 
@@ -49,12 +49,12 @@ def coupled_rows(model: Model, flexbodies: Mapping[str, FlexBody]) -> Iterator[C
         last = coupling.terms[-1].factor
         for owner, key in zip(owners[:-1], keys, strict=False):
             yield CoupledRow(owner, *key, ((owner, 1.0),), 0.0, coupling.relative)
-        follows = tuple(
+        factors = tuple(
             (owner, -term.factor / last)
             for owner, term in zip(owners[:-1], coupling.terms, strict=False)
         )
         yield CoupledRow(
-            owners[-1], *keys[-1], follows, coupling.constant / last, coupling.relative
+            owners[-1], *keys[-1], factors, coupling.constant / last, coupling.relative
         )
 
 

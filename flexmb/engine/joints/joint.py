@@ -56,7 +56,7 @@ JOINT_ROWS: dict[str, tuple[Row, ...]] = {
     "fixed": _TOGETHER + _SAME_AXES,
     "revolute": _TOGETHER + _SAME_AXIS,
     "prismatic": _SAME_AXES + _ON_AXIS,
-    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `couplers.screw_rows`
+    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `coupler.screw_rows`
     "cylindrical": _SAME_AXIS + _ON_AXIS,
     "spherical": _TOGETHER,
     "universal": _TOGETHER + _ACROSS,

@@ -24,9 +24,9 @@ import numpy as np
 from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.bodies import wrench
 from flexmb.engine.bodies.wrench import add_pulled_back
+from flexmb.engine.equations_of_motion import bias_stage, velocity_stage
 from flexmb.engine.functions.function import run_program
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.stages import bias_stage, velocity_stage
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers, array_of

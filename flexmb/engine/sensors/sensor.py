@@ -15,9 +15,9 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.flexible_body import body_energy
+from flexmb.engine.equations_of_motion import walk
 from flexmb.engine.functions.function import lower, run_program
 from flexmb.engine.jit import call_channel, kernel, unit
-from flexmb.engine.kernels.stages import walk
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector

@@ -38,7 +38,7 @@ from flexmb.fe.assembly.mass import (
     reduced_components,
 )
 from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, rigid_vectors
-from flexmb.fe.elements.blocks import Block, select_elements
+from flexmb.fe.elements.element_blocks import Block, select_elements
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
@@ -191,7 +191,7 @@ def assemble(
     sections : mapping of str to section, optional
         By mesh group, or under ``"all"``; lines and surfaces need one to belong to the body.
     progress : Progress
-        Told the phase ``"assemble"``.
+        Called with the phase ``"assemble"``.
     ties : mapping of str to mapping, optional
         ``{name: {type: "rbe2" or "rbe3", reference: node or group, nodes: group}}``.
 

@@ -146,13 +146,6 @@ class Accumulator:
             _merge(sums)
 
 
-def scatter(elements: FloatArray, numbers: IntArray, n: int) -> csr_array:
-    """Sum element matrices (ne, d, d) at their global numbers (ne, d)."""
-    total = Accumulator(n)
-    total.add(elements, numbers)
-    return total.matrix()
-
-
 def _merge(sums: list[tuple[int, bsr_array]]) -> None:
     """Replace the last two sums by theirs, which counts one digit higher."""
     _, newer = sums.pop()

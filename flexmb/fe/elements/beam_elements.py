@@ -309,7 +309,7 @@ class _Line:
     ) -> FloatArray:
         """(ne, 12, 12) geometric stiffness of the stress that displacements u (ne, 12) cause.
 
-        ``field`` (3, 4), [G, g], tells the force per mass G s + g at s that acts along the
+        ``field`` (3, 4), [G, g], is the force per mass G s + g at s that acts along the
         elements: the displacements know the mean axial force alone, with the field it varies
         along an element as it does, and the error falls with the fourth power of the element
         length instead of the second.

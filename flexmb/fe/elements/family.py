@@ -13,8 +13,6 @@ from typing import Any, Protocol
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-__all__ = ["STRESS", "ComponentMass", "Family", "ScalarMass"]
-
 STRESS = ("xx", "yy", "zz", "yz", "zx", "xy")
 """Order of stress components."""
 
@@ -65,13 +63,13 @@ class ComponentMass:
 
 
 class Family(Protocol):
-    """A kind of element; one object for each, listed in :mod:`flexmb.fe.elements.blocks`."""
+    """A kind of element; one object for each, in :mod:`flexmb.fe.elements.element_blocks`."""
 
     kind: str  # name of the cells in a mesh
     about: str  # a sentence for the list of elements
     dimension: int  # 1 beam, 2 shell, 3 solid
     rotations: bool  # nodes carry rotations too
-    warning: str  # what to tell whoever uses it; empty if nothing
+    warning: str  # a warning for its users; empty if none
     faces: tuple[tuple[int, ...], ...]  # local nodes of outer faces: corners, then mid-sides
     edges: tuple[tuple[int, int], ...]  # corners of straight edges: for checks and drawing
 
@@ -96,7 +94,7 @@ class Family(Protocol):
         ...
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:
-        """Names of the places across the section where stress is told: top, bottom, ..."""
+        """Names of the places across the section where stress is reported: top, bottom, ..."""
         ...
 
     def stress(self, x: FloatArray, section: Any) -> FloatArray:

@@ -110,7 +110,7 @@ class Solid:
     edges : tuple of (int, int)
         Corners of the edges.
     warning : str
-        What to tell whoever uses it.
+        A warning for its users; empty if none.
     """
 
     kind: str

@@ -23,7 +23,7 @@ from skfem import (
 from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
-from flexmb.fe.elements.blocks import Block
+from flexmb.fe.elements.element_blocks import Block
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
 

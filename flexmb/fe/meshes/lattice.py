@@ -208,7 +208,7 @@ def divisions_across(kind: str) -> int:
 
 
 def divisions_along(extent: float, radius: float, turns: int) -> int:
-    """The usual number along an extent beside ``turns`` elements on a circle: edges as long."""
+    """The usual number along an extent next to ``turns`` elements on a circle: equal edges."""
     return min(_MAX_ALONG_TUBE, max(2, round(extent * turns / (2 * pi * radius))))
 
 

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from flexmb.fe.elements.blocks import FAMILIES, Block
+from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray

@@ -393,7 +393,7 @@ SHAPES: dict[str, Callable[..., Mesh]] = {
 
 
 def mesh_from(mesh: MeshLike, where: str = "mesh") -> Mesh:
-    """The mesh itself, that of a file, or that of the table of a simple shape.
+    """The mesh itself, that of a file, or of the table of a simple shape.
 
     Raises
     ------

@@ -22,7 +22,7 @@ from flexmb.fe.reduction.fixed_interface import (
     ModesLike,
     interface_shares,
     read_modes,
-    smallest_set,
+    select_modes,
 )
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -36,13 +36,11 @@ from flexmb.fe.reduction.residual_vectors import (
     residual_vectors,
 )
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
-_SPARE = 2  # modes computed beyond those asked, so that no pair of equal frequency is cut blindly
-_FIRST = 20  # modes computed at first where a frequency or a share decides
-_MAX_MODES = 640  # modes computed at most for a share
+_SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
 
 
 def craig_bampton(
@@ -65,7 +63,7 @@ def craig_bampton(
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
-        Told the phases ``"factor"`` and ``"modes"``.
+        Called with the phases ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
@@ -76,10 +74,19 @@ def craig_bampton(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = read_modes(modes)
+    selection = read_modes(modes)
     directions = directions_of(mirror)
     fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
-    omega2, V, numbers = _fixed_interface_modes(fixed, choice, mirror, progress)
+    noun = "fixed-interface modes" + (" in the plane" if mirror is not None else "")
+    omega2, inner, numbers = select_modes(
+        selection,
+        lambda count: _lowest(fixed, count, mirror, progress),
+        fixed.count,
+        noun,
+        lambda modes: interface_shares(fixed, modes),
+    )
+    omega2, V = omega2[numbers], np.zeros((fe.numbering.n, len(numbers)))
+    V[fixed.dofs] = inner[:, numbers]
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
     stiff, U = residual_vectors(fe, fixed_interface_responses(fixed, relief, loads), V)
     progress("modes", 1.0)
@@ -120,57 +127,11 @@ def guyan(
     Raises
     ------
     ReductionError
-        Modes are asked for, or a part that nothing holds.
+        Modes are requested, or a part that is not supported.
     """
     if read_modes(modes) != ModesOptions(count=0):
         raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')
     return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
-
-
-def _fixed_interface_modes(
-    fixed: FixedInterfaceModel,
-    choice: ModesOptions,
-    mirror: SymmetryPlane | None,
-    progress: Progress,
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Squared frequencies, fields (n, k) and numbers of the fixed-interface modes that are kept."""
-    if choice.count is not None:
-        omega2, V = _lowest(fixed, choice.count, mirror, progress)
-        if choice.count > len(omega2):
-            where = "" if mirror is None else " in the plane"
-            what = f"the model has only {len(omega2)} fixed-interface modes{where}"
-            raise ReductionError(f"modes: {choice.count} requested, but {what}")
-        rows = np.arange(choice.count)
-    else:
-        omega2, V, rows = _modes_until(fixed, choice, mirror, progress)
-    fields = np.zeros((fixed.fe.numbering.n, len(rows)))
-    fields[fixed.dofs] = V[:, rows]
-    return omega2[rows], fields, rows
-
-
-def _modes_until(
-    fixed: FixedInterfaceModel,
-    choice: ModesOptions,
-    mirror: SymmetryPlane | None,
-    progress: Progress,
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Modes until one lies above the frequency, or until they hold the share."""
-    count = _FIRST
-    while True:
-        omega2, V = _lowest(fixed, count, mirror, progress)
-        complete = len(omega2) < count or count >= fixed.count
-        if choice.frequency is not None:
-            below = np.flatnonzero(omega2 < (2 * np.pi * choice.frequency) ** 2)
-            if complete or len(below) < len(omega2):
-                return omega2, V, below
-        else:
-            shares = interface_shares(fixed, V)
-            if complete or shares.sum() >= choice.effective_mass:
-                return omega2, V, smallest_set(shares, choice.effective_mass)
-            if count >= _MAX_MODES:
-                what = f"the lowest {len(omega2)} fixed-interface modes hold {shares.sum():.4f}"
-                raise ReductionError(f"modes.effective_mass: {what}; ask for less, or for a count")
-        count *= 2
 
 
 def _lowest(

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.solver.threads import blas_threads
+from flexmb.fe.solver.multifrontal import blas_threads
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -29,7 +29,7 @@ _TOLERANCE = 1e-10  # of 1 / omega^2, relative; what is reached lies near roundi
 # Largest |omega^2 K^-1 M v - v| in the norm of the mass, |v| = 1. Rounding leaves 1e-9 in a strip
 # of solids 200 times as long as thick, 1e-6 at 1000 times; frequencies are then right to 2e-5.
 _MAX_RESIDUAL = 1e-5
-_WARNING_RESIDUAL = 1e-7  # told from here on: digits are lost
+_WARNING_RESIDUAL = 1e-7  # a warning from here on: digits are lost
 
 
 def lowest_modes(
@@ -50,7 +50,7 @@ def lowest_modes(
     count : int
         How many, fewer than n.
     progress : Progress
-        Told the phase ``"modes"``.
+        Called with the phase ``"modes"``.
     start : (n,) float, optional
         Start vector; it must lie where ``solve`` maps to, if that is a pseudo-inverse.
 
@@ -111,7 +111,7 @@ def _check(
 
 
 def dense_modes(K: csr_array, M: csr_array, count: int) -> tuple[FloatArray, FloatArray]:
-    """The same from full matrices, where many or all modes of a small model are asked."""
+    """The same from full matrices, where many or all modes of a small model are requested."""
     if count == 0:
         return np.zeros(0), np.zeros((K.shape[0], 0))
     return eigh(K.toarray(), M.toarray(), subset_by_index=[0, count - 1])
@@ -126,7 +126,7 @@ _EQUAL_FREQUENCIES = (
     1e-6  # relative gap of omega^2 below which the directions of modes are arbitrary
 )
 _MAX_DEGREE = 3
-_WAVES = np.array(  # wave vectors without symmetry, for modes that no polynomial tells apart
+_WAVES = np.array(  # wave vectors without symmetry, for modes that no polynomial distinguishes
     [[1.7, 2.3, 3.1], [4.3, -2.9, 1.3], [-2.1, 5.3, 3.7], [7.1, 3.3, -4.7]]
 )
 _WAVE_WEIGHT = 0.01  # weight of the waves against the polynomials

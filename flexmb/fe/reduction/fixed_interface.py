@@ -20,7 +20,7 @@ Source: Wathen (1987), IMA Journal of Numerical Analysis 7(4).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,7 @@ class BorderedSolver:
     points : (n, 3) float
         Place of each degree of freedom [m].
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class FixedInterfaceModel:
     directions : tuple of int
         Motions of an interface that exist, of six; the others are held for good.
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -320,6 +320,9 @@ class FixedInterfaceModel:
         return modes
 
 
+_FIRST = 20  # modes computed at first where a frequency or a share decides
+_MAX_MODES = 640  # modes computed at most for a share
+
 ModesLike = int | Mapping[str, Any] | ModesOptions
 
 
@@ -338,6 +341,61 @@ def read_modes(modes: ModesLike) -> ModesOptions:
             raise ReductionError.from_problems([Problem("modes", what)])
         return ModesOptions(count=int(modes))
     return read_options(ModesOptions, modes, "modes", ReductionError)
+
+
+def select_modes(
+    selection: ModesOptions,
+    lowest: Callable[[int], tuple[FloatArray, FloatArray]],
+    limit: int,
+    noun: str,
+    shares: Callable[[FloatArray], FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Compute modes until there are the requested ones.
+
+    Parameters
+    ----------
+    selection : ModesOptions
+        A count, a frequency, or a share of the effective interface mass.
+    lowest : callable
+        Squared frequencies and fields of at least so many modes, or all.
+    limit : int
+        How many the model has.
+    noun : str
+        What they are, for messages.
+    shares : callable, optional
+        Share of each mode in the effective interface mass.
+
+    Returns
+    -------
+    omega2, V, rows
+        Squared frequencies (k,), fields (n, k) and which of them are requested.
+
+    Raises
+    ------
+    ReductionError
+        More modes than the model has.
+    """
+    count = _FIRST if selection.count is None else selection.count
+    while True:
+        omega2, V = lowest(count)
+        complete = len(omega2) < count or count >= limit
+        if selection.count is not None:
+            if count > len(omega2):
+                what = f"{count} requested, but the model has only {len(omega2)} {noun}"
+                raise ReductionError(f"modes: {what}")
+            return omega2, V, np.arange(count)
+        if selection.frequency is not None:
+            rows = np.flatnonzero(omega2 < (2 * np.pi * selection.frequency) ** 2)
+            if complete or len(rows) < len(omega2):
+                return omega2, V, rows
+        elif shares is not None:
+            part, wanted = shares(V), float(selection.effective_mass or 0.0)
+            if complete or part.sum() >= wanted:
+                return omega2, V, smallest_set(part, wanted)
+            if count >= _MAX_MODES:
+                what = f"the lowest {len(omega2)} fixed-interface modes hold {part.sum():.4f}"
+                raise ReductionError(f"modes.effective_mass: {what}; ask for less, or for a count")
+        count *= 2
 
 
 def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:

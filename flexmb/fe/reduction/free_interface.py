@@ -31,6 +31,7 @@ from flexmb.fe.reduction.fixed_interface import (
     FixedInterfaceModel,
     ModesLike,
     read_modes,
+    select_modes,
     statically_determinate,
 )
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
@@ -49,7 +50,6 @@ from flexmb.progress import Progress, silent
 
 _DENSE = 300  # degrees of freedom up to which full matrices are faster
 _SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
-_FIRST = 20  # modes at first where a frequency decides
 
 
 def free_interface(
@@ -74,14 +74,20 @@ def free_interface(
     ReductionError
         More modes than the model has, or a part that nothing holds.
     """
-    choice = read_modes(modes)
-    if choice.effective_mass is not None:
+    selection = read_modes(modes)
+    if selection.effective_mass is not None:
         what = "goes with fixed-interface modes; give a count or a frequency"
         raise ReductionError(f"modes.effective_mass: {what}")
     directions = directions_of(mirror)
     fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    omega2, V = _select_modes(fixed, relief, choice, mirror, progress)
+    omega2, V, rows = select_modes(
+        selection,
+        lambda count: free_modes_of(fixed, relief, count, mirror, progress),
+        free_count(fixed),
+        _noun(mirror),
+    )
+    omega2, V = omega2[rows], V[:, rows]
     F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
     stiff, U = residual_vectors(fe, free_body_responses(fixed, relief, F), V)
     progress("modes", 1.0)
@@ -140,7 +146,7 @@ def free_modes_of(
     mirror : Mirror, optional
         Only symmetric ones.
     progress : Progress
-        Told the phase ``"modes"``.
+        Called with the phase ``"modes"``.
     """
     fe, limit = fixed.fe, free_count(fixed)
     if count == 0:
@@ -169,27 +175,8 @@ def free_count(fixed: FixedInterfaceModel) -> int:
     return fixed.modes.shape[1] + fixed.count - len(fixed.directions)
 
 
-def _select_modes(
-    fixed: FixedInterfaceModel,
-    relief: InertiaRelief,
-    choice: ModesOptions,
-    mirror: SymmetryPlane | None,
-    progress: Progress,
-) -> tuple[FloatArray, FloatArray]:
-    if choice.count is not None:
-        omega2, V = free_modes_of(fixed, relief, choice.count, mirror, progress)
-        if choice.count > len(omega2):
-            where = "" if mirror is None else " in the plane"
-            what = f"the model has only {len(omega2)} elastic modes{where}"
-            raise ReductionError(f"modes: {choice.count} requested, but {what}")
-        return omega2[: choice.count], V[:, : choice.count]
-    count = _FIRST
-    while True:
-        omega2, V = free_modes_of(fixed, relief, count, mirror, progress)
-        below = int(np.searchsorted(omega2, (2 * np.pi * choice.frequency) ** 2))
-        if below < len(omega2) or len(omega2) < count or count >= free_count(fixed):
-            return omega2[:below], V[:, :below]
-        count *= 2
+def _noun(mirror: SymmetryPlane | None) -> str:
+    return "elastic modes" + (" in the plane" if mirror is not None else "")
 
 
 def _dense(fixed: FixedInterfaceModel, count: int) -> tuple[FloatArray, FloatArray]:
@@ -222,7 +209,7 @@ def free_modes(
     modes : int, mapping or ModesOptions
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
-        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
     mirror : Mirror, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
@@ -233,8 +220,8 @@ def free_modes(
     ReductionError
         More modes than the model has, or a share of interface mass, which needs interfaces.
     """
-    choice = read_modes(modes)
-    if interfaces or choice.effective_mass is not None:
+    selection = read_modes(modes)
+    if interfaces or selection.effective_mass is not None:
         raise ReductionError("modes.effective_mass: the body has no interfaces; give a count")
     whole = InertiaRelief(fe.M, fe.rigid)
     static: list[Callable[[FloatArray], FloatArray]] = []
@@ -244,7 +231,13 @@ def free_modes(
             static.append(relieved_inverse(fe, whole, progress))
         return static[0](f)
 
-    omega2, V = _select_free_modes(fe, inverse, choice, mirror, progress)
+    omega2, V, rows = select_modes(
+        selection,
+        lambda count: lowest_free(fe, inverse, count, mirror, progress),
+        fe.numbering.n - 6,
+        _noun(mirror),
+    )
+    omega2, V = omega2[rows], V[:, rows]
     directions = directions_of(mirror)
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
     V = relief.fields(V)
@@ -271,30 +264,6 @@ def relieved_inverse(
         return relief.fields(u)
 
     return inverse
-
-
-def _select_free_modes(
-    fe: FEMatrices,
-    inverse: Callable[[FloatArray], FloatArray],
-    choice: ModesOptions,
-    mirror: SymmetryPlane | None,
-    progress: Progress,
-) -> Modes:
-    limit = fe.numbering.n - 6
-    count = _FIRST if choice.count is None else choice.count
-    while True:
-        omega2, V = lowest_free(fe, inverse, count, mirror, progress)
-        complete = len(omega2) < count or count >= limit
-        if choice.count is not None:
-            if choice.count > len(omega2):
-                where = "" if mirror is None else " in the plane"
-                what = f"the model has only {len(omega2)} elastic modes{where}"
-                raise ReductionError(f"modes: {choice.count} requested, but {what}")
-            return omega2[:count], V[:, :count]
-        below = int(np.searchsorted(omega2, (2 * np.pi * choice.frequency) ** 2))
-        if complete or below < len(omega2):
-            return omega2[:below], V[:, :below]
-        count *= 2
 
 
 def lowest_free(

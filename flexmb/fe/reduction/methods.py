@@ -47,7 +47,7 @@ _DEFAULT_MODES = {"craig-bampton": 20, "free-interface": 20, "guyan": 0}
 
 
 def requested_modes(method: str, modes: Any) -> Any:
-    """What a method is asked for: the modes that are given, or its default.
+    """The modes of a method, or its default.
 
     Raises
     ------

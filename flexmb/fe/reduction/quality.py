@@ -35,7 +35,7 @@ Lowest = Callable[[int], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True, eq=False)
 class FrequencyCheck:
-    """Free elastic modes of the full model beside those of the reduced body.
+    """Free elastic modes of the full model and of the reduced body.
 
     Parameters
     ----------

@@ -87,13 +87,13 @@ class Stopwatch:
         self._progress(phase, fraction, detail)
 
     def lap(self) -> tuple[Phase, ...]:
-        """The phases so far; the next ones begin anew."""
+        """The phases so far; the next ones start from zero."""
         phases, self._phases = self.phases, {}
         return phases
 
     @property
     def phases(self) -> tuple[Phase, ...]:
-        """The phases in the order they were first told of, what lay between them last."""
+        """The phases in the order of their first call, the time between phases last."""
         phases = [part for name, part in self._phases.items() if name != _BETWEEN]
         between = self._phases.get(_BETWEEN)
         return (*phases, between) if between is not None else tuple(phases)
@@ -108,7 +108,7 @@ def _peak() -> int:
 
 @dataclass(frozen=True, eq=False)
 class InertiaCheck:
-    """Rigid data from the mass matrix, R^T M R, beside the integrals the body carries.
+    """Rigid data from the mass matrix, R^T M R, and from the integrals of the body.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def quality_report(
     phases : sequence of Phase
         Time and memory of the reduction, from a :class:`Stopwatch`.
     progress : Progress
-        Told the phases ``"order"``, ``"factor"`` and ``"modes"``.
+        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
 
     Raises
     ------
@@ -423,7 +423,7 @@ def _phase_table(report: QualityReport) -> ReportTable:
 
 
 def _share_text(value: float | FloatArray) -> str:
-    """A share with four digits; rounding about zero and one is told as such."""
+    """A share with four digits; rounding about zero is shown as 0."""
     number = float(value)
     if abs(number) < _ZERO_SHARE:
         return "0"

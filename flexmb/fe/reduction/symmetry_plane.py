@@ -140,7 +140,7 @@ def _in_tets(
     L = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
     best = L.min(axis=2).argmax(axis=1)
     row = np.arange(len(at))
-    L = np.clip(L[row, best], 0.0, None)  # a curved side lies beside the straight one
+    L = np.clip(L[row, best], 0.0, None)  # a curved side is not the straight one
     L /= L.sum(axis=1, keepdims=True)
     element = near[row, best]
     place = np.einsum("rk,rkc->rc", L, corners[element])
@@ -167,7 +167,7 @@ def _on_lines(
 _SHAPES = {"tetra10": _in_tets, "line": _on_lines}
 
 
-_SPARE = 2  # modes found beyond those asked: the last ones may want partners not yet computed
+_SPARE = 2  # modes beyond those requested: the last ones may lack partners not yet computed
 _MAX_ANTISYMMETRIC = 0.5  # share of energy from which on a mode counts as out of the plane
 
 Modes = tuple[FloatArray, FloatArray]

@@ -27,7 +27,7 @@ from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
 _RIGID = 1e-10  # share of the kinetic energy left after rigid motion: less is rounding
-_RIGID_WARNING = 1e-6  # share of the kinetic energy that is rigid: more is told
+_RIGID_WARNING = 1e-6  # share of the kinetic energy that is rigid: more causes a warning
 _DEPENDENT = 1e-8  # share of the kinetic energy that other modes leave over: less is none
 _MAX_DEVIATION = 1e-6  # of the largest displacement: nodes of a rigid interface may deviate by that
 _MAX_OUT_OF_PLANE = (
@@ -82,7 +82,7 @@ def user_modes(
         (n, k) over the degrees of freedom [m, rad], or (nodes, 3, k) or (nodes, 6, k) over all
         nodes of the mesh in its order; scale is free.
     progress : Progress
-        Told the phase ``"modes"``.
+        Called with the phase ``"modes"``.
     mirror : Mirror, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern

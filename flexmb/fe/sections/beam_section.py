@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from flexmb.errors import MaterialError, Problem, ReductionError, nearest
+from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial, Material
 
 Place = tuple[float, float]
@@ -137,7 +138,7 @@ class BeamSection:
         Place of the shear centre from the centroid, principal axes [m]; the section twists about
         it.
     points : tuple of StressPoint
-        Where stress is told.
+        Where stress is reported.
     shape : Shape, optional
         The dimensions all this is from.
     by_shape : bool
@@ -241,7 +242,7 @@ def general(
     Iyz : float
         int y z dA [m^4]; the principal axes are found from it.
     points : mapping of str to (y, z), optional
-        Places from the centroid where stress is told [m]: axial stress only.
+        Places from the centroid where stress is reported [m]: axial stress only.
     ky, kz : float
         Shear coefficients along the principal axes.
     shear_center : (y, z)
@@ -317,7 +318,11 @@ class Shape(Protocol):
         ...
 
     def points(self) -> tuple[StressPoint, ...]:
-        """Where stress is told."""
+        """Where stress is reported."""
+        ...
+
+    def outline(self) -> list[FloatArray]:
+        """Convex polygons (p, 2) that make up the section, anticlockwise, for pictures [m]."""
         ...
 
     def tilt(self) -> tuple[float, Place]:
@@ -386,3 +391,25 @@ def positive(**values: Any) -> None:
             problems.append(Problem(f"section.{name}", f"must be positive, given {value:g} m"))
     if problems:
         raise ReductionError.from_problems(problems)
+
+
+def outline(section: BeamSection) -> list[FloatArray]:
+    """Polygons (p, 2), y and z from the centroid along the principal axes [m], anticlockwise.
+
+    A section that is known by its values alone is drawn as the rectangle with its radii of
+    gyration.
+    """
+    shape: Any = section.shape
+    if shape is None:
+        y, z = (math.sqrt(12 * value / section.A) for value in (section.Iz, section.Iy))
+        return [polygon(-y / 2, -z / 2, y, z)]
+    parts = shape.outline()
+    areas = np.array([np.prod(np.ptp(part, axis=0)) for part in parts])
+    middle = areas @ [part.mean(axis=0) for part in parts] / areas.sum()
+    c, s = math.cos(section.angle), math.sin(section.angle)
+    return [(part - middle) @ np.array([[c, -s], [s, c]]) for part in parts]
+
+
+def polygon(y: float, z: float, width: float, height: float) -> FloatArray:
+    """(4, 2) corners of a rectangle with its lower left corner at y, z."""
+    return np.array([[y, z], [y + width, z], [y + width, z + height], [y, z + height]])

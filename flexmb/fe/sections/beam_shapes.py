@@ -21,14 +21,14 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.sections.beam_section import (
     BeamSection,
     Place,
-    Shape,
     StressPoint,
+    polygon,
     positive,
     section_of,
 )
+from flexmb.flexbody.arrays import FloatArray
 
-__all__ = ["Shape", "circle", "positive", "rectangle", "section_of", "tube"]
-
+_AROUND = 16  # corners of a drawn circle
 _ODD = np.arange(1, 40, 2)
 
 
@@ -78,6 +78,9 @@ class Rectangle:
         ]
         return (*corners, *sides)
 
+    def outline(self) -> list[FloatArray]:
+        return [polygon(-self.y / 2, -self.z / 2, self.y, self.z)]
+
     def tilt(self) -> tuple[float, Place]:
         return 0.0, (0.0, 0.0)
 
@@ -117,6 +120,10 @@ class Tube:
             StressPoint("-z", 0.0, -r, xy=(by_torque, by_force, 0.0)),
         )
 
+    def outline(self) -> list[FloatArray]:
+        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+        return [self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)]
+
     def tilt(self) -> tuple[float, Place]:
         return 0.0, (0.0, 0.0)
 
@@ -134,3 +141,7 @@ def tube(radius: float, inner: float, **common: Any) -> BeamSection:
 def circle(radius: float, **common: Any) -> BeamSection:
     """Solid round bar of that ``radius`` [m]."""
     return section_of(Tube(radius, 0.0), **common)
+
+
+SECTIONS = {"rectangle": rectangle, "tube": tube, "circle": circle}
+"""Solid and round sections by type."""

@@ -11,9 +11,9 @@ from typing import Any
 
 from flexmb.errors import FlexmbError, MaterialError, Problem, ReductionError
 from flexmb.fe.material import resolve
+from flexmb.fe.sections import beam_shapes, thin_walls
 from flexmb.fe.sections.beam_chain import TaperedSection, tapered
 from flexmb.fe.sections.beam_section import BeamSection, Releases, general
-from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
 from flexmb.fe.sections.shell_section import (
     Layer,
     ShellSection,
@@ -21,7 +21,6 @@ from flexmb.fe.sections.shell_section import (
     shell,
 )
 from flexmb.fe.sections.solid_section import SolidSection
-from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 from flexmb.flexbody.options import kind_of, option_values, read_options, rooted
 from flexmb.flexbody.section_options import SECTIONS as OPTIONS
 from flexmb.materials import AnyMaterial
@@ -30,12 +29,8 @@ Section = BeamSection | TaperedSection | ShellSection | SolidSection
 
 
 SECTIONS: dict[str, Callable[..., Section]] = {
-    "rectangle": rectangle,
-    "circle": circle,
-    "tube": tube,
-    "I": i_section,
-    "box": box_section,
-    "L": angle_section,
+    **beam_shapes.SECTIONS,
+    **thin_walls.SECTIONS,
     "general": general,
     "tapered": tapered,
     "shell": shell,

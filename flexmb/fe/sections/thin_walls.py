@@ -22,12 +22,12 @@ from flexmb.fe.sections.beam_section import (
     BeamSection,
     Place,
     StressPoint,
+    polygon,
     positive,
     principal,
     rotated,
     section_of,
 )
-from flexmb.fe.sections.beam_shapes import Rectangle, Tube
 from flexmb.flexbody.arrays import FloatArray
 
 GAUSS = np.polynomial.legendre.leggauss(3)
@@ -138,6 +138,15 @@ class ISection:
         ]
         return tuple(points)
 
+    def outline(self) -> list[FloatArray]:
+        clear = self.height - self.flange - self.bottom_flange
+        lower, top = self.bottom_flange, self.height - self.flange
+        return [
+            polygon(-self.bottom_width / 2, 0.0, self.bottom_width, lower),
+            polygon(-self.web / 2, lower, self.web, clear),
+            polygon(-self.width / 2, top, self.width, self.flange),
+        ]
+
     def tilt(self) -> tuple[float, Place]:
         top, _, bottom = self._parts()
         middle = self._centroid()
@@ -199,6 +208,15 @@ class Box:
             points.append(StressPoint(f"{a}y", i * y, 0.0, xz=(torque[0], 0.0, by_z)))
             points.append(StressPoint(f"{a}z", 0.0, i * z, xy=(torque[1], by_y, 0.0)))
         return tuple(points)
+
+    def outline(self) -> list[FloatArray]:
+        inner = self.z - 2 * self.flange
+        return [
+            polygon(0.0, 0.0, self.y, self.flange),
+            polygon(0.0, self.z - self.flange, self.y, self.flange),
+            polygon(0.0, self.flange, self.web, inner),
+            polygon(self.y - self.web, self.flange, self.web, inner),
+        ]
 
     def tilt(self) -> tuple[float, Place]:
         return 0.0, (0.0, 0.0)
@@ -346,6 +364,10 @@ class Angle:
             points.append(StressPoint(name, y, z, xy=(xy, 0.0, 0.0), xz=(xz, 0.0, 0.0)))
         return tuple(points)
 
+    def outline(self) -> list[FloatArray]:
+        upright = polygon(0.0, self.flange, self.web, self.z - self.flange)
+        return [polygon(0.0, 0.0, self.y, self.flange), upright]
+
     def tilt(self) -> tuple[float, Place]:
         turn, (cy, cz) = principal(*self._second())[2], self._centroid()
         return turn, rotated((self.web / 2 - cy, self.flange / 2 - cz), turn)
@@ -362,48 +384,5 @@ def angle_section(
     return section_of(Angle(y, z, web, web if flange is None else flange), **common)
 
 
-_AROUND = 16  # corners of a drawn circle
-
-
-def outline(section: Any) -> list[FloatArray]:
-    """Polygons (p, 2), y and z from the centroid along the principal axes [m], anticlockwise."""
-    shape = section.shape
-    if isinstance(shape, Tube):
-        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
-        return [shape.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)]
-    if isinstance(shape, ISection | Box | Angle):
-        parts = [_rectangle(*part) for part in _walls(shape)]
-    elif isinstance(shape, Rectangle):
-        parts = [_rectangle(-shape.y / 2, -shape.z / 2, shape.y, shape.z)]
-    else:
-        y, z = (math.sqrt(12 * value / section.A) for value in (section.Iz, section.Iy))
-        return [_rectangle(-y / 2, -z / 2, y, z)]
-    areas = np.array([np.prod(np.ptp(part, axis=0)) for part in parts])
-    middle = areas @ [part.mean(axis=0) for part in parts] / areas.sum()
-    c, s = math.cos(section.angle), math.sin(section.angle)
-    return [(part - middle) @ np.array([[c, -s], [s, c]]) for part in parts]
-
-
-def _walls(shape: ISection | Box | Angle) -> list[tuple[float, float, float, float]]:
-    """Least y and z and the sizes of the rectangles that a thin-walled section is made of."""
-    if isinstance(shape, ISection):
-        clear = shape.height - shape.flange - shape.bottom_flange
-        return [
-            (-shape.bottom_width / 2, 0.0, shape.bottom_width, shape.bottom_flange),
-            (-shape.web / 2, shape.bottom_flange, shape.web, clear),
-            (-shape.width / 2, shape.height - shape.flange, shape.width, shape.flange),
-        ]
-    y, z, web, flange = shape.y, shape.z, shape.web, shape.flange
-    if isinstance(shape, Angle):
-        return [(0.0, 0.0, y, flange), (0.0, flange, web, z - flange)]
-    inner = z - 2 * flange
-    return [
-        (0.0, 0.0, y, flange),
-        (0.0, z - flange, y, flange),
-        (0.0, flange, web, inner),
-        (y - web, flange, web, inner),
-    ]
-
-
-def _rectangle(y: float, z: float, width: float, height: float) -> FloatArray:
-    return np.array([[y, z], [y + width, z], [y + width, z + height], [y, z + height]])
+SECTIONS = {"I": i_section, "box": box_section, "L": angle_section}
+"""Thin-walled sections by type."""

@@ -117,7 +117,7 @@ def free_part_error(
     return _error(
         "the stiffness matrix with all interfaces held is singular: a part moves freely "
         f"({part}); hold it by an interface, connect it to the rest by more nodes, or make it less "
-        "stiff beside what holds it: beyond 1e12 times numbers cannot tell",
+        "stiff relative to its support: a ratio beyond 1e12 is lost in rounding",
         dofs,
     )
 
@@ -183,7 +183,7 @@ class Pardiso:
     K : (n, n) sparse
         Symmetric positive definite; both triangles are stored.
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
         Position of the node of each unknown: a better order of elimination, and errors that say
         where.
     progress : Progress
-        Told the phases ``"order"`` and ``"factor"``.
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------

@@ -1,10 +1,8 @@
 """How much memory there is, so that work that cannot fit is refused before it starts.
 
-In: a number of bytes. Out: an error with figures and advice if they are not there. On Linux the
-free memory is what the kernel holds available (/proc/meminfo), or what the control groups of the
-process leave, whichever is less; elsewhere the physical memory that os.sysconf tells; where that
-tells nothing (Windows) nothing is refused. The environment variable FLEXMB_MEMORY ("6 GB") lowers
-the limit.
+The free memory is what psutil reports as available, or what the control groups of the process leave
+(Linux; psutil does not know them), whichever is less. The environment variable FLEXMB_MEMORY
+("6 GB") lowers the limit.
 """
 
 from __future__ import annotations
@@ -14,9 +12,9 @@ import re
 import sys
 from pathlib import Path
 
-from flexmb.errors import Problem, ReductionError
+import psutil
 
-__all__ = ["available_memory", "require_memory"]
+from flexmb.errors import Problem, ReductionError
 
 _VARIABLE = "FLEXMB_MEMORY"
 _UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
@@ -38,8 +36,8 @@ def require_memory(needed: float, what: str) -> None:
         Both figures, and what to do.
     """
     free, limit = available_memory(), _own_limit()
-    least = min((value for value in (free, limit) if value is not None), default=None)
-    if least is None or needed <= least:
+    least = free if limit is None else min(free, limit)
+    if needed <= least:
         return
     source = f"{_VARIABLE} allows" if least == limit else "this machine has free"
     raise ReductionError(
@@ -49,14 +47,12 @@ def require_memory(needed: float, what: str) -> None:
     )
 
 
-def available_memory() -> float | None:
-    """Bytes this process may still take; None where the system does not tell."""
-    limits: list[float | None] = []
+def available_memory() -> float:
+    """Bytes this process may still take: of the machine, and of its control groups."""
+    limits = [float(psutil.virtual_memory().available)]
     if sys.platform == "linux":
-        groups = _cgroups(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
-        limits = [_meminfo(Path("/proc/meminfo")), *groups]
-    values = [value for value in limits if value is not None]
-    return min(values) if values else _physical()
+        limits += _cgroups(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
+    return min(limits)
 
 
 def _own_limit() -> float | None:
@@ -72,17 +68,7 @@ def _own_limit() -> float | None:
         raise ReductionError.from_problems([Problem(_VARIABLE, what)]) from None
 
 
-def _meminfo(path: Path) -> float | None:
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return None
-    values = dict(line.split(":", 1) for line in lines if ":" in line)
-    kilobytes = values.get("MemAvailable", "").split()
-    return 1024.0 * int(kilobytes[0]) if kilobytes else None
-
-
-def _cgroups(path: Path, root: Path) -> list[float | None]:
+def _cgroups(path: Path, root: Path) -> list[float]:
     """What each control group above this process leaves, version 2 and version 1.
 
     ``path`` lists the groups of the process, ``root`` is where they are mounted.
@@ -91,7 +77,7 @@ def _cgroups(path: Path, root: Path) -> list[float | None]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
-    limits: list[float | None] = []
+    limits: list[float] = []
     for line in lines:
         _, controllers, group = line.split(":", 2)
         if not controllers:
@@ -102,10 +88,10 @@ def _cgroups(path: Path, root: Path) -> list[float | None]:
     return limits
 
 
-def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[float | None]:
+def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[float]:
     """Limit less usage of a group and of all above it; file cache counts as free."""
     here = root / path.strip("/")
-    limits: list[float | None] = []
+    limits: list[float] = []
     for folder in (here, *here.parents):
         if not folder.is_relative_to(root):
             break
@@ -119,13 +105,6 @@ def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[flo
             continue
         limits.append(most - used + cached)
     return limits
-
-
-def _physical() -> float | None:
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):
-        return None
 
 
 def _text(size: float) -> str:

@@ -3,7 +3,7 @@
 Each front adds up the entries of the rows it eliminates and the updates of its children, eliminates
 (potrf, trsm) and leaves an update (syrk) to its parent: nearly all work is on full matrices. Only
 lower triangles are formed. :class:`Fronts` are known before any number is computed, and with them
-the entries, operations and memory of the factorisation. It is kept beside scipy's SuperLU because
+the entries, operations and memory of the factorisation. It is used besides scipy's SuperLU because
 that has no symmetric mode: at 92 000 unknowns of a solid it takes several times the time and
 memory. Sources: Duff, Reid (1983), ACM Trans. Math. Softw. 9(3), 302-325; Liu (1992), SIAM Review
 34(1), 82-109.
@@ -11,16 +11,19 @@ memory. Sources: Duff, Reid (1983), ACM Trans. Math. Softw. 9(3), 302-325; Liu (
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
+from threadpoolctl import ThreadpoolController
 
 from flexmb.fe.solver.dissection import Dissection, Graph
-from flexmb.fe.solver.threads import blas_threads, set_threads
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
@@ -152,7 +155,7 @@ class Multifrontal:
     fronts : Fronts
         Of its pattern.
     progress : Progress
-        Told the phase ``"factor"`` by the share of operations done.
+        Called with the phase ``"factor"`` by the share of operations done.
 
     Raises
     ------
@@ -264,3 +267,31 @@ def _extend_add(
             else:
                 to = to_r - own, to_c - own
                 C[to[0] : to[0] + high, to[1] : to[1] + wide] += part
+
+
+@cache
+def _blas_libraries() -> tuple[Any, ...]:
+    """NumPy's and SciPy's BLAS libraries; both are loaded by now."""
+    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
+
+
+def set_threads(counts: tuple[int, ...]) -> None:
+    """Threads of each library, as :func:`blas_threads` gives them."""
+    for library, count in zip(_blas_libraries(), counts, strict=True):
+        library.set_num_threads(count)
+
+
+@contextmanager
+def blas_threads(count: int = 1) -> Iterator[tuple[int, ...]]:
+    """Run with ``count`` threads of BLAS; gives the numbers that were and will be.
+
+    On matrices of a few hundred rows threads of OpenBLAS wait for each other longer than they work
+    (on a busy machine with two cores a solution with twelve right sides took 24 times as long as
+    with one thread), so all of the solver but the elimination of large fronts runs on one.
+    """
+    before = tuple(library.get_num_threads() for library in _blas_libraries())
+    set_threads((count,) * len(before))
+    try:
+        yield before
+    finally:
+        set_threads(before)

@@ -1,1 +1,1 @@
-"""Bodies as a scene tells them: rigid, from a mesh, from a file; markers, interfaces, sections."""
+"""Bodies of a scene: rigid, from a mesh, from a file; markers, interfaces, sections."""

@@ -4,7 +4,7 @@ In: names of a scene. Out: checked names, or the ``FlexBody`` itself where a mod
 Python.
 
 Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
-the global one. Initial velocities are asked at markers: ``velocity`` and ``angular_velocity`` at
+the global one. Initial velocities are those of markers: ``velocity`` and ``angular_velocity`` at
 the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
 """
 
@@ -152,7 +152,7 @@ class RigidBodySpec(BodySpec):
         words = [key for key in ("mass", "density", "material") if getattr(self, key) is not None]
         names = " and ".join(f'"{key}"' for key in words)
         if len(words) > 1:
-            raise fail(Problem("", f"the mass is told twice, by {names}"))
+            raise fail(Problem("", f"the mass is given twice, by {names}"))
         if not words:
             what = 'has no mass: give "mass" and "inertia", or a "shape" with "density", '
             raise fail(Problem("", what + '"material" or "mass"; or "mesh" for a flexible body'))

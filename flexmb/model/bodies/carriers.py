@@ -17,8 +17,6 @@ from flexmb.model.lookup import ModelData
 from flexmb.model.references import Scope
 from flexmb.model.values.reading import GROUND, Spec
 
-__all__ = ["body_problems", "far_markers"]
-
 _FAR = 0.5  # of the body's length; a marker further from its nodes is likely a slip of units
 
 
@@ -36,7 +34,7 @@ def body_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
-    """Initial velocities are asked at markers that exist."""
+    """Initial velocities are of markers that exist."""
     for name in spec.initial:
         missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
         if missing is not None:

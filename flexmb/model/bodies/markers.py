@@ -22,8 +22,6 @@ from flexmb.model.values.reading import Entry, Spec, fail
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-__all__ = ["GroundSpec", "Marker", "MarkerSpec", "PlacedMarker", "place"]
-
 Array = NDArray[np.float64]
 
 
@@ -77,6 +75,8 @@ class PlacedMarker:
         Marker axes (columns) in body axes.
     Phi_t, Phi_r : (3, m) float or None
         Translation and rotation of the carrier per unit modal coordinate; None: moves rigidly.
+    bend : (3, m, m) float, optional
+        Twice what the carrier falls back by along each axis per product of modal coordinates [m].
     """
 
     body: str
@@ -85,6 +85,7 @@ class PlacedMarker:
     R: Array
     Phi_t: Array | None = None
     Phi_r: Array | None = None
+    bend: Array | None = None
 
     @property
     def position(self) -> Array:
@@ -114,9 +115,9 @@ def place(body: str, marker: MarkerSpec, flexbody: FlexBody | None = None) -> Pl
     if flexbody is None or marker.is_frame or _at_rigid_place(marker, flexbody):
         rho = zero if marker.position is None else np.array(marker.position)
         return PlacedMarker(body, rho, zero, R)
-    rho, Phi_t, Phi_r = _carrier(marker, flexbody)
+    rho, Phi_t, Phi_r, bend = _carrier(marker, flexbody)
     arm = zero if marker.position is None else np.array(marker.position) - rho
-    return PlacedMarker(body, rho, arm, R, Phi_t, Phi_r)
+    return PlacedMarker(body, rho, arm, R, Phi_t, Phi_r, bend)
 
 
 def _at_rigid_place(marker: MarkerSpec, flexbody: FlexBody) -> bool:
@@ -124,11 +125,11 @@ def _at_rigid_place(marker: MarkerSpec, flexbody: FlexBody) -> bool:
     return flexbody.m == 0 and marker.node is None and marker.interface is None
 
 
-def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Array]:
-    """Position, translation and rotation modes of the interface or node that carries it."""
+def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Array, Array | None]:
+    """Position, translation, rotation modes and bend of the interface or node that carries it."""
     if marker.interface is not None:
         interface = flexbody.interface(marker.interface)
-        return interface.position, interface.Phi_t, interface.Phi_r
+        return interface.position, interface.Phi_t, interface.Phi_r, interface.bend
     nodes = flexbody.nodes
     if nodes is None:
         raise SceneError("the flexible body holds no nodes, only its interfaces can carry markers")
@@ -141,4 +142,4 @@ def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Arra
         row = int(np.argmin(((nodes.position - np.array(marker.position)) ** 2).sum(axis=1)))
     if nodes.Phi_r is None:
         raise SceneError("the flexible body holds no nodal rotations; use an interface")
-    return nodes.position[row], nodes.Phi_t[row], nodes.Phi_r[row]
+    return nodes.position[row], nodes.Phi_t[row], nodes.Phi_r[row], None

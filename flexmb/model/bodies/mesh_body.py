@@ -161,19 +161,23 @@ Modes = Annotated[Any, Reader(_read_modes, _write_modes, _MODES)]
 
 
 def mode_count(modes: Any, default: int = 20) -> int:
-    """How many modes are asked for by number; the default where it is not told by number."""
+    """The number of modes; the default where another option decides."""
     count = getattr(modes, "count", None) if isinstance(modes, Spec) else modes
     return count if isinstance(count, int) else default
 
 
-_OPTIONS = ("sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress")
+_OPTIONS = (
+    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
+    "geometric_stiffening",
+)  # fmt: skip
 
 
 class MeshBodySpec(BodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
-    `units` are those of a mesh file's coordinates, by default the scene's; all else is told in the
+    `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
+    With `geometric_stiffening` forces and rotation stiffen or soften the body.
     """
 
     mesh: MeshSource
@@ -190,6 +194,7 @@ class MeshBodySpec(BodySpec):
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
+    geometric_stiffening: bool = False
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -210,7 +215,7 @@ class MeshBodySpec(BodySpec):
 
     @property
     def mode_count(self) -> int:
-        """How many modes are asked for by number."""
+        """The number of modes, where a number is given."""
         return 0 if self.reduction == "guyan" else mode_count(self.modes)
 
     @property

@@ -15,7 +15,6 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.functions.function import Function, FunctionOf
-from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import ALIGNED, normal_in_body
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Pair, Text
@@ -64,20 +63,18 @@ class LoadSpec(Component):
                 problems = [Problem(f"{where}.axes", what, names, nearest(axes, names))]
             yield from problems or scope.material(f"{where}.axes", axes)
 
-    def planar_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         """Components out of the plane must be the number zero."""
         normal = np.array(PLANES[plane])
         if self.axes != "global":
             reference = self.at if self.axes == "body" else self.axes
             body = reference.partition(".")[0]
             try:
-                marker = lookup.place_marker(model, reference, flexbodies)
+                marker = lookup.place_marker(scope.model, reference, scope.flexbodies)
             except FlexmbError:
                 return
-            if body in model.bodies:
-                normal = normal_in_body(model.bodies[body], plane)
+            if body in scope.model.bodies:
+                normal = normal_in_body(scope.model.bodies[body], plane)
             normal = marker.R.T @ normal
         for i, function in enumerate(self.value):
             in_plane = abs(normal[i]) <= ALIGNED

@@ -14,7 +14,6 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import keeps_plane
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, Text
@@ -92,9 +91,7 @@ class StopSpec(AnyStop):
         if self.axis is None:
             yield from scope.line_problems(where, self.between, "distance")
 
-    def planar_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         if self.axis is not None and not keeps_plane(self.axis, plane):
             yield Problem(f"{where}.axis", f"must lie in the plane {plane}")
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, ValidationInfo, model_validator
@@ -126,8 +126,9 @@ class Fourier(FunctionForm):
 
 
 class Rise(FunctionForm):
-    """Base of the forms that rise from y0 at t0 to y1 at t1."""
+    """Base of the forms that rise from y0 at t0 to y1 at t1, as that function of expressions."""
 
+    function: ClassVar[str]
     t0: Moment = 0.0
     y0: Ordinate = 0.0
     t1: Moment
@@ -138,10 +139,9 @@ class Rise(FunctionForm):
         _after("t1", self.t1, self.t0, context_of(info))
         return self
 
-    def rise(self, function: str) -> Ops:
-        """The operations, by the name of the same function in expressions."""
+    def ops(self) -> Ops:
         names = {"t0": self.t0, "y0": self.y0, "t1": self.t1, "y1": self.y1}
-        return parse(f"{function}(t, t0, y0, t1, y1)", names).ops
+        return parse(f"{self.function}(t, t0, y0, t1, y1)", names).ops
 
 
 def _after(where: str, end: float, begin: float, names: ReadContext) -> None:
@@ -155,36 +155,28 @@ class Step(Rise):
     """y0 before t0, y1 after t1, between them a cubic with level ends"""
 
     type: Literal["step"]
-
-    def ops(self) -> Ops:
-        return self.rise("step")
+    function = "step"
 
 
 class Step5(Rise):
     """y0 + (y1 - y0) (10 s^3 - 15 s^4 + 6 s^5), s from 0 at t0 to 1 at t1: 3-4-5 polynomial"""
 
     type: Literal["step5"]
-
-    def ops(self) -> Ops:
-        return self.rise("step5")
+    function = "step5"
 
 
 class Havsin(Rise):
     """y0 + (y1 - y0) (1 - cos(pi s))/2, s from 0 at t0 to 1 at t1: haversine"""
 
     type: Literal["havsin"]
-
-    def ops(self) -> Ops:
-        return self.rise("havsin")
+    function = "havsin"
 
 
 class Cycloidal(Rise):
     """y0 + (y1 - y0) (s - sin(2 pi s)/(2 pi)), s from 0 at t0 to 1 at t1"""
 
     type: Literal["cycloidal"]
-
-    def ops(self) -> Ops:
-        return self.rise("cycloidal")
+    function = "cycloidal"
 
 
 class ModifiedSine(Rise):
@@ -195,9 +187,7 @@ class ModifiedSine(Rise):
     """
 
     type: Literal["modified-sine"]
-
-    def ops(self) -> Ops:
-        return self.rise("modsine")
+    function = "modsine"
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ Curves through points are such polynomials: straight, cubic spline, Akima, monot
 their slopes, loaded when a scene first needs it: de Boor, A Practical Guide to Splines (2001),
 ch. IV, for the cubic spline; Akima, J. ACM 17 (1970) 589; Fritsch and Carlson, SIAM J. Numer. Anal.
 17 (1980) 238, with the means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
+
+SciPy's PPoly is not used beyond that: it knows no different rows outside the knots, no mean of a
+repeated curve, and loses digits of long integrals, whose sums are formed in long double here.
 """
 
 from __future__ import annotations

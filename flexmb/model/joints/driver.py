@@ -21,7 +21,7 @@ from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.joints.joint import COORDINATES
-from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.lookup import ModelData
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.references import Component, Scope
 from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number, read_numbers
@@ -202,9 +202,7 @@ class DriverSpec(Component):
             if what is not None:
                 yield Problem(f"{where}.distance", what)
 
-    def planar_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         """Coordinates of a marker: along the plane, and about its normal."""
         if self.marker is None:
             return
@@ -214,7 +212,8 @@ class DriverSpec(Component):
             what = f"a point has 2 coordinates in the plane {plane}, given {len(self.position)}"
             yield Problem(f"{where}.position", what)
             return
-        axes = lookup.global_axes(model, lookup.place_marker(model, self.ends[0], flexbodies))
+        marker = lookup.place_marker(scope.model, self.ends[0], scope.flexbodies)
+        axes = lookup.global_axes(scope.model, marker)
         for coordinate, _ in self.motions(plane):
             if coordinate in "xyz" and not keeps_plane(axes[:, "xyz".index(coordinate)], plane):
                 name = f"{coordinate} of {self.relative_to}" if self.relative_to else coordinate

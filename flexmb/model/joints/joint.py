@@ -209,17 +209,15 @@ class JointSpec(Component):
                 what = f'lies beyond the curve "{curve}", which is {length} long'
                 yield Problem(f"{where}.{start_word}", what)
 
-    def planar_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         if self.kind.planar_equations is None:
             names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations)
             yield Problem(f"{where}.type", f"a {self.type} joint has no meaning in a plane", names)
         elif self.kind.curves:
-            yield from self._planar_curve_problems(model, where, flexbodies, plane)
+            yield from self._planar_curve_problems(scope, where, plane)
         elif self.kind.has_axis:
             try:
-                axis = axis_of_joint(model, where.partition(".")[2], flexbodies)
+                axis = axis_of_joint(scope.model, where.partition(".")[2], scope.flexbodies)
             except FlexmbError:
                 return  # its markers are reported elsewhere
             about, along = across(axis, plane), keeps_plane(axis, plane)
@@ -230,12 +228,11 @@ class JointSpec(Component):
             elif not (about or along):
                 yield Problem(f"{where}.axis", f"must lie in the plane {plane} or be normal to it")
 
-    def _planar_curve_problems(
-        self, model: ModelData, where: str, flexbodies: Bodies, plane: str
-    ) -> Iterator[Problem]:
+    def _planar_curve_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         """The curves and the flat."""
+        model = scope.model
         try:
-            markers = lookup.joint_frames(model, where.partition(".")[2], flexbodies)
+            markers = lookup.joint_frames(model, where.partition(".")[2], scope.flexbodies)
         except FlexmbError:
             return  # its markers are reported elsewhere
         normal = np.array(PLANES[plane])

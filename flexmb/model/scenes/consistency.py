@@ -17,7 +17,7 @@ from flexmb.model.bodies.carriers import body_problems
 from flexmb.model.bodies.mesh_body import MeshBodySpec
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
-from flexmb.model.joints.coupler_loops import coupler_loop_problems
+from flexmb.model.joints.coupler import coupler_loop_problems
 from flexmb.model.joints.driver import twice_driven
 from flexmb.model.lookup import Bodies, ModelData
 from flexmb.model.plane import planar_problems
@@ -41,7 +41,7 @@ def model_problems(
         problems += part(scope)
     problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
     if not problems:  # what is in the plane is known of entries that hold together
-        problems += planar_problems(model, flexbodies)
+        problems += planar_problems(scope)
     return problems
 
 

@@ -4,6 +4,8 @@ Into a model, with all mistakes of the scene reported at once: first each table 
 they fit together. And out of a model: a scene that reads back into the same model; numbers are
 resolved, in the model's unit system and such that reading gives the same to the bit, functions of
 time stay as they were written, with the parameters they use.
+
+Parameters are names for numbers, in terms of each other, in any order; a cycle is named.
 """
 
 from __future__ import annotations
@@ -11,22 +13,35 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.bodies.body import BodySpec, FlexbodySpec
 from flexmb.model.bodies.markers import GroundSpec
+from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
 from flexmb.model.lookup import ModelData
 from flexmb.model.plane import read_plane
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
-from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ResultsSpec, ViewSpec
-from flexmb.model.scenes.sections import SECTIONS, read_named
+from flexmb.model.scenes.sections import (
+    SECTIONS,
+    CheckSpec,
+    FrequencyCheckSpec,
+    ResultsSpec,
+    ViewSpec,
+    read_named,
+)
 from flexmb.model.scenes.study import StudySpec, resolve_knob
-from flexmb.model.values.parameters import resolve
-from flexmb.model.values.quantities import Acceleration, plain, read_axis
+from flexmb.model.values.quantities import (
+    Acceleration,
+    expression_and_factor,
+    plain,
+    read_axis,
+    read_number,
+)
 from flexmb.model.values.reading import (
     ReadContext,
     Spec,
@@ -37,6 +52,80 @@ from flexmb.model.values.reading import (
     unknown_key,
 )
 from flexmb.units import SI, UnitSystem, unit_system
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
+_RESERVED = {"t": "the time", **dict.fromkeys(CONSTANTS, "a constant")}
+_RESERVED |= dict.fromkeys(FUNCTIONS, "a function")
+
+
+def resolve_parameters(
+    raw: Mapping[str, Any], units: UnitSystem = SI
+) -> tuple[dict[str, float], list[Problem]]:
+    """Values of the parameters in the scene's units.
+
+    A parameter that depends on a wrong one gets no value and no problem of its own.
+    """
+    return _Resolver(raw, units).run()
+
+
+class _Resolver:
+    """Depth-first evaluation; ``trail`` is the chain of names being evaluated."""
+
+    def __init__(self, raw: Mapping[str, Any], units: UnitSystem) -> None:
+        self.units = units
+        self.raw = {str(name): value for name, value in raw.items()}
+        self.values: dict[str, float] = {}
+        self.wrong: dict[str, list[Problem]] = {}
+
+    def run(self) -> tuple[dict[str, float], list[Problem]]:
+        for name in self.raw:
+            self.visit(name, ())
+        values = {name: self.values[name] for name in self.raw if name in self.values}
+        return values, [problem for problems in self.wrong.values() for problem in problems]
+
+    def visit(self, name: str, trail: tuple[str, ...]) -> None:
+        if name in self.values or name in self.wrong:
+            return
+        where = f"parameters.{name}"
+        if name in trail:
+            cycle = " -> ".join((*trail[trail.index(name) :], name))
+            for member in trail[trail.index(name) :]:
+                self.wrong[member] = []
+            self.wrong[name] = [Problem(where, f"depends on itself: {cycle}")]
+        elif not _NAME.match(name):
+            self.wrong[name] = [Problem(where, "a name has letters, digits and _ only")]
+        elif name in _RESERVED:
+            what = f'the name "{name}" is taken: it is {_RESERVED[name]} of expressions'
+            self.wrong[name] = [Problem(where, what)]
+        else:
+            self.evaluate(name, where, trail)
+
+    def evaluate(self, name: str, where: str, trail: tuple[str, ...]) -> None:
+        value = self.raw[name]
+        if isinstance(value, Mapping):
+            self.wrong[name] = [Problem(where, f"a number is expected, given {quote(value)}")]
+            return
+        try:
+            used: tuple[str, ...] = ()
+            if isinstance(value, str):
+                used = names_in(expression_and_factor(value, self.context(name), None)[0])
+            for other in used:
+                if other in self.raw:
+                    self.visit(other, (*trail, name))
+            if name in self.wrong:
+                return
+            if any(other in self.wrong for other in used):
+                self.wrong[name] = []
+                return
+            self.values[name] = read_number(value, self.context(name), None)
+        except SceneError as error:
+            self.wrong[name] = [replace(problem, where=where) for problem in error.problems]
+
+    def context(self, name: str) -> ReadContext:
+        """All names, so that a misspelt one finds its neighbours; used ones have their values."""
+        values = {other: self.values.get(other, 0.0) for other in self.raw if other != name}
+        return ReadContext(values, self.units)
+
 
 _STANDARD = 9.80665  # m/s^2, exact: 3rd General Conference on Weights and Measures, 1901
 _EARTH = re.compile(r"earth\s+(?P<down>[+-]?[xyz])\Z")
@@ -144,7 +233,7 @@ class _Builder:
             title = ""
         self.model.title = title
         parameters = plain(self.table("parameters"))
-        values, problems = resolve(parameters, self.model.units)
+        values, problems = resolve_parameters(parameters, self.model.units)
         self.problems += problems
         self.model.parameter_sources, self.model.parameters = parameters, values
         # A wrong parameter is reported once, not again wherever it is used.
@@ -182,32 +271,26 @@ class _Builder:
             if key in self.scene:
                 setattr(self.model, key, self.single(key, kind))
         if self.model.study is not None:
-            self.knobs(self.model.study.vary)
+            for name in self.model.study.vary:
+                problem = resolve_knob(self.scene, name)[1]
+                if problem is not None:
+                    self.problems += under(f"study.vary.{name}", [problem])
         self.model.view = self.single("view", ViewSpec) or ViewSpec()
         checks = self.scene.get("check", [])
         if not isinstance(checks, list | tuple):
             self.problems.append(Problem("check", "is a list of tables: write [[check]]"))
             checks = []
         for i, data in enumerate(checks):
-            if isinstance(data, Mapping) and "body" in data:
-                frequency, problems = read_entry(FrequencyCheckSpec, data, self.names)
-                self.problems += under(f"check[{i}]", problems)
-                if frequency is not None:
-                    self.model.frequency_checks.append(frequency)
-                continue
-            channel = data.get("sensor") if isinstance(data, Mapping) else None
-            slot = self.model.channel_unit(channel) if isinstance(channel, str) else None
-            terms = ReadContext(self.names, self.model.units, slot)
-            spec, problems = read_entry(CheckSpec, data, terms)
+            table = data if isinstance(data, Mapping) else {}
+            check: type[Spec] = FrequencyCheckSpec if "body" in table else CheckSpec
+            channel = table.get("sensor")
+            unit = self.model.channel_unit(channel) if isinstance(channel, str) else None
+            context = ReadContext(self.names, self.model.units, unit)
+            spec, problems = read_entry(check, data, context)
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
-                self.model.checks.append(spec)
-
-    def knobs(self, names: Iterable[str]) -> None:
-        for name in names:
-            problem = resolve_knob(self.scene, name)[1]
-            if problem is not None:
-                self.problems += under(f"study.vary.{name}", [problem])
+                of_run = check is CheckSpec
+                (self.model.checks if of_run else self.model.frequency_checks).append(spec)
 
     def single(self, key: str, cls: type[S]) -> S | None:
         spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)

@@ -23,8 +23,14 @@ from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.scenes.conversion import SINGLE_TABLES, TOP_KEYS
-from flexmb.model.scenes.results import CheckSpec, FrequencyCheckSpec, ViewSpec
-from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.scenes.sections import (
+    CONTROLLER_TYPES,
+    COUPLER_TYPES,
+    FORCE_TYPES,
+    CheckSpec,
+    FrequencyCheckSpec,
+    ViewSpec,
+)
 from flexmb.model.sensors.control import StateSpec
 from flexmb.model.sensors.sensor import SENSOR_TYPES
 from flexmb.model.values.reading import NAME, NUMBER, Form, Spec, list_form, reference

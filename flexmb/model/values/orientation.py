@@ -5,7 +5,8 @@ body's axes in global components), or one of the tables ``{axis, angle}``; ``{x_
 (any two of the axes: the first exactly along, the second turned about it towards a direction);
 ``{euler, angles}`` (a sequence such as "zxz": turns about body-fixed axes, each about the axis as
 the turns before have left it). Out: a unit quaternion p, scalar first, w >= 0, with A(p) taking
-body components to global ones. Source: Shabana, Dynamics of Multibody Systems, ch. 2.
+body components to global ones. SciPy's Rotation would take 0.1 s to load at each start and is not
+exact where axes are; these few formulas are. Source: Shabana, Dynamics of Multibody Systems, ch. 2.
 """
 
 from __future__ import annotations

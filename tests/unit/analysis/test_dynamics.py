@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics import run as module
-from flexmb.analysis.dynamics.analysis import dynamics
-from flexmb.analysis.dynamics.settings import loop_settings, time_grid
+from flexmb.analysis.dynamics import integration as module
+from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.analysis.dynamics.integration import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import VELOCITIES
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import make_integrator
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
@@ -78,7 +78,7 @@ def test_a_step_that_fits_is_kept():
 
 def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkeypatch):
     monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
-    prepare_integration(compiled.system, chosen_method(model.dynamics))
+    prepare_integration(compiled.system, make_integrator(model.dynamics))
     monkeypatch.setattr(units, "_loader", functools.cache(units._Loader))  # nothing is loaded
     sink = Kept()
     phases = []
@@ -102,7 +102,7 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
     grid = time_grid(model.dynamics)
     saved = sink.states[20]
     state = State(*(saved[name].copy() for name in State._fields))
-    method = chosen_method(model.dynamics)
+    method = make_integrator(model.dynamics)
     work = new_work(compiled.system, len(compiled.layout.channels), method)
     output = new_output(compiled.system, 4, len(compiled.layout.channels))
     every = round(grid.interval / grid.step)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.dynamics.analysis import dynamics
+from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

@@ -18,9 +18,9 @@ BENDING = np.sqrt(STEEL["E"] * HEIGHT**2 / 12 / STEEL["density"]) / LENGTH**2  #
 STIFFNESS = 3 * STEEL["E"] * HEIGHT**4 / 12 / LENGTH**3  # N/m, of the tip of a cantilever
 
 
-def beam(**changes):
+def beam(stiffening=False, **changes):
     model = Model("beam", **changes)
-    model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8))
+    model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8, geometric_stiffening=stiffening))
     return model
 
 
@@ -99,6 +99,11 @@ def test_speeds_that_stiffening_counts_at_are_told(share):
 
 def test_a_shaft_that_turns_about_its_axis_needs_no_stiffening():
     assert not sentences(on_a_hub(2.0 * 1.8751041**2 * BENDING, axis="x"), duration=0.5)
+
+
+def test_a_stiffened_body_is_told_nothing_of_its_speed():
+    model = on_a_hub(0.9 * 1.8751041**2 * BENDING, stiffening=True)
+    assert not sentences(model, duration=0.3)
 
 
 def test_modes_that_the_motion_does_not_contain_do_not_count():

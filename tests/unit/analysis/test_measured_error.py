@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.dynamics import measured_error as module
+from flexmb.analysis import monitors
 from flexmb.analysis.dynamics.measured_error import MeasuredError
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -197,7 +197,7 @@ def test_no_more_samples_of_the_growth_are_kept_than_there_is_room_for():
     made, t = model(*BOTH), np.linspace(0.0, 10.0, 4321)
     growth = fed(made, *runs(made, t, right_x=1e-3 * t)).arrays()["error_growth"]
     kept = growth[np.isfinite(growth[:, 0])]
-    assert module._SAMPLES // 2 <= len(kept) <= module._SAMPLES
+    assert monitors._MAX_SAMPLES // 2 <= len(kept) <= monitors._MAX_SAMPLES
     np.testing.assert_allclose(np.diff(kept[:, 0]), kept[1, 0] - kept[0, 0])
     assert (np.diff(kept[:, 1:], axis=0) >= 0.0).all()
 

@@ -8,7 +8,7 @@ from mechanisms import crank_slider, four_bar, quick_return
 
 import flexmb
 from flexmb.analysis import procedure
-from flexmb.analysis.dynamics.analysis import prepare
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.jit import UNITS
@@ -34,7 +34,7 @@ WRONG = {
 def test_a_model_that_cannot_move_is_refused_before_compiling(name, analysis):
     make, sentence = WRONG[name]
     model = make()
-    start = {"dynamics": prepare, "kinematics": prepare_kinematics}[analysis]
+    start = {"dynamics": prepare_dynamics, "kinematics": prepare_kinematics}[analysis]
     getattr(model, f"set_{analysis}")(duration=1.0)
     with pytest.raises(AssemblyError, match=sentence):
         start(compile_system(model), model)
@@ -56,7 +56,7 @@ def test_a_good_model_is_compiled():
     model = crank_slider("RSUT", driven=True)
     model.set_dynamics(duration=1.0)
     with pytest.raises(WouldCompile):
-        prepare(compile_system(model), model)
+        prepare_dynamics(compile_system(model), model)
 
 
 @pytest.mark.parametrize("limit", ["_MAX_COORDINATES", "_MAX_MODES_SQUARED"])
@@ -65,7 +65,7 @@ def test_a_large_model_is_compiled_at_once(monkeypatch, limit):
     model = out_of_reach()
     model.set_dynamics(duration=1.0)
     with pytest.raises(WouldCompile):
-        prepare(compile_system(model), model)
+        prepare_dynamics(compile_system(model), model)
 
 
 def test_what_fails_in_python_only_is_left_to_compiled_code():

@@ -10,7 +10,7 @@ import pytest
 import slidercrank
 from typer.testing import CliRunner
 
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.cli import app
 from flexmb.cli.run import summary_sentence, time_rows, work_rows
 from flexmb.results import Result
@@ -72,16 +72,16 @@ def test_ctrl_c_says_how_to_go_on_and_resume_does(
 ) -> None:
     scene, out = Path(shutil.copy(SCENE, tmp_path / "scene.toml")), tmp_path / "out"
     monkeypatch.setattr(module, "_CHUNK_WORK", 18 * 170)
-    march, calls = module.Run.march, []
+    march, calls = module.Integration.integrate, []
 
-    def pressed(self: module.Run, steps: int) -> int:
+    def pressed(self: module.Integration, steps: int) -> int:
         calls.append(steps)
         status = march(self, steps)
         if len(calls) == 4:
             raise KeyboardInterrupt
         return status
 
-    monkeypatch.setattr(module.Run, "march", pressed)
+    monkeypatch.setattr(module.Integration, "integrate", pressed)
     done = call("run", scene, "-o", out, "--no-picture")
     assert done.exit_code == 130, done.output
     assert f"resume with: flexmb resume {out}" in done.stdout

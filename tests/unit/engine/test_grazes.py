@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.dynamics.analysis import dynamics, prepare
+from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.method import FINE
 from flexmb.model import Model
@@ -53,8 +53,8 @@ def test_both_bounds_are_watched(bound):
     bounds = {"upper": 0.6, "lower": -0.6, bound: sign * (0.5 - 1e-4)}
     model.add_force("limit", "translational-stop", joint="rail", stiffness=1e4, **bounds)
     model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=20, verify=False)
-    run = prepare(compile_system(model), model).run
-    assert run.march(10**6) == FINE
+    run = prepare_dynamics(compile_system(model), model).run
+    assert run.integrate(10**6) == FINE
     assert run.state.count[0]["events"] == 2
 
 
@@ -74,10 +74,10 @@ def test_friction_is_felt_that_turns_within_a_step(method, model_of_friction):
     model.add_force("rub", "joint-friction", joint="rail", dynamic=1.0, preload=1.0, **fields)
     model.add_driver("pull", joint="rail", stroke="((t-1)**3 + 1)/3 - 1e-4*t")
     model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=4, method=method, verify=False)
-    run = prepare(compile_system(model), model).run
+    run = prepare_dynamics(compile_system(model), model).run
     times = []
     while not run.finished:
-        assert run.march(1) == FINE
+        assert run.integrate(1) == FINE
         times.append(run.state.t[0])
     assert np.abs(np.array(times) - 1.0).min() < 0.02
     way = 2 / 3 - 2e-4 + 4 * (4 / 3 * 1e-6)

@@ -6,10 +6,9 @@ import numpy as np
 from enginekit import Bench
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.run import Run
-from flexmb.analysis.dynamics.settings import loop_settings
+from flexmb.analysis.dynamics.integration import Integration, loop_settings
 from flexmb.engine.compile import compile_system
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import make_integrator
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state
@@ -39,18 +38,18 @@ def test_a_resumed_run_goes_on_to_the_bit():
     """
     model = scene()
     compiled, spec = compile_system(model), model.dynamics
-    settings = loop_settings(compiled, spec, chosen_method(spec), False)
+    settings = loop_settings(compiled, spec, make_integrator(spec), False)
 
     def fresh(state):
         copy = State(*(np.array(part) for part in state))
-        return Run(compiled, chosen_method(spec), settings, copy)
+        return Integration(compiled, make_integrator(spec), settings, copy)
 
     first = assemble(compiled, model).state
     whole, part = fresh(first), fresh(first)
     history = []
     while not whole.finished:
-        assert whole.march(25) == FINE
-        assert part.march(25) == FINE
+        assert whole.integrate(25) == FINE
+        assert part.integrate(25) == FINE
         part = fresh(part.state)
         history.append(np.array(whole.state.history))
     for name, value in whole.state._asdict().items():

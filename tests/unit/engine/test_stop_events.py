@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truthkit import Memory
 
-from flexmb.analysis.dynamics.analysis import dynamics, prepare
+from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.method import FINE
 from flexmb.model import Model
@@ -40,9 +40,9 @@ def test_steps_end_where_a_stop_begins_and_ends_to_push(force, fields):
     assert outcome.statistics["events"] == 2
     assert memory.tables()[2][-1, 0] == pytest.approx(-1.0, abs=1e-3)
     model.set_dynamics(duration=0.2, accuracy=1e-4, outputs=10, verify=False)
-    run, times = prepare(made, model).run, []
+    run, times = prepare_dynamics(made, model).run, []
     while not run.finished:
-        assert run.march(1) == FINE
+        assert run.integrate(1) == FINE
         times.append(run.state.t[0])
     for moment in (0.1, 0.1 + np.pi / np.sqrt(K)):
         assert np.abs(np.array(times) - moment).min() < 1e-4

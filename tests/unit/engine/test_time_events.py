@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.lib.recfunctions import structured_to_unstructured
 
-from flexmb.analysis.dynamics.analysis import prepare
-from flexmb.analysis.dynamics.run import Run
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
+from flexmb.analysis.dynamics.integration import Integration
 from flexmb.engine.compile import compile_system
 from flexmb.engine.method import FINE
 from flexmb.engine.work import new_state
@@ -45,17 +45,17 @@ def ready(model, events=True, **dynamics):
     if not events:
         none = made.system.time_events[:0].copy()
         made = replace(made, system=made.system._replace(time_events=none))
-    return prepare(made, model).run
+    return prepare_dynamics(made, model).run
 
 
 def whole(run):
     """All times and places of the cart of a run, and the balance of its energy."""
     rows = []
     while not run.finished:
-        assert run.march(40) == FINE
-        rows.append(run.block())
+        assert run.integrate(40) == FINE
+        rows.append(run.rows.read())
     t, x = (np.concatenate([getattr(b, name) for b in rows]) for name in ("t", "sensors"))
-    return t, x[:, 0], run.balance.relative
+    return t, x[:, 0], run.rows.balance.relative
 
 
 def stepped(n):
@@ -63,10 +63,10 @@ def stepped(n):
     run, times = saw(), []
     while not run.finished:
         before = [part.copy() for part in run.state]
-        run = Run(run.compiled, run.method, run.settings, new_state(run.compiled.system, 3))
+        run = Integration(run.compiled, run.method, run.settings, new_state(run.compiled.system, 3))
         for part, value in zip(run.state, before, strict=True):
             part[:] = value
-        assert run.march(n) == FINE
+        assert run.integrate(n) == FINE
         times.append(run.state.t[0])
     return times, flat(run.state)
 
@@ -116,7 +116,7 @@ def test_a_step_ends_just_before_each_jump_and_the_next_begins_after_it():
 def test_a_run_in_pieces_is_the_same_to_the_bit():
     run = saw()
     while not run.finished:
-        run.march(7)
+        run.integrate(7)
     np.testing.assert_array_equal(stepped(7)[1], flat(run.state))
 
 

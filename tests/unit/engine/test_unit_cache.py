@@ -8,7 +8,7 @@ import shutil
 import pytest
 from coldcache import MOVE, SOLVE, empty_cache, stored_unit  # noqa: F401  fixtures
 
-from flexmb.engine import compilation, unit_cache
+from flexmb.engine import compiler_pool, unit_cache
 from flexmb.errors import CompilationError, FlexmbWarning
 
 
@@ -59,12 +59,12 @@ def test_a_compiler_that_is_too_old_is_one_sentence(cache, monkeypatch, package,
         if name != package:
             return "1.0.0"
         if present is None:
-            raise compilation.PackageNotFoundError(name)
+            raise compiler_pool.PackageNotFoundError(name)
         return present
 
-    monkeypatch.setattr(compilation, "version", version)
+    monkeypatch.setattr(compiler_pool, "version", version)
     with pytest.raises(CompilationError) as error:
-        compilation.compile_units([SOLVE])
+        compiler_pool.compile_units([SOLVE])
     assert str(error.value).startswith(told) and "\n" not in str(error.value)
 
 
@@ -87,9 +87,9 @@ def test_damaged_files_are_compiled_again(cache, solve_file):
     for damaged in (b"", whole[:100], whole[:-50], whole[:-1] + b"x", b"{}\n", b"\0" * 400):
         file.write_bytes(damaged)
         assert unit_cache.read_stored(SOLVE) is None
-    assert compilation.compile_units([SOLVE]) == 1
+    assert compiler_pool.compile_units([SOLVE]) == 1
     assert unit_cache.read_stored(SOLVE) is not None
-    assert compilation.compile_units([SOLVE]) == 0
+    assert compiler_pool.compile_units([SOLVE]) == 0
 
 
 def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
@@ -104,7 +104,7 @@ def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
         folders = unit_cache.cache_folders()
     assert folders[1] == folder != folders[0]
     assert unit_cache.read_stored(SOLVE) is not None
-    assert compilation.compile_units([MOVE]) == 1
+    assert compiler_pool.compile_units([MOVE]) == 1
     assert (folders[0] / unit_cache.unit_file(MOVE)).is_file()
     assert not (folder / unit_cache.unit_file(MOVE)).exists()
 
@@ -115,7 +115,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on(cache, monkeypatch):
     folder.parent.mkdir(exist_ok=True)
     folder.write_text("a file where the folder was: nothing can be written into it")
     with pytest.warns(FlexmbWarning, match="cannot be written"):
-        assert compilation.compile_units([SOLVE]) == 1
+        assert compiler_pool.compile_units([SOLVE]) == 1
     assert unit_cache.read_stored(SOLVE) is not None
 
 

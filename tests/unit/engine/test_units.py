@@ -16,7 +16,7 @@ from coldcache import MOVE, SOLVE, empty_cache  # noqa: F401  a fixture
 from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 
-from flexmb.engine import compilation, unit_cache, units
+from flexmb.engine import compiler_pool, unit_cache, units
 from flexmb.engine.algebra import ldl
 from flexmb.engine.bodies import motion
 from flexmb.engine.entries import all_units
@@ -132,7 +132,7 @@ print(b[3])
 def test_a_killed_compilation_leaves_a_usable_cache(cache, project):
     """Killed at several moments; then everything is there, and nothing broken."""
     code = f"""
-from flexmb.engine.compilation import compile_units
+from flexmb.engine.compiler_pool import compile_units
 from flexmb.engine.entries import all_units
 compile_units({list(SMALL)!r})
 """
@@ -142,7 +142,7 @@ compile_units({list(SMALL)!r})
         time.sleep(seconds)
         process.kill()
         process.wait()
-    compilation.compile_units(SMALL)
+    compiler_pool.compile_units(SMALL)
     assert all(unit_cache.read_stored(name) is not None for name in SMALL)
     folder = unit_cache.cache_folders()[0]
     assert sum(1 for _ in folder.glob("*.unit")) == len(SMALL)
@@ -154,12 +154,12 @@ def test_what_lies_in_the_present_folder_is_not_compiled(cache, tmp_path, monkey
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("raise ImportError('from here')")
     monkeypatch.chdir(tmp_path)
-    assert compilation.compile_units([MOVE]) == 1
+    assert compiler_pool.compile_units([MOVE]) == 1
 
 
 def test_two_processes_on_a_cold_cache_share_the_work(cache, project):
     code = f"""
-from flexmb.engine.compilation import compile_units
+from flexmb.engine.compiler_pool import compile_units
 import flexmb.engine.entries
 print(compile_units({list(SMALL)!r}))
 """
@@ -176,7 +176,7 @@ print(compile_units({list(SMALL)!r}))
 def test_an_import_leaves_numba_alone(project):
     """Neither the modules of Numba nor its settings, such as the user's own cache, are touched."""
     code = """
-import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.analysis
+import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.dynamics
 assert not any(name.split(".")[0] == "numba" for name in sys.modules)
 import numba
 print(numba.config.CACHE_DIR)

@@ -7,7 +7,7 @@ from benchmarks.units import KINDS
 
 from flexmb.engine import units
 from flexmb.engine.entries import integration_units, prepare_integration
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import make_integrator
 
 RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rates"}
 FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
@@ -52,7 +52,7 @@ def called(project, monkeypatch):
 
     def sets(kind):
         model, compiled = with_one(kind)
-        method = chosen_method(model.dynamics)
+        method = make_integrator(model.dynamics)
         prepare_integration(compiled.system, method)
         entered, stored = integration_units(compiled.system, method), {}
         names = [unit.name for unit in entered]

@@ -13,8 +13,7 @@ from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, resolve
 from flexmb.fe.solver import linear_solver
 from flexmb.fe.solver.dissection import dissect, matrix_graph
 from flexmb.fe.solver.linear_solver import PARDISO_INSTALLED, Pardiso, SingularMatrix, factor
-from flexmb.fe.solver.multifrontal import Multifrontal, fronts
-from flexmb.fe.solver.threads import blas_threads
+from flexmb.fe.solver.multifrontal import Multifrontal, blas_threads, fronts
 
 
 @pytest.fixture(autouse=True)

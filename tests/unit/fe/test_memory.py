@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
 import pytest
 from femeshes import block
 
@@ -13,7 +16,7 @@ from flexmb.fe.solver.memory import available_memory, require_memory
 
 def test_a_machine_has_some_memory():
     free = available_memory()
-    assert free is None or 1e6 < free < 1e16
+    assert 1e6 < free < 1e16
     require_memory(1.0, "a byte")
 
 
@@ -31,7 +34,7 @@ def test_the_machine_limits_too(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 8e9)
     with pytest.raises(ReductionError, match=r"about 2\.1 TB, this machine has free 8 GB"):
         require_memory(2.1e12, "the work")
-    monkeypatch.setattr(memory, "available_memory", lambda: None)
+    monkeypatch.setattr(memory, "available_memory", lambda: float("inf"))
     require_memory(1e15, "the work")  # nothing known, nothing refused
 
 
@@ -67,11 +70,12 @@ def test_control_groups_of_version_1_have_a_folder_for_memory(tmp_path):
     assert memory._cgroups(mine, tmp_path) == [7_050.0]
 
 
-def test_the_kernel_tells_what_is_available_in_kilobytes(tmp_path):
-    told = tmp_path / "meminfo"
-    told.write_text("MemTotal: 9 kB\nMemFree: 1 kB\nMemAvailable:    4 kB\n", encoding="utf-8")
-    assert memory._meminfo(told) == 4096.0
-    assert memory._meminfo(tmp_path / "absent") is None
+def test_the_free_memory_is_the_least_of_machine_and_control_groups(monkeypatch):
+    monkeypatch.setattr(memory, "_cgroups", lambda path, root: [3e9])
+    monkeypatch.setattr(memory.psutil, "virtual_memory", lambda: SimpleNamespace(available=4096))
+    assert memory.available_memory() == 4096.0
+    monkeypatch.setattr(memory.psutil, "virtual_memory", lambda: SimpleNamespace(available=5e9))
+    assert memory.available_memory() == (3e9 if sys.platform == "linux" else 5e9)
 
 
 def test_where_there_are_no_control_groups_nothing_is_said(tmp_path):

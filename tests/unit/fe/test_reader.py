@@ -128,7 +128,7 @@ _GMSH = {  # number of the kind, its corners, corners whose mean the others are 
 
 @pytest.mark.parametrize("kind", _GMSH)
 def test_nodes_of_second_order_solids_come_in_the_order_of_the_elements(kind, tmp_path):
-    from flexmb.fe.elements.blocks import FAMILIES
+    from flexmb.fe.elements.element_blocks import FAMILIES
 
     reference = FAMILIES[kind].reference
     number, corners, middles = _GMSH[kind]

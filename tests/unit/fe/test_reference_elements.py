@@ -9,7 +9,7 @@ import pytest
 import vtk
 from femeshes import SOLIDS
 
-from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.isoparametric import extrapolation
 
 CELLS = {

@@ -11,6 +11,13 @@ from flexmb.fe.assembly.numbering import Accumulator
 RNG = np.random.default_rng(0)
 
 
+def scatter(elements, numbers, n):
+    """Sum element matrices (ne, d, d) at their global numbers (ne, d)."""
+    total = numbering.Accumulator(n)
+    total.add(elements, numbers)
+    return total.matrix()
+
+
 def full_sum(batches, n):
     total = np.zeros((n, n))
     for elements, numbers in batches:

@@ -9,7 +9,7 @@ import pytest
 
 from flexmb.errors import MeshError
 from flexmb.fe import mesh_report, meshes
-from flexmb.fe.elements.blocks import FAMILIES, select_elements
+from flexmb.fe.elements.element_blocks import FAMILIES, select_elements
 from flexmb.fe.meshes.facets import facet_moments, group_centroid, outer_faces
 from flexmb.fe.meshes.lattice import KINDS
 from flexmb.fe.meshes.mesh import dimension

@@ -20,7 +20,7 @@ from shellkit import (
     static,
 )
 
-from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.shell_fields import make_fields, make_points, shell_functions
 from flexmb.fe.sections.shell_section import Layer, layered, shell
 from flexmb.materials import OrthotropicMaterial

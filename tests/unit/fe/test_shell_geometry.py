@@ -7,7 +7,7 @@ import pytest
 from shellkit import CORNERS, KINDS, PLY, SECTIONS, corners
 
 from flexmb.errors import MeshError
-from flexmb.fe.elements.blocks import ADVICE, FAMILIES
+from flexmb.fe.elements.element_blocks import ADVICE, FAMILIES
 from flexmb.fe.elements.shell_fields import flatten, warp
 from flexmb.fe.sections.shell_section import shell
 

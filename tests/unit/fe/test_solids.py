@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmb.errors import FlexmbWarning, MeshError, ReductionError
 from flexmb.fe import Mesh, SolidSection, assemble, geometric_stiffness, resolve
-from flexmb.fe.elements.blocks import FAMILIES
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.materials import OrthotropicMaterial
 
 STEEL = resolve("steel")

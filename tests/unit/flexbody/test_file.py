@@ -13,7 +13,7 @@ from femeshes import block, line
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import LoadVector, SectionForceModes, StressModes, load, rigid_body, save
-from flexmb.flexbody.body_file import RESERVED, TABLE
+from flexmb.flexbody.body_file import TABLE
 
 ENDS = {"left": "x0", "right": "x1"}
 
@@ -22,16 +22,17 @@ def solid():
     return reduce(block((2, 1, 1)), material="steel", interfaces=ENDS, modes=4, damping=0.01)
 
 
-def beam():
+def beam(**options):
     sections = {"all": rectangle(0.02, 0.03)}
     ends = {"a": "root", "b": "tip"}
-    return reduce(line(3), material="steel", interfaces=ends, sections=sections, modes=0)
+    return reduce(line(3), material="steel", interfaces=ends, sections=sections, modes=0, **options)
 
 
 def loaded():
     """A beam with everything that a body can hold."""
     push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(6.0))
-    return replace(beam(), loads=(push, replace(push, name="pull")))
+    body = beam(geometric_stiffening=True)
+    return replace(body, loads=(push, replace(push, name="pull")))
 
 
 def plain():
@@ -77,7 +78,6 @@ def test_every_dataset_of_the_table_is_in_the_file_and_no_other(tmp_path):
     found = []
     with h5py.File(save(loaded(), tmp_path / "one.h5")) as file:
         file.visititems(lambda name, item: found.append(name) if hasattr(item, "shape") else None)
-        assert all(file[name].attrs["content"] == "none" for name in RESERVED)
         assert file["frame"].attrs["choice"] == "mean-axis"
     assert sorted(found) == sorted(row.path for row in TABLE)
 
@@ -102,12 +102,11 @@ def put(path, value):
     [
         (lambda f: f.attrs.update(format="other"), "not a flexible body of flexmb"),
         (lambda f: f.attrs.pop("format"), "not a flexible body of flexmb"),
-        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 2"),
+        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 3"),
         (lambda f: f.attrs.pop("mass"), "is damaged"),
         (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
         (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
         (lambda f: f.__delitem__("frame"), "does not know .frame None"),
-        (lambda f: f["geometric_stiffness"].attrs.update(content="full"), "geometric_stiffness"),
         (lambda f: f.pop("stress_recovery/layers"), "the body inside is not valid"),
         (put("stress_recovery/part", np.full(42, 3)), "part: points outside the 1 names of parts"),
         (put("stress_recovery/ids", np.arange(42)[::-1]), "ids: must be ascending"),
@@ -124,6 +123,15 @@ def put(path, value):
 def test_foreign_and_damaged_contents(tmp_path, edit, sentence):
     with pytest.raises(BodyFileError, match=sentence):
         load(edited(tmp_path, edit))
+
+
+@pytest.mark.parametrize("half", ["stiffness/centrifugal_stiffness", "interfaces/bend"])
+def test_half_of_the_geometric_stiffness_is_refused(tmp_path, half):
+    path = save(loaded(), tmp_path / "half.h5")
+    with h5py.File(path, "r+") as file:
+        del file[half]
+    with pytest.raises(BodyFileError, match="geometric stiffening needs both"):
+        load(path)
 
 
 def test_files_that_are_no_bodies(tmp_path):

@@ -14,7 +14,11 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbError
 from flexmb.manual.pages import FOLDER
 
-PATH = re.compile(r"`((?:cases|meshes|tests|fe|flexbody|model|engine|results|templates)/[\w/.-]*)`")
+ROOMS = (
+    "analysis|cases|cli|engine|fe|flexbody|manual|meshes|model|results|studies|templates|tests|view"
+    "|workflow"
+)
+PATH = re.compile(rf"`((?:{ROOMS})/[\w/.-]*)`")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 

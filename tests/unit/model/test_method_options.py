@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import flexmb
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import make_integrator
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.scenes.dynamics import METHODS, OPTIONS
@@ -94,12 +94,12 @@ def test_cases_of_generalized_alpha():
         "trapezoidal": {}, "newmark": {}, "hht": {"alpha": 0.0},
     }  # fmt: skip
     made = [
-        chosen_method(set_dynamics(method=name, step=1e-3, **options))
+        make_integrator(set_dynamics(method=name, step=1e-3, **options))
         for name, options in names.items()
     ]
     assert len({one.coefficients for one in made}) == 1
     (alpha,) = made[0].coefficients
     assert (alpha.beta, alpha.gamma, alpha.project) == (0.25, 0.5, 1)
-    damped = chosen_method(set_dynamics(method="newmark", step=1e-3, gamma=0.7))
+    damped = make_integrator(set_dynamics(method="newmark", step=1e-3, gamma=0.7))
     assert damped.order == 1 and damped.coefficients[0].beta == pytest.approx(0.36)
     assert damped.coefficients[0].project == 0

@@ -16,7 +16,7 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.values.orientation import rotation_matrix
 from flexmb.results import NOT_UNIQUE, Result, ResultWriter
-from flexmb.results.columns import Columns
+from flexmb.results.channels import Columns
 from flexmb.results.reactions import marker_pairs
 
 SCENE = {

@@ -8,7 +8,7 @@ import pytest
 from flexmb.model import Model
 from flexmb.studies.channel_errors import History, Reading, difference
 from flexmb.studies.reference import ReferenceSearch
-from flexmb.studies.settings import Setting
+from flexmb.studies.study_settings import Setting
 
 SCENE = {
     "bodies": {"b": {"mass": 1, "inertia": [1, 1, 1]}},

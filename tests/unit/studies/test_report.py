@@ -13,7 +13,7 @@ from flexmb.errors import FlexmbError, ViewError
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.report import Study
 from flexmb.studies.rows import Error, Row
-from flexmb.studies.settings import headings, label
+from flexmb.studies.study_settings import headings, label
 from flexmb.studies.summary import cost_of_a_digit
 from flexmb.view.work_precision import Curve, pareto_figure
 

@@ -10,7 +10,7 @@ from meshfiles import write_box
 
 from flexmb.errors import SceneError
 from flexmb.studies.channel_errors import add_velocity_sensors, check_sensors
-from flexmb.studies.settings import StudySource, make_settings
+from flexmb.studies.study_settings import StudySource, make_settings
 
 BEAM = """
 [parameters]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.view.shapes import Triangles, box, cylinder, joined, plate, sphere, tube
+from flexmb.view.content import Triangles
+from flexmb.view.shapes import box, cylinder, joined, plate, sphere, tube
 
 
 def _volume(shape: Triangles) -> float:

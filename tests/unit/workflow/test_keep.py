@@ -11,7 +11,7 @@ import pytest
 from samebytes import assert_same_bytes
 
 import flexmb
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.errors import ResultFileError, SceneError
 from flexmb.results import Result
 from flexmb.workflow import check_scene

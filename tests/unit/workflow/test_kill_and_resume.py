@@ -15,9 +15,9 @@ from samebytes import assert_same_bytes
 RUN = """
 import sys
 import flexmb
-from flexmb.analysis.dynamics import run
+from flexmb.analysis.dynamics import integration
 word, folder, scene, steps, *knobs = sys.argv[1:]
-run._CHUNK_WORK = 18 * int(steps)  # few steps: many moments at which a kill may come
+integration._CHUNK_WORK = 18 * int(steps)  # few steps: many moments at which a kill may come
 def told(phase, share, detail=""):
     if phase == "integrate":
         sys.stdout.write(f"{share}\\n")

@@ -10,7 +10,7 @@ import pytest
 from samebytes import assert_same_bytes
 
 import flexmb
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.errors import SceneError
 from flexmb.model import Model
 

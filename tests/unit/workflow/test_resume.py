@@ -16,7 +16,7 @@ import slidercrank
 from samebytes import assert_same_bytes
 
 import flexmb
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.errors import (
     AssemblyError,
     BodyFileError,

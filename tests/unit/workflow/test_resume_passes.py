@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import flexmb
-from flexmb.analysis.dynamics import run as module
+from flexmb.analysis.dynamics import integration as module
 from flexmb.results import Result, ResultWriter
-from flexmb.results.columns import TABLES
+from flexmb.results.channels import TABLES
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 

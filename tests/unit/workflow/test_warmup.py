@@ -13,7 +13,7 @@ from flexmb.engine import entries, unit_cache
 from flexmb.engine.bodies import motion, wrench
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import all_units, integration_units
-from flexmb.engine.integrators import chosen_method
+from flexmb.engine.integrators import make_integrator
 from flexmb.engine.jit import Unit
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
@@ -63,11 +63,11 @@ def test_the_scenes_of_the_templates_find_their_units(tmp_path: Path) -> None:
     for template in workflow.templates():
         model = load_scene(workflow.new_scene(tmp_path / template, template))
         bodies, _, _ = workflow.flexible_bodies(model, tmp_path)
-        system, method = compile_system(model, bodies).system, chosen_method(model.dynamics)
+        system, method = compile_system(model, bodies).system, make_integrator(model.dynamics)
         assert not missing_units(integration_units(system, method)), template
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_is_among_them(method: str) -> None:
     spec = DynamicsSpec(duration=1.0, method=method)
-    assert set(chosen_method(spec).step) <= set(all_units())
+    assert set(make_integrator(spec).step) <= set(all_units())

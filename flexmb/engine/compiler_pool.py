@@ -28,13 +28,13 @@ from flexmb.errors import CompilationError
 from flexmb.progress import Progress, silent
 
 # A process grows by some 4 MB a unit; after so many a new one takes over.
-_MOST_UNITS = 60
+_MAX_UNITS = 60
 # Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved
 # for kernels that the process has translated before; starting a process takes as long as 4500
 # bytes. A further process is started for work that is worth several times that.
 _TRANSLATION = 2 / 3
 _WORTH_A_PROCESS = 16_000
-_LEAST = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
+_MIN_VERSIONS = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 
 def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
@@ -48,12 +48,12 @@ def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
         A unit does not compile, or a compiler cannot be started or dies.
     """
     _check_versions()
-    work = _Work(names, progress)
+    pool = _Pool(names, progress)
     try:
-        work.run()
+        pool.run()
     finally:
-        work.stop()
-    return work.compiled
+        pool.stop()
+    return pool.compiled
 
 
 def _check_versions() -> None:
@@ -64,7 +64,7 @@ def _check_versions() -> None:
     CompilationError
         Which one, and what to do.
     """
-    for package, least in _LEAST.items():
+    for package, least in _MIN_VERSIONS.items():
         try:
             present = version(package)
         except PackageNotFoundError:
@@ -75,7 +75,7 @@ def _check_versions() -> None:
             raise CompilationError(f'{what}; python -m pip install "{package}>={least}"')
 
 
-class _Work:
+class _Pool:
     """Units to compile, and the processes that compile them."""
 
     def __init__(self, names: Sequence[str], progress: Progress) -> None:
@@ -91,18 +91,18 @@ class _Work:
 
     def run(self) -> None:
         """Until all are there."""
-        self._tell("")
+        self._report("")
         while self.waiting or self.elsewhere or any(worker.name for worker in self.workers):
-            self._give()
+            self._assign()
             if any(worker.name for worker in self.workers):
                 with suppress(queue.Empty):
-                    self._take(*self.answers.get(timeout=0.2))
+                    self._receive(*self.answers.get(timeout=0.2))
             else:
                 time.sleep(0.02)
             if not self.waiting and self.elsewhere:
                 self.waiting, self.elsewhere = self.elsewhere, []
 
-    def _give(self) -> None:
+    def _assign(self) -> None:
         """A unit to every free worker."""
         while self.waiting:
             free = next((worker for worker in self.workers if not worker.name), None)
@@ -118,7 +118,7 @@ class _Work:
                 lock.release()
                 self._finish(name)
                 continue
-            if free is not None and free.done >= _MOST_UNITS:
+            if free is not None and free.done >= _MAX_UNITS:
                 free.kill()
                 self.workers.remove(free)
                 free = None
@@ -165,7 +165,7 @@ class _Work:
             return self._claim(name)
         return lock
 
-    def _take(self, worker: _Worker, answer: str) -> None:
+    def _receive(self, worker: _Worker, answer: str) -> None:
         """The answer of a worker; "" if it has ended."""
         if worker not in self.workers or not worker.name:  # it ended without work
             return
@@ -187,9 +187,9 @@ class _Work:
 
     def _finish(self, name: str) -> None:
         self.done_cost += _cost(name)
-        self._tell(name)
+        self._report(name)
 
-    def _tell(self, name: str) -> None:
+    def _report(self, name: str) -> None:
         share = min(self.done_cost / self.cost, 0.99)
         spent = time.perf_counter() - self.start
         left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.1 else ""

@@ -10,13 +10,19 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra import ldl
+from flexmb.engine.equations_of_motion import add_couplings, add_matrix, velocity_stage
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
-from flexmb.engine.kernels.stages import add_couplings, add_matrix, velocity_stage
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
+# Simplified Newton iteration: what its measured contraction asks for.
+REFACTOR_ABOVE = 0.3
+"""Contraction by an old factor above which it is renewed within a step."""
+# By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
+_UNSYMMETRIC_ABOVE = 0.2
+_GIVE_UP_ABOVE = 0.9
 _REGULARISATION = 1e-9
 _REPEATED = 1e-7
 
@@ -152,3 +158,15 @@ def _fix_shapes(parts, rows, jac):
                 m = bodies[markers[marker]["body"]]["m"]
                 for c in range(6, 6 + m):
                     jac[at + c] = 0.0
+
+
+@kernel
+def give_up(memory, contraction):
+    """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
+    fresh = memory["factor_age"] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory["symmetric"] == 1.0 and fresh:
+        memory["symmetric"] = 0.0
+        memory["factor_age"] = -1.0
+    elif contraction > REFACTOR_ABOVE and not fresh:
+        memory["factor_age"] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory["factor_age"] == 0.0

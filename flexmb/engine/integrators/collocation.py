@@ -13,16 +13,14 @@ from typing import NamedTuple
 
 from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import copy, scaled_size, weighted_size
+from flexmb.engine.equations_of_motion import walk
+from flexmb.engine.iteration_matrix import keep_diagonal, put_matrix, put_rows
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.kernels.kkt import keep_diagonal, put_matrix, put_rows
-from flexmb.engine.kernels.stages import walk
 from flexmb.engine.method import (
     FINE,
 )
 from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
-
-__all__ = ["STAGES", "Radau", "correct_stages", "factorise_stages", "filter_motion"]
 
 STAGES = 3
 

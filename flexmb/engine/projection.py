@@ -15,10 +15,7 @@ import math
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.joints.constraint import constraint_right_side
-from flexmb.engine.kernels.kkt import factorise, permute
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
     feedback_stage,
@@ -29,6 +26,9 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise, permute
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run

@@ -12,13 +12,9 @@ import math
 
 import numpy as np
 
-from flexmb.engine import control
+from flexmb.engine import step_control
 from flexmb.engine.algebra.vector import copy, largest, store
-from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
-from flexmb.engine.jit import call_step, kernel, unit
-from flexmb.engine.joints.constraint import read_reactions
-from flexmb.engine.kernels.projection import POSITIONS, VELOCITIES, accelerations
-from flexmb.engine.kernels.stages import (
+from flexmb.engine.equations_of_motion import (
     begin_run,
     constraint_stage,
     feedback_stage,
@@ -30,11 +26,15 @@ from flexmb.engine.kernels.stages import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
+from flexmb.engine.jit import call_step, kernel, unit
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.method import (
     FINE,
     NOT_FINITE,
     TOO_SMALL,
 )
+from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
@@ -90,8 +90,8 @@ def accept_step(run: Run, h: float) -> int:
     store(tr.lam, st.lam)
     st.count[0]["steps"] += 1
     if controlled:
-        control.follow_motion(run)
-        control.write_plan(settings, run.plan, st)
+        step_control.follow_motion(run)
+        step_control.write_plan(settings, run.plan, st)
     return FINE
 
 
@@ -99,7 +99,7 @@ def accept_step(run: Run, h: float) -> int:
 def _is_output_within(run):
     """Whether an output is due before the end of the step."""
     k = run.state.count[0]["outputs"]
-    end = run.work.trial.t[0] - control.round_off(run.settings)
+    end = run.work.trial.t[0] - step_control.round_off(run.settings)
     return k < run.times.shape[0] and run.times[k] < end
 
 
@@ -133,17 +133,17 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = control.proposed(run.method, settings, run.plan, time_events, st, run.times, room)
+        h = step_control.proposed(run.method, settings, run.plan, time_events, st, run.times, room)
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
-        verdict = control.rejected(run.method, settings, st, error, status, h)
+        verdict = step_control.rejected(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:
                 continue
-            run.work.trial.t[0] = control.exact_time(settings, run.plan, time_events, st, h)
+            run.work.trial.t[0] = step_control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
-            control.accepted(run.method, settings, st, error, h)
+            step_control.accepted(run.method, settings, st, error, h)
             accept_events(run, h)
             return FINE
         if verdict == TOO_SMALL:
@@ -153,7 +153,7 @@ def advance(run: Run, room: int) -> int:
 @kernel
 def _due(run):
     """Whether an output is due at or before the present time."""
-    return control.due(run.settings, run.times, run.state, run.state.t[0], 0)
+    return step_control.due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
 @kernel
@@ -162,7 +162,7 @@ def _place_output(run):
     st, tr, settings, history = run.state, run.work.trial, run.settings, run.work.now.history
     before, now = tr.before, run.times[st.count[0]["outputs"]]
     copy(st.angles, tr.angles)
-    if now >= st.t[0] - control.round_off(settings):
+    if now >= st.t[0] - step_control.round_off(settings):
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
@@ -227,7 +227,7 @@ def _filter(run):
 
 
 @unit
-def march(run: Run, aside: Run, n_steps: int) -> int:
+def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     """Run n_steps, or until the end or until `out` is full; returns the status.
 
     Outputs that are due are written, also before the first step, by `aside`: the same run with
@@ -244,21 +244,21 @@ def march(run: Run, aside: Run, n_steps: int) -> int:
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
-    control.begin(run.system, settings, st)
+    step_control.begin(run.system, settings, st)
     if settings.step == 0.0:
-        control.follow_motion(run)
+        step_control.follow_motion(run)
     begin_events(run)
     if settings.refinement == 0.0:
         run.plan.used[0] = 0
-        control.write_plan(settings, run.plan, st)
+        step_control.write_plan(settings, run.plan, st)
     while status == FINE:
         if _due(run):
             status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]
-        if done == n_steps or control.at_end(settings, run.plan, st):
+        if done == n_steps or step_control.at_end(settings, run.plan, st):
             break
-        full = room < 3 or control.due(settings, run.times, st, st.t[0] + settings.step, room)
+        full = room < 3 or step_control.due(settings, run.times, st, st.t[0] + settings.step, room)
         if full and done > 0:
             break
         status = advance(run, room)

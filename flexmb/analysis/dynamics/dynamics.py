@@ -1,0 +1,316 @@
+"""Motion in time: the first state, the integration chunk by chunk, and its passes.
+
+Chunks are counted in steps, never in seconds, so a run repeats itself to the last bit. The step is
+shortened so that outputs at equal intervals fall on steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
+from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, n_closed, open_joint
+from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+from flexmb.analysis.dynamics.passes import (
+    PreparedDynamics,
+    error_statistics,
+    limited_by_stability,
+    may_change_method,
+    missed_accuracy,
+    needs_rough_run,
+    prepared_run,
+    rough_run,
+    stricter_tolerance,
+    unstable_step,
+)
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
+from flexmb.analysis.monitors import (
+    ContactLossMonitor,
+    GrowthMonitor,
+    SingularOrientationMonitor,
+    algebraic_loop_notes,
+)
+from flexmb.analysis.procedure import Ending, Outcome, Sink, assemble_first_state, run_chunks
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import integration_units
+from flexmb.engine.integrators import (
+    STIFF_METHOD,
+    make_integrator,
+    method_name,
+    reason_of_method,
+)
+from flexmb.engine.units import prepare_units
+from flexmb.errors import SceneError
+from flexmb.model.forces.friction import BaseFriction
+from flexmb.model.model import Model
+from flexmb.progress import Progress, silent
+from flexmb.results import NOT_UNIQUE, OutputBlock
+
+_STIFF = "stiff"  # how a run ends that another method starts again
+_UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.TOO_SMALL)
+
+
+def prepare_dynamics(
+    compiled: Compiled,
+    model: Model,
+    *,
+    begin: StartValues | None = None,
+    progress: Progress = silent,
+) -> PreparedDynamics:
+    """Load the compiled units and find the first state of a run.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model; `model.dynamics` must be there.
+    begin : StartValues, optional
+        Where to begin instead of the placed pose.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
+
+    Raises
+    ------
+    SceneError
+        The model says nothing about dynamics.
+    AssemblyError
+        No consistent first state, or drivers that contradict each other or the joints.
+    """
+    spec = model.dynamics
+    if spec is None:
+        raise SceneError("the scene has no [dynamics]: give its duration")
+    name = method_name(spec, _is_flexible(compiled))
+    integrator = make_integrator(spec, name)
+
+    def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
+        with driver_reasons(compiled, model):
+            assembled = assemble(compiled, model, start=spec.start, begin=begin)
+        rank = constraint_rank(compiled, assembled.work)
+        if rank is None or rank == compiled.layout.nc:
+            return assembled, rank, (), []
+        return assembled, rank, *redundant_reactions(compiled, model, assembled.state.q)
+
+    units = integration_units(compiled.system, integrator)
+    first, timer = assemble_first_state(compiled, units, first_state, progress)
+    assembled, rank, not_unique, redundancy = first
+    settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
+    notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
+    grid = time_grid(spec)
+    if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
+        change = f"from {spec.step:g} s to {grid.step:.6g} s"
+        end = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
+        notes.append(f"step shortened {change} to meet {end}")
+    return prepared_run(
+        compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
+        not_unique=not_unique,
+    )  # fmt: skip
+
+
+def _is_flexible(compiled: Compiled) -> bool:
+    return bool(compiled.system.parts.bodies["m"].any())
+
+
+def _friction_notes(model: Model) -> Iterator[str]:
+    """Notes on friction that does not stick."""
+    for name, spec in model.forces.items():
+        friction = getattr(spec, "friction", spec)
+        if isinstance(friction, BaseFriction) and friction.creep_speed is not None:
+            speed = model.units.say(friction.creep_speed, "m/s")
+            yield (
+                f"forces.{name}: smooth friction does not stick but creeps, with {speed} under "
+                '71 % of the load that makes it slide; model = "bristle" sticks'
+            )
+
+
+def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress = silent) -> Outcome:
+    """Integrate a prepared run to its end, pass by pass.
+
+    Parameters
+    ----------
+    prepared : PreparedDynamics
+        From `prepare_dynamics`; used once.
+    sink : Sink
+        Takes output rows and, after each chunk, the complete state.
+    progress : Progress
+        Receives the phase `integrate`.
+    """
+    notes, spec, compiled = list(prepared.notes), prepared.spec, prepared.run.compiled
+    finished: PreparedDynamics | None = None  # the run before, if it came to its end
+    while True:
+        current = _Pass(prepared, sink, progress)
+        ending = run_chunks(current, progress)
+        if ending.status == "failed" and current.growth.sentence:
+            ending = Ending("failed", current.growth.sentence)
+        if ending.status == _STIFF:
+            # what the explicit method cannot do is reported by the other one
+            prepare_units(
+                integration_units(compiled.system, make_integrator(spec, STIFF_METHOD)), progress
+            )
+            again = prepared.by_method(STIFF_METHOD)
+        elif ending.status == "failed" and finished is not None and not current.growth.sentence:
+            notes.append(
+                f"steps for more accuracy failed ({ending.message}); those before are kept"
+            )
+            again, finished = finished.as_last_pass(), None
+        else:
+            tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
+            if tolerance is None:
+                break
+            finished, again = prepared, prepared.with_tolerance(tolerance)
+        sink.restart()
+        prepared = again
+    prepared.timer.lap("integrate")
+    notes += current.notes(ending)
+    statistics = {"method": prepared.method, **_statistics(prepared.run)}
+    statistics |= prepared.timer.seconds
+    reason = reason_of_method(spec, prepared.method, _is_flexible(compiled))
+    if reason:
+        statistics["reason_of_method"] = reason
+    statistics |= error_statistics(prepared)
+    if prepared.not_unique:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
+    return Outcome(ending.status, ending.message, statistics, tuple(notes))
+
+
+def dynamics(
+    compiled: Compiled, model: Model, sink: Sink, *, progress: Progress = silent
+) -> Outcome:
+    """Prepare and integrate; see :func:`prepare_dynamics` and :func:`run_dynamics`."""
+    prepared = prepare_dynamics(compiled, model, progress=progress)
+    return run_dynamics(prepared, sink, progress=progress)
+
+
+class _Pass:
+    """One pass of a run under way."""
+
+    phase = "integrate"
+
+    def __init__(self, prepared: PreparedDynamics, sink: Sink, progress: Progress) -> None:
+        self._prepared, self._sink, self._progress = prepared, sink, progress
+        compiled, model = prepared.run.compiled, prepared.model
+        self._contact_loss = ContactLossMonitor(compiled)
+        self._orientations = SingularOrientationMonitor(compiled.layout, model)
+        self._elasticity = LinearElasticityMonitor(compiled, model, prepared.first.q)
+        self.growth = GrowthMonitor(compiled, model)
+        self._begins = prepared.rows_before == 0
+
+    @property
+    def time(self) -> float:
+        return float(self._prepared.run.state.t[0])
+
+    @property
+    def share_done(self) -> float:
+        return self._prepared.run.share_done
+
+    def next_chunk(self) -> Ending | None:
+        prepared = self._prepared
+        status = method.FINE
+        if self._begins:
+            status = self._first_row()
+        if status == method.FINE:
+            status, blocks = prepared.advance()
+            apart = self._store(blocks)
+            if apart or (self.growth.ends_run and self.growth.sentence):
+                return Ending("failed", apart)
+        if status != method.FINE:
+            return self._failure(status)
+        stiff = not prepared.run.finished and limited_by_stability(prepared)
+        return Ending(_STIFF) if stiff else None
+
+    def store_unread(self) -> None:
+        if self._prepared.verified is None and self._prepared.run.rows.unread:
+            self._store([self._prepared.run.rows.read()])
+
+    def notes(self, ending: Ending) -> list[str]:
+        """What the user should know of the pass."""
+        prepared = self._prepared
+        monitors = (self._contact_loss, self._orientations, self._elasticity)
+        notes = [note for monitor in monitors for note in monitor.notes()]
+        if self.growth.sentence and self.growth.sentence != ending.message:
+            notes.append(self.growth.sentence)
+        pivots = int(prepared.run.state.count[0]["regularised_pivots"])
+        if pivots:
+            notes.append(
+                f"{pivots} ill-conditioned pivots were regularised: the steps are long, a body has "
+                "no inertia in some direction that it can move in, or the pose is singular"
+            )
+        if ending.status == "finished":
+            notes += missed_accuracy(prepared)
+            unstable = unstable_step(prepared.run, prepared.method, failed=False)
+            notes += [unstable] if unstable else []
+        return notes
+
+    def _first_row(self) -> int:
+        prepared, self._begins = self._prepared, False
+        if needs_rough_run(prepared):
+            self._sink.save_state(prepared.arrays())  # so that a kill meanwhile loses nothing
+            rough_run(prepared, self._progress)
+        self._sink.save_state(prepared.arrays())
+        status, blocks = prepared.advance(first=True)
+        for rows in blocks:
+            self._append(rows)
+        return status
+
+    def _append(self, rows: OutputBlock) -> None:
+        for monitor in (self._contact_loss, self._orientations, self._elasticity, self.growth):
+            monitor.add(rows)
+        self._sink.append(rows)
+
+    def _store(self, blocks: Sequence[OutputBlock]) -> str:
+        """Store rows and state; returns the sentence of a mechanism that has come apart, or ""."""
+        compiled = self._prepared.run.compiled
+        for rows in blocks:
+            n = n_closed(compiled, rows)
+            self._append(rows.part(0, n))
+            if n < len(rows.t):
+                return open_joint(compiled, gaps_at(compiled, rows, n), float(rows.t[n]))
+        self._sink.save_state(self._prepared.arrays())
+        return ""
+
+    def _failure(self, status: int) -> Ending:
+        prepared, run, verified = self._prepared, self._prepared.run, self._prepared.verified
+        if status in _UNABLE and may_change_method(prepared) and not self.growth.sentence:
+            return Ending(_STIFF)
+        if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
+            run = verified.scout
+        at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
+        unstable = unstable_step(run, prepared.method, failed=True)
+        if unstable:
+            return Ending("failed", f"at t = {at:.6g} s {unstable}")
+        sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
+        return Ending("failed", sentence)
+
+
+def _statistics(run: Integration) -> dict[str, float | int | str]:
+    count, memory = run.state.count[0], run.state.memory[0]
+    fixed = run.settings.step > 0.0
+    steps = (
+        {"step_s": run.settings.step}
+        if fixed
+        else {
+            "rejected_steps": int(count["rejected"]),
+            "smallest_step_s": float(memory["smallest_step"]),
+            "largest_step_s": float(memory["largest_step"]),
+            "ten_times_more_accuracy_costs": float(10.0 ** (1.0 / run.method.order)),
+        }
+    )
+    estimate = {"estimated_error": float(memory["error_sum"])}
+    return {
+        "steps": int(count["steps"]),
+        **steps,
+        **({} if fixed or run.settings.refinement else estimate),
+        "failed_steps": int(count["failed"]),
+        "newton_iterations": int(count["residuals"]),
+        "factorisations": int(count["factorisations"]),
+        "replaced_pivots": int(count["regularised_pivots"]),
+        **({"events": int(count["events"])} if count["events"] else {}),
+        **({"partitions": 1 + int(count["partitions"])} if run.method.partitions else {}),
+        "largest_position_drift": float(run.rows.largest_drift[0]),
+        "largest_velocity_drift": float(run.rows.largest_drift[1]),
+        "energy_balance_error": run.rows.balance.relative,
+    }

@@ -1,0 +1,278 @@
+"""One integration: its settings (grid of outputs and steps, tolerances), tables, state and rows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.analysis.procedure import ChunkRows
+from flexmb.engine import entries, method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import Plan, State, Work
+from flexmb.engine.step_control import round_off
+from flexmb.engine.units import hand_over
+from flexmb.engine.work import equal_times, kinds_of, new_plan, new_run, new_work, output_run
+from flexmb.errors import FlexmbError
+from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
+
+_MAX_ITERATIONS = 15
+_NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
+# Local error over the requested error in the end; of vibrations that are damped, whose measured
+# error is a cautious one.
+_LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
+_HIGH_ORDER = 5
+_SLACK = 4.0
+_COMPARED = 51  # times in addition to listed outputs
+_SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
+_AT_REST = 1e-6  # motion over the size of the model
+# Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
+_CHUNK_WORK = 200_000
+# Steps of a chunk at least: after each the state is saved.
+_MIN_CHUNK = 4
+# Steps between two looks at how long the rest of a run will take, and steps for it that are too
+# many; fewer where stability limits them, which another method is free of.
+_CHECK_EVERY = 5_000
+_MAX_STEPS, _MAX_STABLE_STEPS = 1e9, 1e7
+# Share of steps at the limit of stability that makes a run one that stability limits.
+_STIFF_SHARE = 0.35
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The grid of a run: mean interval of outputs, and fixed step, 0 for error control [s]."""
+
+    interval: float
+    step: float
+
+
+def time_grid(spec: DynamicsSpec) -> Steps:
+    """The largest step not above the requested one that divides the interval of equal outputs.
+
+    Where output times are listed, it divides the run.
+    """
+    listed = isinstance(spec.outputs, tuple)
+    interval = spec.duration / (spec.n_rows if listed else spec.n_rows - 1)
+    if spec.step is None:
+        return Steps(interval, 0.0)
+    whole = spec.duration if listed else interval
+    every = max(1, math.ceil(whole / spec.step * (1.0 - 1e-12)))
+    return Steps(interval, whole / every)
+
+
+def output_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times of all outputs (n,) [s]."""
+    if isinstance(spec.outputs, tuple):
+        return np.array(spec.outputs)
+    return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
+
+
+def compared_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times at which a run and its scout are compared: of outputs, and where these are listed of
+    so many others that the peak-to-peak is known."""
+    times = output_times(spec)
+    if isinstance(spec.outputs, int):
+        return times
+    return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
+
+
+def scout_rows(n: int) -> np.ndarray:
+    """Which of n compared times a scout has rows at: of many every second, third, ...; (n,)."""
+    rows = np.zeros(n, dtype=bool)
+    rows[:: max(1, n // _SCOUT_ROWS)] = True
+    rows[-1:] = True
+    return rows
+
+
+def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
+    """Whether there are flexible bodies, and a method that damps what it does not resolve."""
+    return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+
+
+def local_tolerance(spec: DynamicsSpec, integrator: method.Method, compiled: Compiled) -> float:
+    """First guess of the local error of a step, over the motion, for the requested accuracy.
+
+    n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
+    estimate of the method is of order hᵉ, and so are outputs inside a step where e < p. It is never
+    so large that errors do not fall with the steps as the order says.
+    """
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
+    power = max(integrator.error_order / integrator.order, 1.0)
+    damped = integrator.order >= _HIGH_ORDER and damps_vibrations(compiled, integrator)
+    share = _LOCAL_OF_VIBRATIONS if damped else _LOCAL
+    return float(min(share * accuracy**power, integrator.loosest))
+
+
+def with_tolerance(
+    settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, compiled: Compiled,
+    tolerance: float,
+) -> method.Settings:  # fmt: skip
+    """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
+    finer = (tolerance / local_tolerance(spec, integrator, compiled)) ** (
+        1.0 / integrator.error_order
+    )
+    return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
+
+
+def refinement(integrator: method.Method) -> float:
+    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
+    return 2.0 if integrator.order < _HIGH_ORDER else 1.6
+
+
+def loop_settings(
+    compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determined: bool
+) -> method.Settings:
+    """Of a run without scout; `determined` if the constraints alone fix the motion."""
+    system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
+    works = bool(
+        any(kind.works for kind in kinds)
+        or np.any(system.rows["fun"] >= 0)
+        or np.any(system.parts.bodies["damped"])
+    )
+    stiff = any(kind.is_stiff(system.kinds[kind.name]) for kind in kinds)
+    newton = _NEWTON if integrator.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
+    return method.Settings(
+        start=0.0,
+        end=spec.duration,
+        interval=grid.interval,
+        step=grid.step,
+        tolerance=0.0 if grid.step else local_tolerance(spec, integrator, compiled),
+        accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
+        slack=1.0,
+        turn=1.0,
+        refinement=0.0,
+        least_motion=_AT_REST,
+        newton_tolerance=spec.newton_tolerance or (newton if grid.step else 0.0),
+        max_iterations=_MAX_ITERATIONS,
+        works=int(works),
+        stiff=int(stiff),
+        determined=int(determined),
+    )
+
+
+def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
+    """Of the scout of a run: the tolerance that its longer steps leave."""
+    factor = refinement(integrator) ** integrator.error_order
+    return settings._replace(tolerance=settings.tolerance * factor)
+
+
+def fine_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
+    """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
+    finer = refinement(integrator)
+    rings = finer**integrator.error_order if integrator.order < _HIGH_ORDER else 1.0
+    return settings._replace(refinement=finer, slack=_SLACK * rings)
+
+
+class Integration:
+    """One integration: tables, state, scratch and room for the rows of one chunk.
+
+    Parameters
+    ----------
+    compiled, integrator, settings, state : Compiled, Method, Settings, State
+        What is integrated, how, and where it begins.
+    times : (n,) array, optional
+        Times of all outputs [s]; `settings.interval` apart by default.
+    plan : Plan, optional
+        Of the run to be followed; else this one writes its own.
+    """
+
+    def __init__(
+        self,
+        compiled: Compiled,
+        integrator: method.Method,
+        settings: method.Settings,
+        state: State,
+        times: np.ndarray | None = None,
+        plan: Plan | None = None,
+    ) -> None:
+        self.compiled, self.method = compiled, integrator
+        self.settings, self.state = settings, state
+        self.times = equal_times(settings) if times is None else times
+        channels = len(compiled.layout.channels)
+        self.work: Work = new_work(compiled.system, channels, integrator)
+        stages = max(integrator.stages, 1)
+        self.chunk = max(_MIN_CHUNK, _CHUNK_WORK // (compiled.layout.nv * stages))  # steps
+        self.plan = new_plan(self.chunk) if plan is None else plan
+        self.rows = ChunkRows(compiled, self._max_rows())
+        run = new_run(
+            compiled.system, state, self.work, integrator, settings, self.plan, self.rows.output,
+            self.times,
+        )  # fmt: skip
+        self._run, self._output_run = hand_over(run), hand_over(output_run(run))
+        self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
+
+    def tallies(self) -> dict[str, np.ndarray]:
+        """What all rows so far tell, to be saved and filled in again."""
+        return {"largest_drift": self.rows.largest_drift, "balance": self.rows.balance.tally}
+
+    def _max_rows(self) -> int:
+        """Outputs of one chunk at most; room for a few of them at least."""
+        settings, most = self.settings, max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
+        every = settings.interval / settings.step if settings.step else 1.0
+        rows = min(math.ceil(self.chunk / every) + 1, len(self.times), most)
+        return max(rows, self._max_rows_of_step()) + 4
+
+    def _max_rows_of_step(self) -> int:
+        """The largest number of outputs within a fixed step."""
+        if not self.settings.step:
+            return 0
+        ends = self.times + self.settings.step * (1.0 + 1e-5)
+        return int((np.searchsorted(self.times, ends) - np.arange(len(self.times))).max(initial=0))
+
+    @property
+    def share_done(self) -> float:
+        """How much of the time span is done."""
+        settings = self.settings
+        if self.finished:
+            return 1.0
+        return float((self.state.t[0] - settings.start) / (settings.end - settings.start))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has reached its end."""
+        settings = self.settings
+        return bool(self.state.t[0] >= settings.end - round_off(settings))
+
+    def integrate(self, steps: int) -> int:
+        """Run some steps, or with 0 report the present state; returns the status.
+
+        Raises
+        ------
+        FlexmbError
+            Steps under error control have become so short that the run would not end.
+        """
+        if self.settings.step == 0.0:
+            self._refuse_endless()
+        self.rows.clear()
+        return entries.integrate(self._run, steps, self._output_run)
+
+    def _refuse_endless(self) -> None:
+        """Stop a run whose rest would take far too many steps."""
+        done, t = int(self.state.count[0]["steps"]), float(self.state.t[0])
+        stiff = float(self.state.memory[0]["steps_at_stability_limit"])
+        if self._checkpoint is None:
+            self._checkpoint = done, t, stiff
+        steps, passed = done - self._checkpoint[0], t - self._checkpoint[1]
+        if steps < _CHECK_EVERY:
+            return
+        limited = stiff - self._checkpoint[2] > _STIFF_SHARE * steps
+        self._checkpoint = done, t, stiff
+        left = (self.settings.end - t) / passed * steps if passed > 0.0 else math.inf
+        if left > (_MAX_STABLE_STEPS if limited else _MAX_STEPS):
+            raise FlexmbError(_endless(t, passed / steps, left, limited))
+
+
+def _endless(t: float, step: float, left: float, limited: bool) -> str:
+    where = (
+        f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
+    )
+    if limited:
+        return (
+            f"{where}: stability of an explicit method limits them, not accuracy; "
+            'method = "radau" has no such limit'
+        )
+    return (
+        f"{where}: look for a singular pose, or forces that jump again and again; ask for less "
+        "accuracy, or try another method or a fixed step"
+    )

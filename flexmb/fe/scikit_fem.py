@@ -1,0 +1,266 @@
+"""Models that come from scikit-fem: its meshes, and bases with assembled stiffness and mass.
+
+A mesh keeps its named boundaries and subdomains as groups. A basis is one of three displacements
+with a Lagrange element (P1, P2, Q1, serendipity or Q2 on tetrahedra and hexahedra, or any other
+whose functions are one at their own node): its mass matrix then is one scalar matrix for all three
+directions, and with the places of the nodes it gives every inertia integral exactly. Stress is
+recovered where the element is one of :data:`flexmb.fe.ELEMENTS` and a material is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array, issparse
+from skfem import CellBasis, ElementVector
+from skfem import Mesh as SkfemMesh
+
+from flexmb.errors import MeshError, Problem, ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.mass import Inertia, join
+from flexmb.fe.assembly.numbering import Numbering
+from flexmb.fe.elements.element_blocks import FAMILIES, Block
+from flexmb.fe.elements.solid_elements import Solid
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.materials import AnyMaterial
+from flexmb.units import unit_system
+
+_SAME = 1e-9  # relative: entries of matrices, reference coordinates
+_RIGID = 1e-6  # stiffness against rigid motions, relative to its diagonal
+_FACETS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+
+
+def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:
+    """The mesh with its boundaries and subdomains as groups; 2-D meshes lie in the xy plane.
+
+    Raises
+    ------
+    MeshError
+        A mesh without elements that flexmb has a name for.
+    """
+    from skfem.io.meshio import to_meshio  # meshio is loaded in 0.2 s, only where it is needed
+
+    written = to_meshio(mesh)
+    points = np.zeros((len(written.points), 3))
+    points[:, : written.points.shape[1]] = written.points
+    blocks = {cells.type: np.asarray(cells.data, dtype=np.int64) for cells in written.cells}
+    return _with_groups(mesh, points, blocks, np.arange(mesh.p.shape[1]))
+
+
+def model_from_basis(
+    basis: CellBasis, stiffness: Any, mass: Any, material: AnyMaterial | None = None
+) -> FEMatrices:
+    """A model of assembled matrices, in SI.
+
+    Parameters
+    ----------
+    basis : skfem.CellBasis
+        Of three displacements: ``CellBasis(mesh, ElementVector(element))``.
+    stiffness, mass : (N, N) sparse
+        Over its degrees of freedom, of the free body: no boundary conditions.
+    material : Material or OrthotropicMaterial, optional
+        For stress.
+
+    Raises
+    ------
+    ReductionError
+        Everything that is wrong with basis or matrices.
+    """
+    problems = _basis_problems(basis)
+    if problems:
+        raise ReductionError.from_problems(problems)
+    K = _checked("stiffness", stiffness, basis.N, problems)
+    M = _checked("mass", mass, basis.N, problems)
+    if problems:
+        raise ReductionError.from_problems(problems)
+    x_dofs = np.unique(basis.element_dofs[0::3])
+    node_of = np.full(basis.N, -1)
+    node_of[x_dofs] = np.arange(len(x_dofs))
+    table = np.full((len(x_dofs), 6), -1)
+    for c in range(3):
+        table[node_of[basis.element_dofs[0::3]], c] = basis.element_dofs[c::3]
+    points = np.ascontiguousarray(basis.doflocs[:, x_dofs].T)
+    kind, order = _kind(basis)
+    blocks = {}
+    if kind:
+        blocks[kind] = node_of[basis.element_dofs[0::3][order]].T
+    vertices = node_of[basis.nodal_dofs[0]] if len(basis.nodal_dofs) else np.zeros(0, dtype=int)
+    mesh = _with_groups(basis.mesh, points, blocks, vertices, "scikit-fem basis")
+    elements = ()
+    if kind:
+        section = SolidSection().with_material(material)
+        cells = mesh.blocks[kind]
+        elements = (Block(kind, cells, np.arange(len(cells)), section, "all"),)
+    numbering = Numbering(table, basis.N, basis.N)
+    model = FEMatrices(
+        mesh, material, elements, numbering, K, M, _inertia(M, table, points), join([])
+    )
+    _check_rigid_motion(model)
+    return model
+
+
+def has_stress(model: FEMatrices) -> bool:
+    """Whether stress can be recovered: a material, and elements without incompatible modes."""
+    kinds = {block.kind for block in model.blocks}
+    return model.material is not None and bool(kinds) and "hexahedron" not in kinds
+
+
+def _with_groups(
+    mesh: SkfemMesh,
+    points: FloatArray,
+    blocks: dict[str, IntArray],
+    vertices: IntArray,
+    source: str = "scikit-fem mesh",
+) -> Mesh:
+    """The mesh with subdomains and boundaries; ``vertices`` are the nodes at its vertices."""
+    kind = next(iter(blocks), "")
+    groups: dict[str, dict[str, IntArray]] = {}
+    for name, elements in (mesh.subdomains or {}).items():
+        if kind:
+            groups[str(name)] = {kind: np.asarray(elements, dtype=np.int64)}
+    nodes: dict[str, IntArray] = {}
+    for name, facets in (mesh.boundaries or {}).items():
+        corners = vertices[mesh.facets[:, np.asarray(facets, dtype=np.int64)]].T
+        nodes[str(name)] = np.unique(corners)
+        faces = _faces(kind, blocks, corners)
+        if faces is None:
+            continue
+        facet = _FACETS[faces.shape[1]]
+        first = len(blocks.get(facet, ()))
+        blocks[facet] = np.concatenate([blocks[facet], faces]) if first else faces
+        groups[str(name)] = {facet: first + np.arange(len(faces))}
+    return Mesh(points, blocks, nodes, groups, source)
+
+
+def _faces(kind: str, blocks: Mapping[str, IntArray], corners: IntArray) -> IntArray | None:
+    """(nf, k) nodes of the facets with these corners: corners in order, then mid-sides."""
+    if corners.shape[1] == 2:
+        return corners
+    family = FAMILIES.get(kind)
+    if corners.shape[1] < 3 or not isinstance(family, Solid):
+        return None
+    count = corners.shape[1]
+    same = [face for face in family.faces if len(face) in (count, 2 * count, 2 * count + 1)]
+    every = np.concatenate([blocks[kind][:, face] for face in same])
+    keys = np.concatenate([np.sort(every[:, :count], axis=1), np.sort(corners, axis=1)])
+    _, number = np.unique(keys, axis=0, return_inverse=True)
+    number = number.ravel()
+    row = np.full(number.max() + 1, -1)
+    row[number[: len(every)]] = np.arange(len(every))
+    return every[row[number[len(every) :]]]
+
+
+def _kind(basis: CellBasis) -> tuple[str, IntArray]:
+    """The element family with the same nodes, and its nodes among the basis' functions."""
+    places = basis.elem.elem.doflocs
+    for kind, family in FAMILIES.items():
+        if not isinstance(family, Solid) or len(family.reference.nodes) != len(places):
+            continue
+        apart = np.abs(family.reference.nodes[:, None] - places[None]).max(axis=2)
+        if apart.min(axis=1).max() < _SAME:
+            return kind, apart.argmin(axis=1)
+    return "", np.zeros(0, dtype=np.int64)
+
+
+def _basis_problems(basis: CellBasis) -> list[Problem]:
+    element = basis.elem
+    if not isinstance(element, ElementVector) or element.dim != 3 or basis.mesh.dim() != 3:
+        what = "must have three displacements on a mesh of solids: "
+        what += "CellBasis(mesh, ElementVector(element)); shells and beams are flexmb's own: "
+        return [Problem("basis", what + "give the mesh with sections")]
+    return []
+
+
+def _checked(name: str, matrix: Any, n: int, problems: list[Problem]) -> csr_array:
+    """The matrix, symmetric to the last bit; what is wrong with it goes to the problems."""
+    if matrix is None:
+        problems.append(Problem(name, "is missing: a basis comes with stiffness and mass"))
+        return csr_array((n, n))
+    if np.shape(matrix) != (n, n):
+        what = f"must have shape ({n}, {n}), as the basis has {n} degrees of freedom, has "
+        problems.append(Problem(name, f"{what}{np.shape(matrix)}"))
+        return csr_array((n, n))
+    sparse = csr_array(matrix if issparse(matrix) else np.asarray(matrix, dtype=float))
+    size = float(np.abs(sparse.data).max(initial=0.0))
+    if not np.isfinite(size) or size == 0.0:
+        problems.append(Problem(name, "must have finite entries, not all zero"))
+        return sparse
+    gap = float(np.abs((sparse - sparse.T).data).max(initial=0.0)) / size
+    if gap > _SAME:
+        what = f"must be symmetric, differs from its transpose by {gap:.1e} of its largest entry"
+        problems.append(Problem(name, what))
+    if name == "mass" and not (sparse.diagonal() > 0).all():
+        problems.append(Problem(name, "must have a positive diagonal"))
+    return csr_array(0.5 * (sparse + sparse.T))
+
+
+def _inertia(M: csr_array, table: IntArray, points: FloatArray) -> Inertia:
+    """Rigid data and second-moment form, from the one scalar matrix of all three directions."""
+    x, y, z = (table[:, c] for c in range(3))
+    scalar = csr_array(M[x][:, x])
+    size = float(np.abs(scalar.data).max())
+    blocks = [M[y][:, y] - scalar, M[z][:, z] - scalar, M[x][:, y], M[y][:, z], M[z][:, x]]
+    if max(float(np.abs(part.data).max(initial=0.0)) for part in map(csr_array, blocks)) > (
+        _SAME * size
+    ):
+        what = "must be the same in x, y and z and couple no two of them: int rho u . v dx"
+        raise ReductionError.from_problems([Problem("mass", what)])
+    weight, moment = scalar @ np.ones(len(points)), scalar @ points
+    p, P = np.zeros((3, table[:, :3].size)), np.zeros((3, 3, table[:, :3].size))
+    for b in range(3):
+        p[b, table[:, b]] = weight
+        P[:, b, table[:, b]] = moment.T
+    S0 = points.T @ moment
+    return Inertia(float(weight.sum()), moment.sum(axis=0), 0.5 * (S0 + S0.T), p, P, scalar)
+
+
+def _check_rigid_motion(model: FEMatrices) -> None:
+    """Refuse a stiffness that resists rigid motions: that of a body with boundary conditions."""
+    R = model.rigid
+    force = np.abs(model.K @ R).max(axis=0)
+    scale = model.K.diagonal().max() * np.abs(R).max(axis=0)
+    worst = float((force / scale).max())
+    if worst > _RIGID:
+        what = f"resists rigid motion of the body by {worst:.1e} of its largest entry: give that of"
+        what += " the free body, without boundary conditions; interfaces say where joints act"
+        raise ReductionError.from_problems([Problem("stiffness", what)])
+
+
+def require_basis(stiffness: Any, mass: Any) -> None:
+    """Refuse matrices that come without a basis.
+
+    Raises
+    ------
+    MeshError
+        Which were given.
+    """
+    problems = [
+        Problem(name, "goes with a basis of scikit-fem: reduce(basis, stiffness=K, mass=M)")
+        for name, matrix in (("stiffness", stiffness), ("mass", mass))
+        if matrix is not None
+    ]
+    if problems:
+        raise MeshError.from_problems(problems)
+
+
+def refuse_mesh_options(units: str, **others: Any) -> None:
+    """Refuse options of a mesh that come with a basis.
+
+    Raises
+    ------
+    ReductionError
+        Which were given.
+    """
+    if unit_system(units).name != "SI":
+        others["units"] = units
+    problems = [
+        Problem(name, "does not go with a basis of scikit-fem, whose matrices are complete, in SI")
+        for name, value in others.items()
+        if value
+    ]
+    if problems:
+        raise ReductionError.from_problems(problems)

@@ -1,0 +1,164 @@
+"""Geometric stiffening against rotating beams, a spin-up and Euler's columns of the literature."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from femeshes import line
+from scipy.optimize import brentq
+from truthkit import run
+
+from flexmb.errors import ReductionError
+from flexmb.fe import general, rectangle, reduce
+from flexmb.model import Model
+
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "references" / "geometric_stiffening.json").read_text()
+)
+HEIGHT = 0.01
+UNIT = {"E": 12.0 / HEIGHT**4, "nu": 0.3, "density": 1.0 / HEIGHT**2}  # EI = ρA = L = 1
+
+
+def blade(stiffening=True, modes=10, elements=20):
+    """A beam of unit length, bending stiffness and mass per length."""
+    return reduce(
+        line(elements, end=(1, 0, 0)), material=UNIT, modes=modes,
+        interfaces={"root": "root", "tip": "tip"}, sections={"all": rectangle(HEIGHT, HEIGHT)},
+        geometric_stiffening=stiffening,
+    )  # fmt: skip
+
+
+def main_frequency(t, y):
+    """Of the largest line of a signal [rad/s]."""
+    y, n = y - y.mean(), 2**19
+    lines = np.abs(np.fft.rfft(y * np.hanning(len(y)), n=n))
+    return 2 * np.pi * np.fft.rfftfreq(n, d=t[1] - t[0])[lines.argmax()]
+
+
+def loaded_frequency(load, ends):
+    """Lowest one of a column under a dead load, w'''' + P w'' − ω² w = 0 (Timoshenko, Vibration
+    Problems in Engineering, §5.11)."""
+
+    def determinant(omega):
+        root = np.sqrt(load**2 / 4 + omega**2)
+        a, b = np.sqrt(root - load / 2), np.sqrt(root + load / 2)
+
+        def row(x, n):
+            """n-th derivatives of cosh ax, sinh ax, cos bx, sin bx."""
+            even = n % 2 == 0
+            hyperbolic = (
+                (np.cosh(a * x), np.sinh(a * x)) if even else (np.sinh(a * x), np.cosh(a * x))
+            )
+            turn = b * x + n * np.pi / 2
+            return np.array(
+                [*(a**n * h for h in hyperbolic), b**n * np.cos(turn), b**n * np.sin(turn)]
+            )
+
+        if ends == "pinned":
+            rows = [row(0, 0), row(0, 2), row(1, 0), row(1, 2)]
+        else:
+            ends_free = np.add(row(1, 3), load * np.array(row(1, 1)))
+            rows = [row(0, 0), row(0, 1), row(1, 2), ends_free]
+        return np.linalg.det(rows)
+
+    grid = np.linspace(0.05, 12.0, 2000)
+    values = [determinant(omega) for omega in grid]
+    k = np.flatnonzero(np.sign(values[:-1]) != np.sign(values[1:]))[0]
+    return brentq(determinant, grid[k], grid[k + 1])
+
+
+@pytest.mark.parametrize(("ends", "euler"), [("pinned", np.pi**2), ("clamped", np.pi**2 / 4)])
+def test_a_column_under_load_vibrates_more_slowly(ends, euler):
+    """Under nine tenths of Euler's load, where ω² is a tenth of that without it."""
+    load = 0.9 * euler
+    model = Model("column")
+    model.add_body("column", blade())
+    if ends == "clamped":
+        model.add_joint("root", "fixed", between=["ground", "column.root"])
+    else:
+        model.add_marker("ground.end", position=[1, 0, 0])
+        model.add_joint("root", "universal", between=["ground", "column.root"], axis="y",
+                        second_axis="z")  # fmt: skip
+        model.add_joint("tip", "in-line", between=["ground.end", "column.tip"], axis="x")
+    model.add_force("load", "force", at="column.tip", value=[-load, 0, 0])
+    kick = {"type": "step", "t0": 0.01, "t1": 0.02, "y1": 1e-4}
+    model.add_force("kick", "torque", at="column.tip", value=[0, 0, kick])
+    model.add_sensor("slope", "orientation", of="column.tip")
+    wanted = loaded_frequency(load, ends)
+    found = run(model, duration=60 / wanted, outputs=1500, accuracy=1e-5, verify=False,
+                start="quasi-static")  # fmt: skip
+    omega = main_frequency(found.t, found["slope.gamma"])
+    assert omega**2 / wanted**2 == pytest.approx(1.0, abs=0.05)
+
+
+def spinning(speed, stiffening):
+    model = Model("blade")
+    model.add_body("blade", blade(stiffening), angular_velocity=[0, 0, speed])
+    model.add_joint("hub", "revolute", between=["ground", "blade.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle=f"{speed}*t")
+    model.add_force("kick", "force", at="blade.tip", axes="blade.root", value=[0, 1e-4, 1e-4])
+    model.add_sensor("tip", "position", of="blade.tip")
+    return model
+
+
+def test_a_cantilever_vibrates_as_fast_as_its_speed_makes_it():
+    """At a speed of 12, 3.4 times its first frequency; without stiffening it folds up."""
+    speed = 12.0
+    found = run(spinning(speed, True), duration=6.0, outputs=1500, accuracy=1e-5, verify=False)
+    t, (x, y, z) = found.t, (found[f"tip.{axis}"] for axis in "xyz")
+    c, s = np.cos(speed * t), np.sin(speed * t)
+    flap = float(REFERENCE["rotating_cantilever"]["flap"]["12"][0])
+    lag = np.sqrt(flap**2 - speed**2)
+    assert main_frequency(t, z) == pytest.approx(flap, rel=2e-3)
+    assert main_frequency(t, c * y - s * x) == pytest.approx(lag, rel=2e-3)
+
+
+def test_a_spin_up_bends_a_blade_as_published():
+    """Kane, Ryan & Banerjee's manoeuvre to 1.6 times the first frequency; planar."""
+    of, law = (
+        REFERENCE["spin_up"]["params"],
+        "{Os}/{Ts}*(t**2/2-({Ts}/(2*pi))**2*(1-cos(2*pi*t/{Ts})))",
+    )
+    E = 7e10
+    area, inertia = of["EA"] / E, of["EI"] / E
+    body = reduce(
+        line(20, end=(of["L"], 0, 0)), material={"E": E, "nu": 0.3, "density": of["rA"] / area},
+        modes=8, interfaces={"root": "root", "tip": "tip"}, geometric_stiffening=True,
+        sections={"all": general(A=area, Iy=inertia, Iz=inertia, J=2 * inertia)},
+    )  # fmt: skip
+    model = Model("spin-up", plane="xy")
+    model.add_body("blade", body)
+    model.add_joint("hub", "revolute", between=["ground", "blade.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle=law.format(**of))
+    model.add_sensor("tip", "position", of="blade.tip")
+    wanted = {float(t): v for t, v in REFERENCE["spin_up"]["tip_deflection"].items()}
+    times = [0.0, *sorted(wanted)]
+    found = run(model, duration=15.0, outputs=times, accuracy=1e-4)
+    t, x, y = found.t, found["tip.x"], found["tip.y"]
+    angle = of["Os"] / of["Ts"] * (
+        t**2 / 2 - (of["Ts"] / (2 * np.pi)) ** 2 * (1 - np.cos(2 * np.pi * t / of["Ts"]))
+    )  # fmt: skip
+    deflection = np.cos(angle) * y - np.sin(angle) * x
+    largest = max(abs(v) for v in wanted.values())
+    for time, value in zip(t[1:], deflection[1:], strict=True):
+        assert value == pytest.approx(wanted[round(float(time), 6)], abs=3e-3 * largest)
+    stretch = np.cos(angle[-1]) * x[-1] + np.sin(angle[-1]) * y[-1] - of["L"]
+    assert stretch == pytest.approx(REFERENCE["spin_up"]["mean_stretch_afterwards"], rel=0.01)
+
+
+def test_energy_is_kept_by_a_free_blade_that_tumbles():
+    model = Model("free blade")
+    model.add_body("blade", blade(modes=4), angular_velocity=[0.3, 0.5, 2.0])
+    model.add_sensor("tip", "position", of="blade.tip")
+    found = run(model, duration=5.0, accuracy=1e-8, method="explicit-rk", verify=False)
+    total = found.energy[:, :3].sum(axis=1)
+    assert np.ptp(total) < 1e-6 * total[0]
+
+
+def test_without_an_interface_it_is_refused():
+    with pytest.raises(ReductionError, match="geometric_stiffening: needs at least one interface"):
+        reduce(line(4), material="steel", sections={"all": rectangle(0.01, 0.01)}, modes=2,
+               geometric_stiffening=True)  # fmt: skip
