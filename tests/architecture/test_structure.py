@@ -64,17 +64,3 @@ def test_the_main_job_runs_through_few_files() -> None:
     """From mesh to picture: the flexible beam that ``flexmb new`` writes."""
     seen = structure.files_of_main_job()
     assert len(seen) <= FILES_OF_MAIN_JOB, sorted(seen)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "seconds"),
-    [
-        (("-c", "import flexmb"), 0.4),
-        (("-m", "flexmb", "check", "cases/slider_crank/scene.toml"), 1.2),
-    ],
-    ids=["import", "check"],
-)
-@pytest.mark.xfail(strict=False, reason="wall times of a shared machine")
-def test_starting_takes_little_time(words: tuple[str, ...], seconds: float) -> None:
-    assert structure.seconds_of(*words, times=5) < seconds

@@ -19,9 +19,7 @@ from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-# Local error over the requested error in the end; of vibrations that are damped, whose measured
-# error is a cautious one.
-_LOCAL, _LOCAL_OF_VIBRATIONS = 0.2, 0.12
+_LOCAL = 0.2  # local error over the requested error in the end
 _HIGH_ORDER = 5
 _SLACK = 4.0
 _COMPARED = 51  # times in addition to listed outputs
@@ -90,7 +88,7 @@ def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
     return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
 
 
-def local_tolerance(spec: DynamicsSpec, integrator: method.Method, compiled: Compiled) -> float:
+def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:
     """First guess of the local error of a step, over the motion, for the requested accuracy.
 
     n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
@@ -99,19 +97,14 @@ def local_tolerance(spec: DynamicsSpec, integrator: method.Method, compiled: Com
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     power = max(integrator.error_order / integrator.order, 1.0)
-    damped = integrator.order >= _HIGH_ORDER and damps_vibrations(compiled, integrator)
-    share = _LOCAL_OF_VIBRATIONS if damped else _LOCAL
-    return float(min(share * accuracy**power, integrator.loosest))
+    return float(min(_LOCAL * accuracy**power, integrator.loosest))
 
 
 def with_tolerance(
-    settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, compiled: Compiled,
-    tolerance: float,
-) -> method.Settings:  # fmt: skip
+    settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, tolerance: float
+) -> method.Settings:
     """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
-    finer = (tolerance / local_tolerance(spec, integrator, compiled)) ** (
-        1.0 / integrator.error_order
-    )
+    finer = (tolerance / local_tolerance(spec, integrator)) ** (1.0 / integrator.error_order)
     return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
 
 
@@ -137,7 +130,7 @@ def loop_settings(
         end=spec.duration,
         interval=grid.interval,
         step=grid.step,
-        tolerance=0.0 if grid.step else local_tolerance(spec, integrator, compiled),
+        tolerance=0.0 if grid.step else local_tolerance(spec, integrator),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
         slack=1.0,
         turn=1.0,

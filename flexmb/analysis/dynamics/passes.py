@@ -119,9 +119,7 @@ class PreparedDynamics:
         """The same run from its start with another local tolerance."""
         assert self.verified is not None
         settings = self.settings._replace(turn=1.0)
-        settings = with_tolerance(
-            settings, self.spec, self.run.method, self.run.compiled, tolerance
-        )
+        settings = with_tolerance(settings, self.spec, self.run.method, tolerance)
         again, before = self._restarted(self.method, settings), self.passes[0]
         last = self.settings.tolerance, self.verified.difference
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
@@ -135,7 +133,7 @@ class PreparedDynamics:
 
     def by_method(self, name: str) -> PreparedDynamics:
         """The same run from its start by another integrator."""
-        tolerance = local_tolerance(self.spec, make_integrator(self.spec, name), self.run.compiled)
+        tolerance = local_tolerance(self.spec, make_integrator(self.spec, name))
         return self._restarted(name, self.settings._replace(tolerance=tolerance, turn=1.0))
 
     def _restarted(self, name: str, settings: Settings) -> PreparedDynamics:

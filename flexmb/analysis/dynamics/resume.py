@@ -63,7 +63,7 @@ def prepare_resumed(
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])
-        settings = with_tolerance(settings, spec, integrator, compiled, tolerance)
+        settings = with_tolerance(settings, spec, integrator, tolerance)
     not_unique: tuple[str, ...] = ()
     if rank is not None and rank < compiled.layout.nc:
         not_unique, _ = redundant_reactions(compiled, model, first)
