@@ -26,7 +26,7 @@ from flexmb.engine.tables import Sensors
 
 if TYPE_CHECKING:
     from flexmb.engine.sensors.sensor import Channels
-    from flexmb.model.sensors.sensor import OrientationSensorSpec
+    from flexmb.model.sensor import OrientationSensorSpec
 
 # Row of FeedbackWork.g with the three angles.
 _ANGLES = 3
