@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.rotation import cross, tangent_coefficients, transform
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
+    cross,
     inner,
     modal_vector,
     outer,
@@ -39,7 +39,9 @@ from flexmb.engine.algebra.vector import (
     put,
     put_column,
     put_part,
+    tangent_coefficients,
     times,
+    transform,
     triple,
     turned,
     turned_back,

@@ -4,8 +4,8 @@ In: a table of postfix programs, a time t and the jets of the variables. Out: va
 second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
 partial derivative is the first derivative with one variable's rate set to 1, less that with all at
 0. Outside the domain of a function (logarithm of a negative number, division by zero) the result is
-not finite; the caller reports it. The readable reference is ``flexmb.model.functions.derivatives``. Stack
-row: (f, df/dt, d2f/dt2).
+not finite; the caller reports it. The readable reference is ``flexmb.model.functions.derivatives``.
+Stack row: (f, df/dt, d2f/dt2).
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
 """
 
