@@ -56,8 +56,7 @@ def _watch(run, at, out):
     now = run.work.events.now
     walk(run.stages.events, run, at)
     for k in range(now.shape[0]):
-        out[k, 0] = now[k, 0]
-        out[k, 1] = now[k, 1]
+        out[k]["value"], out[k]["rate"] = now[k]["value"], now[k]["rate"]
 
 
 @kernel
@@ -81,7 +80,7 @@ def begin_events(run: Run) -> int:
 @kernel
 def _crossing(events, k):
     """Share of the step at which number k crosses zero; 1: it does not."""
-    a, b = events.before[k, 0], events.now[k, 0]
+    a, b = events.before[k]["value"], events.now[k]["value"]
     if (a < 0.0 and b > 0.0) or (a > 0.0 and b < 0.0):
         return a / (a - b)
     return 1.0
@@ -94,8 +93,8 @@ def _peak(events, k, h):
     Where the tangents of both ends meet, which a value that rises ever slower does not exceed; or,
     where it also turns in the step, at the peak of the cubic with these values and rates.
     """
-    a, b = events.before[k, 0], events.now[k, 0]
-    rise, fall = h * events.before[k, 1], h * events.now[k, 1]
+    a, b = events.before[k]["value"], events.now[k]["value"]
+    rise, fall = h * events.before[k]["rate"], h * events.now[k]["rate"]
     if math.isnan(rise + fall) or not (a < 0.0 and b < 0.0):
         return 1.0
     if rise > 0.0 and fall < 0.0:

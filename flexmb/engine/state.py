@@ -215,14 +215,21 @@ class Before(NamedTuple):
     history: Vector
 
 
+# What the step control watches: it crosses zero where a force changes its formula.
+EVENT_FUNCTION = np.dtype(
+    [
+        ("value", _F),
+        ("rate", _F),  # where it may peak unseen within a step, else NaN
+    ],
+    align=True,
+)
+
+
 class Events(NamedTuple):
-    """What the step control watches: each value crosses zero where a force changes its formula.
+    """Event functions of all elements."""
 
-    Columns: the value, and its rate where it may peak unseen within a step, else NaN.
-    """
-
-    before: Matrix  # (n, 2) at the start of the step
-    now: Matrix  # (n, 2) at its end
+    before: array_of(EVENT_FUNCTION)  # at the start of the step
+    now: array_of(EVENT_FUNCTION)  # at its end
 
 
 class Trial(NamedTuple):
@@ -263,6 +270,11 @@ class FeedbackWork(NamedTuple):
     left: Vector  # (6 + m,) what acts
     right: Vector  # (6 + m,) what it depends on
     block: Integers  # (4,) first coordinate of left and right, and how many each has
+
+
+# Places in Work.energies and in Work.powers.
+KINETIC_ENERGY, STRAIN_ENERGY, GRAVITY_ENERGY, SPRING_ENERGY, BRISTLE_ENERGY = 0, 1, 2, 3, 4
+DRIVER_POWER, DAMPER_POWER, LOAD_POWER = 0, 1, 2
 
 
 class Work(NamedTuple):

@@ -22,6 +22,7 @@ from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,
     CURVE_MARKER_NOW,
+    EVENT_FUNCTION,
     MARKER_NOW,
     Before,
     Collocation,
@@ -209,7 +210,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     return Work(
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
         _new_partition(system, method.partitions), trial, _new_feedback(system),
-        Events(_nan(system.events, 2), _nan(system.events, 2)), _nan(5), _nan(3),
+        Events(*(_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
 

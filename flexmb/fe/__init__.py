@@ -7,15 +7,12 @@ from flexmb.fe.assembly.interfaces import RigidInterface, WeightedInterface, mak
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.elements.element_blocks import ELEMENTS, Block
-from flexmb.fe.material import resolve
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
-from flexmb.fe.meshes.mesh_checks import Finding, mesh_report
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.model_checks import Survey
+from flexmb.fe.model_checks import Finding, Survey, mesh_report
 from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
-from flexmb.fe.reduction.craig_bampton import craig_bampton, guyan
-from flexmb.fe.reduction.free_interface import free_interface
-from flexmb.fe.reduction.methods import METHODS, reduce_model
+from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
+from flexmb.fe.reduction.methods import METHODS, reduce_model, reduction_key
 from flexmb.fe.reduction.quality_report import (
     QualityReport,
     Stopwatch,
@@ -31,10 +28,10 @@ from flexmb.fe.reduction.reduced_basis import (
     orthonormalise,
 )
 from flexmb.fe.reduction.user_modes import user_modes
-from flexmb.fe.reduction_key import reduction_key
 from flexmb.fe.sections.beam_chain import TaperedSection, tapered
 from flexmb.fe.sections.beam_section import BeamSection, general
 from flexmb.fe.sections.beam_shapes import circle, rectangle, tube
+from flexmb.fe.sections.material import SolidSection, resolve
 from flexmb.fe.sections.section_tables import section_from
 from flexmb.fe.sections.shell_section import (
     Layer,
@@ -42,7 +39,6 @@ from flexmb.fe.sections.shell_section import (
     layered,
     shell,
 )
-from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 from flexmb.fe.stress import SectionForces, section_force_modes
 from flexmb.flexbody.mesh_options import ModesOptions

@@ -14,8 +14,7 @@ import numpy as np
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import RigidInterface
 from flexmb.fe.elements.beam_elements import BeamFields
-from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.meshes.facets import skin_lines, skin_triangles
+from flexmb.fe.elements.element_blocks import Block, skin_lines, skin_triangles
 from flexmb.fe.sections.beam_section import outline
 from flexmb.fe.stress import smooth_parts
 from flexmb.flexbody.arrays import FloatArray, IntArray

@@ -1,4 +1,9 @@
-"""Checks of a finite-element model before it is reduced: releases, mass, units, unconnected parts.
+"""What is wrong or suspicious about a mesh and its finite-element model, in sentences.
+
+:func:`mesh_report` returns :class:`Finding` objects: notes, warnings, and errors for what cannot be
+a body. The quality of an element is its scaled Jacobian: at each corner the volume (area) spanned
+by its edges over the product of their lengths, scaled to 1 for the regular element; the least of
+its corners counts. Source: Knupp et al., The Verdict Library Reference Manual, Sandia 2007.
 
 A release is a hinge only if something else at its node holds the motion: another element, a tie, or
 an interface of several nodes. An interface of that node alone would get a coordinate without mass
@@ -7,24 +12,234 @@ or stiffness. The nominal mass is the sum of volumes (areas, lengths) times dens
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
-from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.material import plausibility
-from flexmb.fe.meshes.mesh_checks import Finding, mesh_report, size_sentence
+from flexmb.fe.elements.element_blocks import FAMILIES, Block
+from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
+from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.fe.sections.material import plausibility
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 
-_NO_STIFFNESS = 1e-12  # smallest over largest stiffness of what moves without any
+CORNERS: dict[str, tuple[str, float]] = {
+    "triangle": ("12 20 01", 2 / math.sqrt(3)),
+    "quad": ("13 20 31 02", 1.0),
+    "tetra": ("123 203 013 021", math.sqrt(2)),
+    "wedge": ("123 204 015 540 351 432", 2 / math.sqrt(3)),
+    "hexahedron": ("134 205 316 027 750 461 572 643", 1.0),
+}
+"""Neighbours of each corner, in a right-handed order, and the scale of the regular element."""
+
+
+def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
+    """(ne,) quality of elements with node coordinates x (ne, k, 3); None for other kinds.
+
+    Left-handed numbering, or a normal to either side, counts as right; negative is what folds.
+    """
+    shape = CORNERS.get(kind.rstrip("0123456789"))
+    if shape is None:
+        return None
+    corners, scale = shape
+    normal = None
+    ratios = []
+    for corner, neighbours in enumerate(corners.split()):
+        edges = x[:, [int(k) for k in neighbours]] - x[:, [corner]]
+        lengths = np.prod(np.linalg.norm(edges, axis=2), axis=1)
+        if edges.shape[1] == 3:
+            spanned = np.einsum("ec,ec->e", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2])
+        else:
+            areas = np.cross(edges[:, 0], edges[:, 1])
+            normal = areas if normal is None else normal
+            sign = np.where(np.einsum("ec,ec->e", areas, normal) < 0, -1.0, 1.0)
+            spanned = sign * np.linalg.norm(areas, axis=1)
+        ratios.append(spanned / np.where(lengths > 0, lengths, np.inf))
+    quality = scale * np.array(ratios)
+    return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
+
+
+SLIVER = 0.05  # scaled Jacobian; the regular element has 1
+_COINCIDENT = 1e-6  # distance over the extent of the mesh
+_EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
+
+Cells = tuple[str, IntArray]
+
+
+class Finding(NamedTuple):
+    """One sentence, and how bad it is: ``"note"``, ``"warning"`` or ``"error"``."""
+
+    level: str
+    sentence: str
+
+
+def mesh_report(
+    mesh: Mesh,
+    blocks: Sequence[Block] | None = None,
+    linked: Sequence[IntArray] = (),
+    unit: str = "m",
+) -> list[Finding]:
+    """Everything worth saying about a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    blocks : sequence of Block, optional
+        The elements of the body; without them its elements of the highest dimension.
+    linked : sequence of (k,) int
+        Nodes that are joined by other means: ties, interfaces.
+    unit : str
+        Unit of its coordinates, for places; empty if it is not known.
+    """
+    if blocks is None:
+        cells = _highest(mesh)
+        shells = [(kind, nodes) for kind, nodes in cells if dimension(kind) == 2]
+    else:
+        cells = [(block.kind, block.nodes) for block in blocks]
+        shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
+    place = _Places(mesh.points, unit)
+    return [
+        *_orphans(mesh, cells, linked),
+        *_inverted(cells, place),
+        *_slivers(cells, place),
+        *_warped(shells, place),
+        *_coincident(mesh, cells, linked, place),
+        *_apart(cells, linked, place, "warning" if blocks is None else "error"),
+    ]
+
+
+def size_sentence(points: FloatArray) -> str:
+    """What hints at a slip of units in the extent of these points [m]; empty if nothing does."""
+    extent = float(np.ptp(points, axis=0).max())
+    if _EXTENT[0] <= extent <= _EXTENT[1]:
+        return ""
+    return f"the mesh extends over {extent:g} m: is its unit system the right one?"
+
+
+def parts(count: int, groups: Sequence[IntArray]) -> IntArray:
+    """(count,) number of the part that each node belongs to; rows of ``groups`` join nodes."""
+    lists = [np.atleast_2d(group) for group in groups if np.size(group)] or [np.zeros((1, 1), int)]
+    first = [np.repeat(rows[:, 0], rows.shape[1]) for rows in lists]
+    ends = (np.concatenate([*first, []]).astype(int), np.concatenate([r.ravel() for r in lists]))
+    graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+class _Places:
+    """Places of nodes and elements as text."""
+
+    def __init__(self, points: FloatArray, unit: str) -> None:
+        self.points, self._unit = points, unit
+
+    def node(self, number: int) -> str:
+        return f"node {number} at {self._text(self.points[number])}"
+
+    def element(self, nodes: IntArray) -> str:
+        return f"at {self._text(self.points[nodes].mean(axis=0))}"
+
+    def _text(self, point: FloatArray) -> str:
+        text = ", ".join(f"{value:.4g}" for value in point + 0.0)
+        return f"({text}) {self._unit}".rstrip()
+
+
+def _highest(mesh: Mesh) -> list[Cells]:
+    kinds = mesh.kinds(3) or mesh.kinds(2) or mesh.kinds(1)
+    return [(kind, mesh.blocks[kind]) for kind in kinds]
+
+
+def _used(cells: Sequence[Cells]) -> IntArray:
+    return np.unique(np.concatenate([np.zeros(0, int), *(nodes.ravel() for _, nodes in cells)]))
+
+
+def _orphans(mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray]) -> Iterator[Finding]:
+    joined = [_used(cells), *(np.ravel(nodes) for nodes in linked)]
+    missing = len(mesh.points) - len(np.unique(np.concatenate(joined)))
+    if missing:
+        what = "1 node belongs to no element of the body and is left out"
+        if missing > 1:
+            what = f"{missing} nodes belong to no element of the body and are left out"
+        yield Finding("note", what)
+
+
+def _inverted(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
+    for kind, nodes in cells:
+        family = FAMILIES.get(kind)
+        bad = [] if family is None else family.defects(place.points[nodes])
+        if len(bad):
+            what = f'{len(bad)} of {len(nodes)} elements of kind "{kind}" are flat, folded or '
+            what += f"turned inside out, the first {place.element(nodes[bad[0]])}"
+            yield Finding("error", what)
+
+
+def _slivers(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
+    for kind, nodes in cells:
+        quality = scaled_jacobian(kind, place.points[nodes])
+        if quality is None or not (quality < SLIVER).any():
+            continue
+        worst = int(np.argmin(quality))
+        what = f'{(quality < SLIVER).sum()} of {len(nodes)} elements of kind "{kind}" are '
+        what += f"slivers: quality (scaled Jacobian at the corners) below {SLIVER:g}, the least "
+        yield Finding("warning", f"{what}{quality[worst]:.2g} {place.element(nodes[worst])}")
+
+
+def _warped(shells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
+    for kind, nodes in shells:
+        if not kind.startswith("quad"):
+            continue
+        out = warp(place.points[nodes[:, :4]])
+        count, worst = int((out > WARP_WARNING).sum()), int(np.argmax(out))
+        if count:
+            what = f'{count} of {len(nodes)} elements of kind "{kind}" are warped: their corners '
+            what += f"are off a plane by more than {WARP_WARNING:g} of their size, at most by "
+            what += f"{out[worst]:.2g} {place.element(nodes[worst])}; mesh the twist finer"
+            yield Finding("warning", what)
+
+
+def _coincident(
+    mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places
+) -> Iterator[Finding]:
+    used = _used(cells)
+    if len(used) < 2:
+        return
+    points = mesh.points[used]
+    near = _COINCIDENT * float(np.ptp(points, axis=0).max())
+    pairs = used[cKDTree(points).query_pairs(near, output_type="ndarray")].reshape(-1, 2)
+    if linked and len(pairs):
+        joined = parts(len(mesh.points), linked)
+        pairs = pairs[joined[pairs[:, 0]] != joined[pairs[:, 1]]]
+    if len(pairs):
+        a, b = min(map(sorted, pairs.tolist()))
+        verb = "pair of nodes coincides" if len(pairs) == 1 else "pairs of nodes coincide"
+        what = f"{len(pairs)} {verb}, the first {place.node(a)} with node {b}: what touches there "
+        yield Finding("warning", f"{what}is not joined; merge the nodes if it should be")
+
+
+def _apart(
+    cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places, level: str
+) -> Iterator[Finding]:
+    used = _used(cells)
+    if not len(used):
+        return
+    part_of = parts(len(place.points), [*(nodes for _, nodes in cells), *linked])[used]
+    names, first, count = np.unique(part_of, return_index=True, return_counts=True)
+    if len(names) > 1:
+        least = int(np.argmin(count))
+        what = f"the mesh falls into {len(names)} parts that share no nodes and no interface; the "
+        what += f"smallest has {count[least]} nodes, one of them {place.node(used[first[least]])}: "
+        what += "merge coincident nodes, or make the parts conform"
+        yield Finding(level, what)
 
 
 def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
@@ -54,18 +269,16 @@ def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
         for first, what in ((0, "moves along"), (3, "turns about")):
             dofs = fe.numbering.table[node, first : first + 3]
             values, axes = np.linalg.eigh(fe.K[dofs][:, dofs].toarray())
-            if values[0] <= _NO_STIFFNESS * values[-1]:
-                problems.append(_free_motion_problem(fe.mesh.source, int(node), what, axes[:, 0]))
+            if is_nonzero(values)[0]:
+                continue
+            axis = axes[:, 0] * np.sign(axes[np.argmax(np.abs(axes[:, 0])), 0])
+            place = ", ".join(f"{value:.3g}" for value in axis)
+            text = f"node {node} {what} ({place}) "
+            text += "without any stiffness: only released ends meet there; "
+            text += "release one less; between bodies a joint of the scene turns freely"
+            problems.append(Problem(fe.mesh.source, text))
     if problems:
         raise MeshError.from_problems(problems)
-
-
-def _free_motion_problem(source: str, node: int, what: str, axis: FloatArray) -> Problem:
-    place = ", ".join(f"{value:.3g}" for value in axis * np.sign(axis[np.argmax(np.abs(axis))]))
-    sentence = f"node {node} {what} ({place}) without any stiffness: only released ends meet there"
-    return Problem(
-        source, f"{sentence}; release one less; between bodies a joint of the scene turns freely"
-    )
 
 
 _DIFFERENCE = 1e-3  # relative; curved elements are measured by another quadrature than their mass

@@ -31,10 +31,9 @@ from flexmb.fe.assembly.interfaces import (
 )
 from flexmb.fe.assembly.loads import load_options, make_loads
 from flexmb.fe.displacements import node_modes, surface
-from flexmb.fe.material import MaterialLike, resolve
-from flexmb.fe.meshes.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
+    Finding,
     Survey,
     check_mode_count,
     check_releases,
@@ -44,8 +43,8 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
-from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
-from flexmb.fe.reduction.methods import reduce_model, requested_modes
+from flexmb.fe.reduction.inertia_relief import require_stresses, with_geometric_stiffening
+from flexmb.fe.reduction.methods import mesh_hash, reduce_model, reduction_key, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     ReducedModes,
@@ -55,7 +54,6 @@ from flexmb.fe.reduction.reduced_basis import (
 )
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
-from flexmb.fe.reduction_key import mesh_hash, reduction_key
 from flexmb.fe.scikit_fem import (
     has_stress,
     mesh_from_skfem,
@@ -63,6 +61,7 @@ from flexmb.fe.scikit_fem import (
     refuse_mesh_options,
     require_basis,
 )
+from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody

@@ -17,6 +17,14 @@ from flexmb.errors import Problem, ReductionError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+RANK_TOLERANCE = 1e-12
+"""Eigenvalues below this share of the largest are zero but for rounding."""
+
+
+def is_nonzero(values: FloatArray, tolerance: float = RANK_TOLERANCE) -> NDArray[np.bool_]:
+    """(k,) which eigenvalues of a semidefinite matrix, or singular values, count for its rank."""
+    return np.asarray(values > tolerance * values.max(initial=0.0))
+
 
 class Checker:
     """Collects the problems of one object under its name, then raises them together."""

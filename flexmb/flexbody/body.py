@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.errors import Problem, ReductionError, nearest
-from flexmb.flexbody.arrays import Checker, FloatArray
+from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.parts import (
     Interface,
     LoadVector,
@@ -35,7 +35,6 @@ from flexmb.flexbody.parts import (
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
-_MASSLESS = 1e-12  # relative; a smaller moment of inertia is that of a line of masses about itself
 _SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
 _PLANES = ((1, 2), (2, 0), (0, 1))  # the components of a cross product
 
@@ -237,7 +236,7 @@ def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
     about_center = body.P - body.center[:, None, None] * body.p
     turning = np.array([about_center[a, b] - about_center[b, a] for a, b in _PLANES])
     moments, axes = np.linalg.eigh(body.inertia_about_center)
-    has_mass = moments > _MASSLESS * moments[-1]
+    has_mass = is_nonzero(moments)  # a line of masses has none about itself
     turning = (axes.T @ turning)[has_mass] / np.sqrt(moments[has_mass])[:, None]
     rigid = np.vstack([body.p / np.sqrt(body.mass), turning])
     L = np.linalg.cholesky(body.M_eta)

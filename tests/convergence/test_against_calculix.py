@@ -12,7 +12,7 @@ from femeshes import held_frequencies, solid_box
 
 from flexmb.fe import assemble, resolve
 from flexmb.fe.elements import element_blocks as registry
-from flexmb.fe.elements.isoparametric import tetrahedron_rule, wedge_rule
+from flexmb.fe.elements.element_family import tetrahedron_rule, wedge_rule
 
 STEEL = resolve("steel")
 PRINTED = 6e-7  # ccx prints seven digits, so the last is uncertain by 5e-7 at worst

@@ -7,7 +7,7 @@ import pytest
 from femeshes import block, held_frequencies, line, slope
 
 from flexmb.fe import assemble, rectangle, resolve
-from flexmb.fe.meshes.facets import outer_faces
+from flexmb.fe.elements.element_blocks import outer_faces
 
 STEEL = resolve("steel")
 NO_POISSON = resolve({"E": 200e9, "nu": 0.0, "density": 8000})

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.analysis.assembly.rank import MAX_COORDINATES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -66,29 +67,23 @@ class LinearElasticityMonitor:
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
         self._units = model.units
         self._bodies = []
-        pose = None
+        self._loads = list(_loads_without_stiffening(compiled, model))
+        Cq = None
         for columns in compiled.layout.bodies:
             body = compiled.flexbodies.get(columns.name)
             if columns.m == 0 or body is None or body.m != columns.m:
                 continue
-            pose = ConstraintRows(compiled).evaluate(q) if pose is None else pose
-            frequencies, shapes = joined_modes(body, columns, q, pose.Cq)
+            Cq = _jacobian(compiled, q) if Cq is None else Cq
+            frequencies, shapes = joined_modes(body, columns, q, Cq)
             inertia = body.inertia_about_center
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
             deflection, turn = _deflections(body, _joined_interfaces(body, columns.name, model))
             sizes = np.linalg.norm((deflection @ shapes).reshape(-1, 3, len(frequencies)), axis=1)
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
+            stiffened = body.centrifugal_stiffness is not None
             self._bodies.append(
-                _Watched(
-                    columns,
-                    deflection,
-                    turn,
-                    inertia,
-                    frequencies,
-                    amplitudes,
-                    body.centrifugal_stiffness is not None,
-                )  # fmt: skip
+                _Watched(columns, deflection, turn, inertia, frequencies, amplitudes, stiffened)
             )
         n = len(self._bodies)
         self._deflected, self._turned = np.zeros((2, n)), np.zeros((2, n))  # largest, and its time
@@ -114,6 +109,7 @@ class LinearElasticityMonitor:
 
     def notes(self) -> Iterator[str]:
         """A sentence for each body and limit that was left."""
+        yield from self._loads
         for k, one in enumerate(self._bodies):
             name = f"bodies.{one.columns.name}"
             deflection, t = self._deflected[:, k]
@@ -175,6 +171,37 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     return 2.0 * np.pi * modes.frequencies[vibrates], modes.eta[:, vibrates]
 
 
+def _jacobian(compiled: Compiled, q: Array) -> Array:
+    """Cq (nc, nv) at the positions q; of models that are too large for it no row."""
+    if compiled.layout.nv > MAX_COORDINATES:
+        return np.zeros((0, compiled.layout.nv))
+    return ConstraintRows(compiled).evaluate(q).Cq
+
+
+def _loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
+    """A sentence for each joint and force that acts beside the interfaces of a stiffened body."""
+    stiffened = {
+        name: body for name, body in compiled.flexbodies.items()
+        if body.m and body.centrifugal_stiffness is not None
+    }  # fmt: skip
+    elements: dict[str, object] = {f"joints.{name}": spec for name, spec in model.joints.items()}
+    elements |= {f"forces.{name}": spec for name, spec in model.forces.items()}
+    for where, spec in elements.items() if stiffened else ():
+        for marker in getattr(spec, "between", None) or (getattr(spec, "at", None),):
+            owner, _, place = (marker or "").partition(".")
+            if owner in stiffened and place and _interface(model, owner, place) is None:
+                yield (
+                    f"{where}: its force does not stiffen bodies.{owner}, because {marker} is no "
+                    "interface of it; make it one"
+                )
+
+
+def _interface(model: Model, owner: str, place: str) -> str | None:
+    """The interface that a marker of a body is, or that carries it."""
+    marker = model.bodies[owner].markers.get(place)
+    return place if marker is None else marker.interface
+
+
 def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
     """Interfaces of a body with joints, in their order, and whether these hold all rotations."""
     driven = {spec.joint for spec in model.drivers.values()}
@@ -182,7 +209,8 @@ def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, boo
     for joint, spec in model.joints.items():
         for marker in spec.between:
             owner, _, place = marker.partition(".")
-            if owner == name and any(place == one.name for one in body.interfaces):
+            place = _interface(model, name, place) or "" if owner == name else ""
+            if any(place == one.name for one in body.interfaces):
                 holds = spec.type in _CLAMPS or joint in driven
                 places[place] = places.get(place, False) or holds
     return places

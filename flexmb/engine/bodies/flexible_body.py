@@ -54,7 +54,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -317,8 +317,8 @@ def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
     parts, rows, out = run.system.parts, of.rows, run.work.energies
     rigid_energies(run, of, at)
     for n in range(rows.shape[0]):
-        out[0] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
-        out[1] += _strain(parts, at.q, rows[n])
+        out[KINETIC_ENERGY] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
+        out[STRAIN_ENERGY] += _strain(parts, at.q, rows[n])
     return FINE
 
 
@@ -328,7 +328,9 @@ def damping_power(run: Run, of: Bodies, at: Point) -> int:
     parts, rows, out = run.system.parts, of.rows, run.work.powers
     for n in range(rows.shape[0]):
         if parts.bodies[rows[n]]["damped"] == 1:
-            out[1] -= _modal_form(parts, rows[n], 14, at.v, parts.bodies[rows[n]]["iv"] + 6)
+            out[DAMPER_POWER] -= _modal_form(
+                parts, rows[n], 14, at.v, parts.bodies[rows[n]]["iv"] + 6
+            )
     return FINE
 
 

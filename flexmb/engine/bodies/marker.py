@@ -5,11 +5,9 @@ arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular v
 is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 
-Where the geometric stiffness of the body is known, the place of a marker is of second order in η: s
-falls by ½ ηᵀ K_d η along the axis d, and Φ_t by ηᵀ K_d. K_d is the reduced geometric stiffness of a
-unit force there: the same numbers are foreshortening and stiffening, so that no energy is made
-(Wallrapp & Schwertassek, Representation of geometric stiffening in multibody system simulation,
-IJNME 32 (1991) 1833).
+Where the geometric stiffness of the body is known, s falls by ½ ηᵀ K_d η along the axis d, and Φ_t
+by ηᵀ K_d, K_d that of a unit force there: the same numbers are foreshortening and stiffening, so
+that no energy is made (Wallrapp & Schwertassek, IJNME 32 (1991) 1833).
 
 Point markers are those whose place alone matters: their rows hold points together and nothing else.
 Such rows carry no moment and need no axes, so the position stage leaves out the turning of axes and
@@ -31,6 +29,7 @@ from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
     cross,
+    dot,
     inner,
     modal_vector,
     outer,
@@ -115,24 +114,18 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 def _bend(mk, pool, q, o, m, phi):
     """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,)."""
     for k in range(3 * m):
-        row, s = mk["bend"] + k * m, pool[mk["modes"] + k]
-        for j in range(m):
-            s -= pool[row + j] * q[o + j]
-        phi[k] = s
+        phi[k] = pool[mk["modes"] + k] - dot(pool, mk["bend"] + k * m, q, o, m)
 
 
 @kernel
 def _bending_acceleration(mk, pool, v, o, m):
     """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]."""
-    x, y, z = 0.0, 0.0, 0.0
-    size = m * m
+    x, y, z, size = 0.0, 0.0, 0.0, m * m
     for i in range(m):
-        row = mk["bend"] + i * m
-        for j in range(m):
-            square = v[o + i] * v[o + j]
-            x -= pool[row + j] * square
-            y -= pool[row + size + j] * square
-            z -= pool[row + 2 * size + j] * square
+        row, rate = mk["bend"] + i * m, v[o + i]
+        x -= rate * dot(pool, row, v, o, m)
+        y -= rate * dot(pool, row + size, v, o, m)
+        z -= rate * dot(pool, row + 2 * size, v, o, m)
     return x, y, z
 
 
@@ -179,30 +172,50 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def move_flexible(run: Run, markers: Markers, at: Point) -> int:
-    """Motion of the markers that modes move at zero v̇, global axes: velocities, accelerations."""
+    """Velocity and angular velocity of the markers that modes move, global axes."""
     parts, now, v = run.system.parts, run.work.now, at.v
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
-        iv, m, arm, th = body["iv"], body["m"], triple(mn["arm"]), triple(mn["th"])
-        om, rate = part(v, iv + 3), modal_vector(parts.pool, at_t + 3 * m, m, v, iv + 6)
-        # u and e: velocities in the body; e = Tᵀ θ̇
-        e, x = turned_back(mn["T"], rate), outer(om, triple(mn["s"]))
-        if mk["bend"] >= 0:
-            moved = modal_vector(now.Phi[rows[n]], 0, m, v, iv + 6)
-            bending = _bending_acceleration(mk, parts.pool, v, iv + 6, m)
-        else:
-            moved, bending = modal_vector(parts.pool, at_t, m, v, iv + 6), (0.0, 0.0, 0.0)
-        u = plus(moved, 1.0, outer(e, arm))
-        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, plus(x, 1.0, u))))
+        body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
+        iv, om = body["iv"], part(v, body["iv"] + 3)
+        phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
+        u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
+        x = plus(outer(om, triple(mn["s"])), 1.0, u)
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, x)))
         put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
+    return FINE
+
+
+@kernel
+def _relative_velocity(mk, mn, body, pool, phi, v):
+    """Velocity and angular velocity Tᵀ θ̇ of a marker in its body, body axes."""
+    m, o, place = body["m"], body["iv"] + 6, mk["modes"]
+    e = turned_back(mn["T"], modal_vector(pool, place + 3 * m, m, v, o))
+    moved = modal_vector(phi, 0 if mk["bend"] >= 0 else place, m, v, o)
+    return plus(moved, 1.0, outer(e, triple(mn["arm"]))), e
+
+
+@unit
+def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
+    """Acceleration of the markers that modes move at zero v̇, global axes: point, angular."""
+    parts, now, v = run.system.parts, run.work.now, at.v
+    rows, bodies, table = markers.rows, parts.bodies, parts.markers
+    for n in range(rows.shape[0]):
+        mk, mn = table[rows[n]], now.marker[rows[n]]
+        body, A, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["c"]
+        m, o, arm, th = body["m"], body["iv"] + 6, triple(mn["arm"]), triple(mn["th"])
+        om, rate = part(v, o - 3), modal_vector(parts.pool, mk["modes"] + 3 * m, m, v, o)
+        phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
+        u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
         y, slope = outer(th, rate), 2.0 * inner(th, rate)
         change = plus(times(slope * c[2], y), c[1], outer(rate, y))
         change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
         # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
-        x = plus(outer(om, plus(x, 2.0, u)), 1.0, outer(e, outer(e, arm)))
-        x = plus(plus(x, 1.0, outer(change, arm)), 1.0, bending)
+        x = outer(om, plus(outer(om, triple(mn["s"])), 2.0, u))
+        x = plus(plus(x, 1.0, outer(e, outer(e, arm))), 1.0, outer(change, arm))
+        if mk["bend"] >= 0:
+            x = plus(x, 1.0, _bending_acceleration(mk, parts.pool, v, o, m))
         put_part(mn["bx"], 0, turned(A, x))
         put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
     return FINE
@@ -269,6 +282,7 @@ FLEXIBLE_MARKERS = Kind(
     {
         "position": place_flexible,
         "velocity": move_flexible,
+        "bias": bias_flexible,
         "wrench": clear_wrenches,
         "force": subtract_wrenches,
     },

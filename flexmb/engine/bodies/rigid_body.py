@@ -46,7 +46,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import GRAVITY_ENERGY, KINETIC_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.model.bodies.body import RigidBodySpec
@@ -219,8 +219,8 @@ def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
     """Kinetic and gravity energy of rigid bodies."""
     out, rows = run.work.energies, of.rows
     for n in range(rows.shape[0]):
-        out[0] += frame_energy(run, rows[n], 0, at)
-        out[2] += frame_energy(run, rows[n], 2, at)
+        out[KINETIC_ENERGY] += frame_energy(run, rows[n], 0, at)
+        out[GRAVITY_ENERGY] += frame_energy(run, rows[n], 2, at)
     return FINE
 
 

@@ -30,7 +30,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -188,7 +188,7 @@ def add_energies(run: Run, forces: SixComponentForces, at: Point) -> int:
     for k in range(rows.shape[0]):
         _put_forces(run, forces, k)
         for r in range(6):
-            out[3] += 0.5 * s.x[r] * (rows[k]["p0"][r] + s.elastic[r])
+            out[SPRING_ENERGY] += 0.5 * s.x[r] * (rows[k]["p0"][r] + s.elastic[r])
     return FINE
 
 
@@ -200,7 +200,7 @@ def add_powers(run: Run, forces: SixComponentForces, at: Point) -> int:
         if rows[k]["damped"] == 1:
             _put_forces(run, forces, k)
             for r in range(6):
-                out[1] -= s.rate[r] * s.viscous[r]
+                out[DAMPER_POWER] -= s.rate[r] * s.viscous[r]
     return FINE
 
 

@@ -57,7 +57,7 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
@@ -123,6 +123,7 @@ class Contacts(NamedTuple):
 
 # Numbers of history of a point: speed of approach; with friction its mode and bristle too.
 _HISTORY, _FRICTION_HISTORY = 1, 5
+_MODE_PLACE, _BRISTLE_PLACE = 1, 2  # where they begin
 
 
 def lower_contacts(lowering: Lowering) -> Contacts | None:
@@ -150,8 +151,7 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
 @kernel
 def bristle(c, history, mj):
     """The bristle of the last accepted step, global axes."""
-    o = c["history"] + 2
-    return turned(mj["R"], part(history, o))
+    return turned(mj["R"], part(history, c["history"] + _BRISTLE_PLACE))
 
 
 @unit
@@ -228,9 +228,9 @@ def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
-            out[3] += c["K"] * d ** (c["n"] + 1.0) / (c["n"] + 1.0)
+            out[SPRING_ENERGY] += c["K"] * d ** (c["n"] + 1.0) / (c["n"] + 1.0)
             s = triple(cn["bristle"])
-            out[4] += 0.5 * c["k"] * inner(s, s)
+            out[BRISTLE_ENERGY] += 0.5 * c["k"] * inner(s, s)
     return FINE
 
 
@@ -241,8 +241,8 @@ def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         if d > 0.0:
-            out[1] += inner(triple(cn["friction"]), triple(cn["g"]))
-            out[1] -= (cn["N"] - c["K"] * d ** c["n"]) * cn["rate"]
+            out[DAMPER_POWER] += inner(triple(cn["friction"]), triple(cn["g"]))
+            out[DAMPER_POWER] -= (cn["N"] - c["K"] * d ** c["n"]) * cn["rate"]
     return FINE
 
 
@@ -257,8 +257,8 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
             history[o] = max(rate, c["slow"])
         if c["model"] != NO_FRICTION:
             s = turned_back(now.marker[c["J"]]["R"], triple(cn["bristle"]))
-            history[o + 1] = cn["mode"]
-            put_part(history, o + 2, s if d > 0.0 else _ZERO)
+            history[o + _MODE_PLACE] = cn["mode"]
+            put_part(history, o + _BRISTLE_PLACE, s if d > 0.0 else _ZERO)
     return FINE
 
 
@@ -272,16 +272,17 @@ def watch(run: Run, contacts: Contacts, at: Point) -> int:
     rows, cn, now, out = contacts.rows, contacts.scratch.now[0], run.work.now, run.work.events.now
     for k in range(rows.shape[0]):
         c, o, d = rows[k], contacts.first_event + 2 * k, evaluate_contact(run, contacts, k)
-        out[o, 0], out[o, 1] = d, cn["rate"]
-        out[o + 1, 0], out[o + 1, 1] = 0.0, math.nan
+        touch, slip = out[o], out[o + 1]
+        touch["value"], touch["rate"] = d, cn["rate"]
+        slip["value"], slip["rate"] = 0.0, math.nan
         if c["model"] == BRISTLE and d > 0.0:
-            mode = now.history[c["history"] + 1]
+            mode = now.history[c["history"] + _MODE_PLACE]
             if mode == SLIDES:
                 s = bristle(c, now.history, now.marker[c["J"]])
                 v = across(triple(cn["n"]), triple(cn["g"]))
-                out[o + 1, 0] = -inner(s, v) / math.sqrt(inner(s, s))
+                slip["value"] = -inner(s, v) / math.sqrt(inner(s, s))
             elif mode != OPEN:
-                out[o + 1, 0] = cn["excess"]
+                slip["value"] = cn["excess"]
     return FINE
 
 

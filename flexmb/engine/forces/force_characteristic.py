@@ -45,7 +45,7 @@ from flexmb.engine.joints.row import rate, separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Integers, array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
@@ -225,9 +225,11 @@ def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
         if rows[k]["stop"] == 1:
-            out[3] += stop_energy(rows[k], now["s"])
+            out[SPRING_ENERGY] += stop_energy(rows[k], now["s"])
         else:
-            out[3] += spring_energy(rows[k], forces.programs, run.work.trial.stack, now["s"])
+            out[SPRING_ENERGY] += spring_energy(
+                rows[k], forces.programs, run.work.trial.stack, now["s"]
+            )
     return FINE
 
 
@@ -238,10 +240,12 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
         if rows[k]["stop"] == 1:
-            out[1] += stop_power(rows[k], now["s"], now["rate"])
+            out[DAMPER_POWER] += stop_power(rows[k], now["s"], now["rate"])
         else:
-            out[1] += damper_power(rows[k], forces.programs, run.work.trial.stack, now["rate"])
-        out[2] += _function_value(rows[k], fun) * now["rate"]
+            out[DAMPER_POWER] += damper_power(
+                rows[k], forces.programs, run.work.trial.stack, now["rate"]
+            )
+        out[LOAD_POWER] += _function_value(rows[k], fun) * now["rate"]
     return FINE
 
 
@@ -252,8 +256,8 @@ def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
         row, o = forces.rows[stops[k]], forces.first_event + 2 * k
-        out[o, 0], out[o, 1] = now["s"] - row["upper"], now["rate"]
-        out[o + 1, 0], out[o + 1, 1] = row["lower"] - now["s"], -now["rate"]
+        out[o]["value"], out[o]["rate"] = now["s"] - row["upper"], now["rate"]
+        out[o + 1]["value"], out[o + 1]["rate"] = row["lower"] - now["s"], -now["rate"]
     return FINE
 
 

@@ -30,7 +30,7 @@ from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix, array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering, Placement
@@ -84,7 +84,7 @@ class JointFrictions(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-_HISTORY = 2  # numbers of history: anchor of the bristle, mode
+_ANCHOR_PLACE, _MODE_PLACE, _HISTORY = 0, 1, 2  # places of history of one friction, and how many
 
 
 def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
@@ -129,7 +129,7 @@ def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> 
     s = run.system.parts.coordinates[f["coordinate"]]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
     force, anchor, mode, excess, stiffness, damping = along(
-        f, frictions.scratch.load[k, 0], x, rate, history[f["history"]]
+        f, frictions.scratch.load[k, 0], x, rate, history[f["history"] + _ANCHOR_PLACE]
     )
     out["force"], out["anchor"], out["mode"], out["excess"] = force, anchor, mode, excess
     out["stiffness"], out["damping"], out["position"] = stiffness, damping, x
@@ -246,7 +246,7 @@ def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
         f = rows[k]
         evaluate_surface(run, frictions, at, k)
         rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
-        out[1] += frictions.scratch.surface[0]["force"] * rate
+        out[DAMPER_POWER] += frictions.scratch.surface[0]["force"] * rate
     return FINE
 
 
@@ -256,7 +256,7 @@ def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
     rows, out = frictions.rows, run.work.energies
     for k in range(rows.shape[0]):
         stretch = evaluate_surface(run, frictions, at, k)
-        out[4] += 0.5 * rows[k]["k"] * stretch * stretch
+        out[BRISTLE_ENERGY] += 0.5 * rows[k]["k"] * stretch * stretch
     return FINE
 
 
@@ -267,8 +267,8 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
     for k in range(rows.shape[0]):
         f = rows[k]
         o = f["history"]
-        history[o] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
-        history[o + 1] = 0.0
+        history[o + _ANCHOR_PLACE] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
+        history[o + _MODE_PLACE] = 0.0
     return FINE
 
 
@@ -279,8 +279,8 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
         o = rows[k]["history"]
-        history[o] = surface["anchor"]
-        history[o + 1] = surface["mode"]
+        history[o + _ANCHOR_PLACE] = surface["anchor"]
+        history[o + _MODE_PLACE] = surface["mode"]
     return FINE
 
 
@@ -294,22 +294,22 @@ def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
     rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.work.now.history
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
-        f, o = rows[k], frictions.first_event + k
+        f, slip = rows[k], out[frictions.first_event + k]
         iv = coordinates[f["coordinate"]]["iv"]
         speed, change = f["radius"] * at.v[iv], f["radius"] * at.vd[iv]
         if f["model"] != BRISTLE:
-            out[o, 0] = min(f["creep"] - abs(speed), -_EVENT_CLEARANCE * f["creep"])
-            out[o, 1] = -change if speed > 0.0 else change
+            slip["value"] = min(f["creep"] - abs(speed), -_EVENT_CLEARANCE * f["creep"])
+            slip["rate"] = -change if speed > 0.0 else change
             continue
         evaluate_surface(run, frictions, at, k)
-        stretch = surface["position"] - history[f["history"]]
-        if history[f["history"] + 1] == SLIDES and stretch != 0.0:
+        stretch = surface["position"] - history[f["history"] + _ANCHOR_PLACE]
+        if history[f["history"] + _MODE_PLACE] == SLIDES and stretch != 0.0:
             sign = -1.0 if stretch > 0.0 else 1.0
-            out[o, 0], out[o, 1] = sign * speed, sign * change
+            slip["value"], slip["rate"] = sign * speed, sign * change
         else:
             rate = f["k"] * speed + f["c"] * change
-            out[o, 0] = surface["excess"]
-            out[o, 1] = rate if f["k"] * stretch + f["c"] * speed > 0.0 else -rate
+            slip["value"] = surface["excess"]
+            slip["rate"] = rate if f["k"] * stretch + f["c"] * speed > 0.0 else -rate
     return FINE
 
 

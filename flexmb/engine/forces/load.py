@@ -25,7 +25,7 @@ from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
@@ -147,16 +147,16 @@ def add_powers(run: Run, loads: Loads, at: Point) -> int:
         load, mj = rows[k], markers[rows[k]["marker"]]
         x, y, z = _vector(load, markers, fun)
         u = mj["om"] if load["torque"] == 1 else mj["vx"]
-        out[2] += x * u[0] + y * u[1] + z * u[2]
+        out[LOAD_POWER] += x * u[0] + y * u[1] + z * u[2]
         if load["other"] >= 0:
             mi = markers[load["other"]]
             if load["torque"] == 0:
                 u = mi["vx"]
-                out[2] -= x * u[0] + y * u[1] + z * u[2]
+                out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
                 hx, hy, hz = separation(mi, mj)
                 x, y, z = cross(hx, hy, hz, x, y, z)
             u = mi["om"]
-            out[2] -= x * u[0] + y * u[1] + z * u[2]
+            out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
     return FINE
 
 

@@ -20,7 +20,7 @@ from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.records import Matrix, array_of
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
@@ -125,7 +125,7 @@ def add_energies(run: Run, springs: Springs, at: Point) -> int:
     rows, markers, out = springs.rows, run.work.now.marker, run.work.energies
     for k in range(rows.shape[0]):
         d, _, _, _ = _direction(markers[rows[k]["I"]], markers[rows[k]["J"]])
-        out[3] += 0.5 * rows[k]["k"] * (d - rows[k]["d0"]) ** 2
+        out[SPRING_ENERGY] += 0.5 * rows[k]["k"] * (d - rows[k]["d0"]) ** 2
     return FINE
 
 
@@ -136,7 +136,7 @@ def add_powers(run: Run, springs: Springs, at: Point) -> int:
     for k in range(rows.shape[0]):
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
         _, nx, ny, nz = _direction(mi, mj)
-        out[1] -= rows[k]["c"] * _rate(mi, mj, nx, ny, nz) ** 2
+        out[DAMPER_POWER] -= rows[k]["c"] * _rate(mi, mj, nx, ny, nz) ** 2
     return FINE
 
 

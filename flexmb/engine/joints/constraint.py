@@ -22,7 +22,7 @@ from flexmb.engine.joints.row import (
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers, Vector
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DRIVER_POWER, Point, Run
 
 _REGULARISATION = 1e-9
 
@@ -206,7 +206,7 @@ def driver_power(run: Run, joints: Joints, at: Point) -> int:
     rows, fun, driven = run.system.rows, run.work.con.fun, joints.driven
     for n in range(driven.shape[0]):
         k = driven[n]
-        run.work.powers[0] -= at.lam[k] * fun[rows[k]["fun"], 1]
+        run.work.powers[DRIVER_POWER] -= at.lam[k] * fun[rows[k]["fun"], 1]
     return FINE
 
 

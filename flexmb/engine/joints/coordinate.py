@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flexmb.engine.jit import unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, LOAD_POWER, SPRING_ENERGY, Point, Run
 from flexmb.engine.tables import COORDINATE
 
 
@@ -145,9 +145,9 @@ def add_energies(run: Run, of: Coordinates, at: Point) -> int:
     for k in range(coordinates.shape[0]):
         s = coordinates[k]
         if s["state"] == 0:
-            out[0] += 0.5 * s["m"] * at.v[s["iv"]] ** 2
+            out[KINETIC_ENERGY] += 0.5 * s["m"] * at.v[s["iv"]] ** 2
         stretch = at.q[s["iq"]] - s["s0"]
-        out[3] += 0.5 * s["k"] * stretch * stretch
+        out[SPRING_ENERGY] += 0.5 * s["k"] * stretch * stretch
     return FINE
 
 
@@ -158,9 +158,9 @@ def add_powers(run: Run, of: Coordinates, at: Point) -> int:
     for k in range(coordinates.shape[0]):
         s = coordinates[k]
         rate = at.v[s["iv"]]
-        out[1] -= s["c"] * rate * rate
+        out[DAMPER_POWER] -= s["c"] * rate * rate
         if s["fun"] >= 0 and s["state"] == 0:
-            out[2] += fun[s["fun"], 0] * rate
+            out[LOAD_POWER] += fun[s["fun"], 0] * rate
     return FINE
 
 

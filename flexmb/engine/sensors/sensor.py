@@ -21,7 +21,15 @@ from flexmb.engine.jit import call_channel, kernel, unit
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import (
+    BRISTLE_ENERGY,
+    GRAVITY_ENERGY,
+    KINETIC_ENERGY,
+    SPRING_ENERGY,
+    STRAIN_ENERGY,
+    Point,
+    Run,
+)
 from flexmb.engine.tables import CHANNEL, TERM, Sensors
 
 if TYPE_CHECKING:
@@ -37,7 +45,7 @@ if TYPE_CHECKING:
     )
 
 _ENERGIES = ("kinetic", "strain", "gravity", "spring", "total")
-_SPRING, _TOTAL = 3, 4
+_TOTAL = 4
 _AXES_OF_SIDE = -2
 
 
@@ -68,10 +76,10 @@ def place(run: Run, sensors: Sensors, at: Point, c: int) -> float:
 def energy(run: Run, sensors: Sensors, at: Point, c: int) -> float:
     """An energy of the model, as evaluated last; that of springs with that of bristles."""
     e, number = run.work.energies, sensors.channels[c]["first"]
-    spring = e[_SPRING] + e[4]
+    spring = e[SPRING_ENERGY] + e[BRISTLE_ENERGY]
     if number == _TOTAL:
-        return e[0] + e[1] + e[2] + spring  # type: ignore[no-any-return]
-    return spring if number == _SPRING else e[number]  # type: ignore[no-any-return]
+        return e[KINETIC_ENERGY] + e[STRAIN_ENERGY] + e[GRAVITY_ENERGY] + spring  # type: ignore[no-any-return]
+    return spring if number == SPRING_ENERGY else e[number]  # type: ignore[no-any-return]
 
 
 @unit

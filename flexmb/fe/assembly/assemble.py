@@ -39,8 +39,8 @@ from flexmb.fe.assembly.mass import (
 )
 from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, rigid_vectors
 from flexmb.fe.elements.element_blocks import Block, select_elements
+from flexmb.fe.linear_solver import require_memory
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.solver.memory import require_memory
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.mesh_options import MASS_MATRICES
 from flexmb.materials import AnyMaterial

@@ -21,7 +21,7 @@ from scipy.sparse import coo_array, csr_array
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering, skew
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
 from flexmb.flexbody.options import read_options
 
@@ -31,7 +31,7 @@ COLLINEAR = 1e-6  # smallest over largest extent of nodes that still define a ro
 def spans_rotation(points: FloatArray) -> bool:
     """Whether displacements of the points (k, 3) define a rotation: they are on no line."""
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return len(points) >= 3 and bool(extent[1] > COLLINEAR * extent[0])
+    return len(points) >= 3 and bool(is_nonzero(extent, COLLINEAR)[1])
 
 
 def rigid_rows(

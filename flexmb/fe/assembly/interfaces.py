@@ -22,8 +22,7 @@ from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import rigid_rows, spans_rotation
 from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.meshes.facets import group_centroid, tributary
-from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.mesh import Mesh, group_centroid, tributary
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
 from flexmb.flexbody.options import is_number, read_options

@@ -19,8 +19,8 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
 from flexmb.fe.assembly.interfaces import make_interface, select_interface
-from flexmb.fe.meshes.facets import FACETS, facet_rule, outer_faces
-from flexmb.fe.meshes.mesh import dimension
+from flexmb.fe.elements.element_blocks import outer_faces
+from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import (
     LOADS,

@@ -22,7 +22,7 @@ from scipy.sparse import csr_array
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Accumulator, Numbering
 from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.elements.family import ComponentMass, ScalarMass
+from flexmb.fe.elements.element_family import ComponentMass, ScalarMass
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import MassOptions

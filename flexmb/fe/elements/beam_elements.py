@@ -29,7 +29,7 @@ import numpy as np
 from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
 from flexmb.fe.assembly.numbering import skew
-from flexmb.fe.elements.family import ComponentMass
+from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.sections.beam_chain import BoundBeam, local_axes, section_values
 from flexmb.flexbody.arrays import FloatArray, IntArray
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.fe.elements.family import ComponentMass
+from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.elements.shell_fields import (
     EDGES,
     Fields,

@@ -24,14 +24,14 @@ from functools import cached_property
 
 import numpy as np
 
-from flexmb.fe.elements.family import ScalarMass
-from flexmb.fe.elements.isoparametric import (
+from flexmb.fe.elements.element_family import (
     HEX_EDGES,
     TET_EDGES,
     WEDGE_EDGES,
     Points,
     Reference,
     Rule,
+    ScalarMass,
     determinants,
     extrapolation,
     gradients,
@@ -44,7 +44,7 @@ from flexmb.fe.elements.isoparametric import (
     wedge15,
     wedge_rule,
 )
-from flexmb.fe.sections.solid_section import SolidSection
+from flexmb.fe.sections.material import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import Material
 

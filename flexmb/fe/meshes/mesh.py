@@ -1,10 +1,14 @@
-"""A finite-element mesh with named groups, and reading it from a file with meshio.
+"""A finite-element mesh with named groups: reading it with meshio, integrals over facets and lines.
 
 Kinds are meshio's names (``"tetra10"``, ``"line"``) with VTK's node order; there is one block per
 kind. Node numbers are the file's order, from 0. A group is a set of elements (by kind) and the
 nodes they touch. meshio prints, may end the process on a file it cannot read, keeps bookkeeping
 among the groups and leaves gmsh's two formats different: :func:`read_mesh` catches or normalises
 all of that. Groups without a name are called ``"dim:tag"``.
+
+Curved facets are integrated with their own shape functions; basis and quadrature are scikit-fem's.
+For nodal areas facets with mid-side nodes are cut into small linear ones, each of which gives its
+corners equal parts: consistent shares of such facets vanish or turn negative at the corners.
 """
 
 from __future__ import annotations
@@ -17,9 +21,20 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from skfem import (
+    ElementLineP1,
+    ElementLineP2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementQuadS2,
+    ElementTriP1,
+    ElementTriP2,
+)
+from skfem.element import Element
+from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.flexbody.arrays import FloatArray, IntArray
@@ -247,3 +262,118 @@ def _names_of_tags(field_data: Mapping[str, Any]) -> dict[tuple[int, int], str]:
 
 def _add_rows(groups: Groups, name: str, kind: str, rows: IntArray) -> None:
     groups.setdefault(name, {}).setdefault(kind, []).append(rows)
+
+
+FACETS: dict[str, tuple[Element, int]] = {  # basis and quadrature order; node order agrees
+    "triangle": (ElementTriP1(), 2),
+    "triangle6": (ElementTriP2(), 6),
+    "quad": (ElementQuad1(), 3),
+    "quad8": (ElementQuadS2(), 7),
+    "quad9": (ElementQuad2(), 7),
+    "line": (ElementLineP1(), 2),
+    "line3": (ElementLineP2(), 6),
+}
+"""Kinds of facets and lines that can be integrated."""
+
+
+class FacetRule(NamedTuple):
+    """Values at the quadrature points of nf cells."""
+
+    N: FloatArray  # (k, q) shape functions
+    size: FloatArray  # (nf, q) area or length, weights included
+    normal: FloatArray  # (nf, q, 3) unit normal by the order of the nodes; along a line its tangent
+
+
+def facet_rule(kind: str, x: FloatArray) -> FacetRule:
+    """Quadrature of cells with node coordinates x (nf, k, 3)."""
+    element, order = FACETS[kind]
+    points, weights = get_quadrature(element.refdom, order)
+    shapes = [element.lbasis(points, k) for k in range(x.shape[1])]
+    N = np.array([shape[0] for shape in shapes])
+    dN = np.array([np.reshape(shape[1], (len(points), -1)) for shape in shapes])
+    tangents = np.einsum("fkc,kdq->fqdc", x, dN)
+    if len(points) == 2:
+        direction = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    else:
+        direction = tangents[:, :, 0]
+    size = np.linalg.norm(direction, axis=2)
+    normal = direction / np.where(size > 0, size, 1.0)[:, :, None]
+    return FacetRule(N, size * weights, normal)
+
+
+def group_centroid(mesh: Mesh, group: str, nodes: IntArray) -> FloatArray:
+    """(3,) area centroid of the group's facets, else the length centroid of its lines, else the
+    mean of ``nodes``."""
+    rows = mesh.group_elements(group)
+    for dim in (2, 1):
+        moments = [
+            facet_moments(kind, mesh.points[mesh.blocks[kind][row]])
+            for kind, row in rows.items()
+            if dimension(kind) == dim and kind in FACETS and len(row)
+        ]
+        if moments:
+            size = sum(part[0] for part in moments)
+            return np.asarray(sum(part[1] for part in moments)) / size
+    return mesh.points[nodes].mean(axis=0)
+
+
+def facet_moments(kind: str, x: FloatArray) -> tuple[float, FloatArray]:
+    """Area (or length) and its first moment (3,) of facets with node coordinates (nf, k, 3)."""
+    rule = facet_rule(kind, x)
+    return float(rule.size.sum()), np.einsum("fq,kq,fkc->c", rule.size, rule.N, x)
+
+
+_PIECES: dict[str, tuple[tuple[int, ...], ...]] = {  # triangles or segments of local nodes
+    "triangle": ((0, 1, 2),),
+    "triangle6": ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    "quad": ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3)),
+    "quad8": (
+        (0, 4, 7),
+        (4, 1, 5),
+        (5, 2, 6),
+        (7, 6, 3),
+        (4, 5, 6),
+        (4, 6, 7),
+        (4, 5, 7),
+        (5, 6, 7),
+    ),
+    "quad9": tuple(
+        piece
+        for a, b, c, d in ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))
+        for piece in ((a, b, c), (a, c, d), (a, b, d), (b, c, d))
+    ),
+    "line": ((0, 1),),
+    "line3": ((0, 2), (2, 1)),
+}
+_TWICE = {"quad": slice(0, 4), "quad8": slice(4, 8), "quad9": slice(0, 16)}  # both diagonals
+
+
+def tributary(mesh: Mesh, group: str, nodes: IntArray) -> FloatArray | None:
+    """(k,) area, or length, that belongs to each of ``nodes``; None if the group has no facets.
+
+    Surfaces count before lines.
+    """
+    rows = mesh.group_elements(group)
+    for dim in (2, 1):
+        total = np.zeros(len(mesh.points))
+        for kind, row in rows.items():
+            if dimension(kind) == dim and kind in _PIECES and len(row):
+                _add_areas(total, mesh, kind, mesh.blocks[kind][row])
+        if total[nodes].any():
+            return total[nodes]
+    return None
+
+
+def _add_areas(total: FloatArray, mesh: Mesh, kind: str, cells: IntArray) -> None:
+    pieces = np.array(_PIECES[kind])
+    share = np.ones(len(pieces))
+    share[_TWICE.get(kind, slice(0, 0))] = 0.5
+    corners = cells[:, pieces]
+    x = mesh.points[corners]
+    if pieces.shape[1] == 2:
+        size = np.linalg.norm(x[:, :, 1] - x[:, :, 0], axis=2)
+    else:
+        normal = np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0])
+        size = 0.5 * np.linalg.norm(normal, axis=2)
+    part = size * share / pieces.shape[1]
+    np.add.at(total, corners, np.broadcast_to(part[:, :, None], corners.shape))

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.solver.multifrontal import blas_threads
+from flexmb.fe.multifrontal import blas_threads
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 

@@ -39,10 +39,10 @@ from scipy.sparse import csr_array
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, WeightedInterface
+from flexmb.fe.linear_solver import Factor, SingularMatrix, factor
 from flexmb.fe.reduction.eigenmodes import lowest_modes, start_vector
 from flexmb.fe.reduction.reduced_basis import free_part
-from flexmb.fe.solver.linear_solver import Factor, SingularMatrix, factor
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.flexbody.options import read_options
 from flexmb.progress import Progress, silent
@@ -168,7 +168,6 @@ def statically_determinate(R: FloatArray) -> IntArray:
     return np.sort(qr(scaled.T, mode="r", pivoting=True)[1][: R.shape[1]])
 
 
-_MASSLESS = 1e-12  # relative; 1 / omega^2 of a motion without mass is rounding
 _DENSE = 300  # below this many interior degrees of freedom full matrices are faster
 
 
@@ -281,7 +280,7 @@ class FixedInterfaceModel:
             omega2, V = eigh(K, M, subset_by_index=[0, count - 1])
         except np.linalg.LinAlgError:  # some motions have no mass: by 1 / omega^2
             sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
-            massive = sigma > _MASSLESS * sigma[-1]
+            massive = is_nonzero(sigma)  # of the others 1 / omega^2 is rounding
             sigma, V = sigma[massive], V[:, massive]
             omega2, V = 1.0 / sigma[::-1], (V / np.sqrt(sigma))[:, ::-1]
         return omega2, N @ V

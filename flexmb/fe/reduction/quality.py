@@ -19,13 +19,13 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel, interface_shares
+from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.reduced_basis import (
     DIRECTIONS,
     ReducedBasis,
     ReducedModes,
     rigid_motion_of_interfaces,
 )
-from flexmb.fe.reduction.residual_vectors import InertiaRelief
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 _FIRST = 20  # modes of the full model at first, where a frequency says how many

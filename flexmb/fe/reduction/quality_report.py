@@ -17,13 +17,14 @@ import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.free_interface import (
+from flexmb.fe.reduction.component_modes import (
     free_count,
     free_modes_of,
     lowest_free,
     relieved_inverse,
 )
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.quality import (
     EffectiveMass,
     EnergyShares,
@@ -37,7 +38,6 @@ from flexmb.fe.reduction.quality import (
     unit_loads,
 )
 from flexmb.fe.reduction.reduced_basis import DIRECTIONS, ReducedBasis, ReducedModes
-from flexmb.fe.reduction.residual_vectors import InertiaRelief
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody

@@ -21,7 +21,7 @@ from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.assembly.numbering import skew
 from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.flexbody.parts import ModeInfo
 
 DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
@@ -97,11 +97,6 @@ def rigid_motion_of_interfaces(
     return np.concatenate(rows)
 
 
-_ZERO_STIFFNESS = (
-    1e-12  # a squared frequency this small relative to the largest is zero but for rounding
-)
-
-
 @dataclass(frozen=True, eq=False)
 class ReducedModes:
     """Elastic modes with unit modal mass.
@@ -135,7 +130,7 @@ def orthonormalise(fe: FEMatrices, reduced: ReducedBasis) -> ReducedModes:
         The reduced body is looser than a single solid: a mechanism or a part that nothing holds.
     """
     omega2, Z = elastic_modes(reduced.K, reduced.M, reduced.rigid)
-    if len(omega2) and omega2[0] <= _ZERO_STIFFNESS * omega2[-1]:
+    if len(omega2) and not is_nonzero(omega2)[0]:
         where = moving_nodes(fe, reduced.basis @ Z[:, :1])
         raise ReductionError(
             f"the body has a motion without stiffness besides the six rigid ones: {where}"

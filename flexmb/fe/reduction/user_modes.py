@@ -20,8 +20,8 @@ from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.reduction.inertia_relief import InertiaRelief, load_columns
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of
-from flexmb.fe.reduction.residual_vectors import InertiaRelief, load_columns
 from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent

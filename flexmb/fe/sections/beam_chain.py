@@ -26,7 +26,7 @@ from flexmb.fe.sections.beam_section import (
     join_releases,
     section_of,
 )
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import AnyMaterial
 
 
@@ -202,7 +202,7 @@ def _check_mechanism(
             turn = np.cross(arm, direction) if number < 3 else direction
             rows.append(np.concatenate([direction if number < 3 else np.zeros(3), turn]))
     hold = np.linalg.svd(np.array(rows).reshape(-1, 6), compute_uv=False)
-    if len(hold) < 6 or hold[-1] < _MECHANISM * hold[0]:
+    if len(hold) < 6 or not is_nonzero(hold, _MECHANISM)[-1]:
         ends_text = [
             f"{', '.join(names)} at node {lines[row, side]}"
             for (row, side), names in zip(

@@ -10,17 +10,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexmb.errors import FlexmbError, MaterialError, Problem, ReductionError
-from flexmb.fe.material import resolve
 from flexmb.fe.sections import beam_shapes, thin_walls
 from flexmb.fe.sections.beam_chain import TaperedSection, tapered
 from flexmb.fe.sections.beam_section import BeamSection, Releases, general
+from flexmb.fe.sections.material import SolidSection, resolve
 from flexmb.fe.sections.shell_section import (
     Layer,
     ShellSection,
     layered,
     shell,
 )
-from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.flexbody.options import kind_of, option_values, read_options, rooted
 from flexmb.flexbody.section_options import SECTIONS as OPTIONS
 from flexmb.materials import AnyMaterial

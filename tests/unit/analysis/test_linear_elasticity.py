@@ -130,3 +130,15 @@ def test_a_body_without_modes_is_not_watched():
     model.add_body("one", rigid_body(1.0, inertia=1.0))
     compiled = compile_system(model)
     assert not list(LinearElasticityMonitor(compiled, model, compiled.initial_q).notes())
+
+
+def test_a_force_beside_the_interfaces_is_told_not_to_stiffen():
+    model = beam(stiffening=True)
+    model.add_marker("beam.middle", node=5)
+    model.add_marker("beam.end", interface="tip")
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    model.add_force("inside", "force", at="beam.middle", value=[0, 1, 0])
+    model.add_force("outside", "force", at="beam.end", value=[0, 1, 0])
+    compiled = compile_system(model)
+    (told,) = LinearElasticityMonitor(compiled, model, compiled.initial_q).notes()
+    assert told.startswith("forces.inside: its force does not stiffen bodies.beam, because")

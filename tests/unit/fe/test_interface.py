@@ -8,7 +8,7 @@ from femeshes import block, line
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, assemble, make_interfaces, rectangle, resolve
-from flexmb.fe.meshes.facets import facet_moments
+from flexmb.fe.meshes.mesh import facet_moments
 
 STEEL = resolve("steel")
 

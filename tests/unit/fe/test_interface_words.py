@@ -8,7 +8,7 @@ from femeshes import block, line
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, WeightedInterface, assemble, make_interfaces, rectangle, resolve
-from flexmb.fe.meshes.facets import tributary
+from flexmb.fe.meshes.mesh import tributary
 
 STEEL = resolve("steel")
 

@@ -9,11 +9,10 @@ from femeshes import block
 from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, resolve
-from flexmb.fe.solver import linear_solver
-from flexmb.fe.solver.dissection import dissect, matrix_graph
-from flexmb.fe.solver.linear_solver import PARDISO_INSTALLED, Pardiso, SingularMatrix, factor
-from flexmb.fe.solver.multifrontal import Multifrontal, blas_threads, fronts
+from flexmb.fe import Mesh, assemble, craig_bampton, linear_solver, make_interfaces, resolve
+from flexmb.fe.dissection import dissect, matrix_graph
+from flexmb.fe.linear_solver import PARDISO_INSTALLED, Pardiso, SingularMatrix, factor
+from flexmb.fe.multifrontal import Multifrontal, blas_threads, fronts
 
 
 @pytest.fixture(autouse=True)

@@ -9,9 +9,8 @@ import pytest
 from femeshes import block
 
 from flexmb.errors import ReductionError
-from flexmb.fe import assemble, resolve
-from flexmb.fe.solver import memory
-from flexmb.fe.solver.memory import available_memory, require_memory
+from flexmb.fe import assemble, linear_solver, resolve
+from flexmb.fe.linear_solver import available_memory, require_memory
 
 
 def test_a_machine_has_some_memory():
@@ -23,7 +22,7 @@ def test_a_machine_has_some_memory():
 @pytest.mark.parametrize("text", ["3 GB", "3gb", "3e9", "3000MB", "0.003 TB"])
 def test_the_limit_may_be_lowered(monkeypatch, text):
     monkeypatch.setenv("FLEXMB_MEMORY", text)
-    monkeypatch.setattr(memory, "available_memory", lambda: 64e9)
+    monkeypatch.setattr(linear_solver, "available_memory", lambda: 64e9)
     require_memory(2.9e9, "the work")
     with pytest.raises(ReductionError, match=r"the work needs about 3.1 GB, FLEXMB_MEMORY allows"):
         require_memory(3.1e9, "the work")
@@ -31,10 +30,10 @@ def test_the_limit_may_be_lowered(monkeypatch, text):
 
 def test_the_machine_limits_too(monkeypatch):
     monkeypatch.delenv("FLEXMB_MEMORY", raising=False)
-    monkeypatch.setattr(memory, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(linear_solver, "available_memory", lambda: 8e9)
     with pytest.raises(ReductionError, match=r"about 2\.1 TB, this machine has free 8 GB"):
         require_memory(2.1e12, "the work")
-    monkeypatch.setattr(memory, "available_memory", lambda: float("inf"))
+    monkeypatch.setattr(linear_solver, "available_memory", lambda: float("inf"))
     require_memory(1e15, "the work")  # nothing known, nothing refused
 
 
@@ -60,29 +59,33 @@ def test_control_groups_of_version_2_count_with_all_above(tmp_path):
     group(tmp_path / "a" / "b", "max", 1_000, "inactive_file 0\n", V2)
     mine = tmp_path / "cgroup"
     mine.write_text("0::/a/b\n", encoding="utf-8")
-    assert memory._cgroups(mine, tmp_path) == [4_200.0]
+    assert linear_solver._cgroups(mine, tmp_path) == [4_200.0]
 
 
 def test_control_groups_of_version_1_have_a_folder_for_memory(tmp_path):
     group(tmp_path / "memory" / "a", 9_000, 2_000, "total_inactive_file 50\n", V1)
     mine = tmp_path / "cgroup"
     mine.write_text("3:cpu,cpuacct:/a\n2:memory:/a\n", encoding="utf-8")
-    assert memory._cgroups(mine, tmp_path) == [7_050.0]
+    assert linear_solver._cgroups(mine, tmp_path) == [7_050.0]
 
 
 def test_the_free_memory_is_the_least_of_machine_and_control_groups(monkeypatch):
-    monkeypatch.setattr(memory, "_cgroups", lambda path, root: [3e9])
-    monkeypatch.setattr(memory.psutil, "virtual_memory", lambda: SimpleNamespace(available=4096))
-    assert memory.available_memory() == 4096.0
-    monkeypatch.setattr(memory.psutil, "virtual_memory", lambda: SimpleNamespace(available=5e9))
-    assert memory.available_memory() == (3e9 if sys.platform == "linux" else 5e9)
+    monkeypatch.setattr(linear_solver, "_cgroups", lambda path, root: [3e9])
+    monkeypatch.setattr(
+        linear_solver.psutil, "virtual_memory", lambda: SimpleNamespace(available=4096)
+    )
+    assert linear_solver.available_memory() == 4096.0
+    monkeypatch.setattr(
+        linear_solver.psutil, "virtual_memory", lambda: SimpleNamespace(available=5e9)
+    )
+    assert linear_solver.available_memory() == (3e9 if sys.platform == "linux" else 5e9)
 
 
 def test_where_there_are_no_control_groups_nothing_is_said(tmp_path):
-    assert memory._cgroups(tmp_path / "absent", tmp_path) == []
+    assert linear_solver._cgroups(tmp_path / "absent", tmp_path) == []
     mine = tmp_path / "cgroup"
     mine.write_text("0::/x\n", encoding="utf-8")
-    assert memory._cgroups(mine, tmp_path) == []
+    assert linear_solver._cgroups(mine, tmp_path) == []
 
 
 def test_matrices_that_do_not_fit_are_not_assembled(monkeypatch):

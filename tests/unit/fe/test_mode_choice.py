@@ -21,7 +21,7 @@ from flexmb.fe import (
     resolve,
     user_modes,
 )
-from flexmb.fe.reduction.free_interface import free_modes
+from flexmb.fe.reduction.component_modes import free_modes
 from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
 
 STEEL = resolve("steel")

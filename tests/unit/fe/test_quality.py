@@ -24,7 +24,7 @@ from flexmb.fe import (
     report_text,
     resolve,
 )
-from flexmb.fe.reduction.free_interface import free_modes
+from flexmb.fe.reduction.component_modes import free_modes
 from flexmb.fe.reduction.quality_report import Stopwatch
 from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
 

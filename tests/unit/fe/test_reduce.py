@@ -60,8 +60,7 @@ def test_its_mass_is_that_of_the_volume_its_curved_faces_enclose(rod, project):
     from skfem.quadrature import get_quadrature
 
     from flexmb.fe import read_mesh
-    from flexmb.fe.elements.element_blocks import select_elements
-    from flexmb.fe.meshes.facets import outer_faces
+    from flexmb.fe.elements.element_blocks import outer_faces, select_elements
 
     mesh = read_mesh(project / "meshes" / "connecting_rod.msh").scaled(1e-3)
     (skin,) = outer_faces(select_elements(mesh, None), mesh.points)

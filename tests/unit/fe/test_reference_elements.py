@@ -10,7 +10,7 @@ import vtk
 from femeshes import SOLIDS
 
 from flexmb.fe.elements.element_blocks import FAMILIES
-from flexmb.fe.elements.isoparametric import extrapolation
+from flexmb.fe.elements.element_family import extrapolation
 
 CELLS = {
     "tetra": vtk.vtkTetra,

@@ -14,7 +14,7 @@ import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.fe import Mesh, assemble, rectangle, resolve, shell
 from flexmb.fe.elements.element_blocks import FAMILIES
-from flexmb.fe.elements.isoparametric import wedge15
+from flexmb.fe.elements.element_family import wedge15
 from flexmb.fe.scikit_fem import mesh_from_skfem, model_from_basis
 
 STEEL = resolve("steel")

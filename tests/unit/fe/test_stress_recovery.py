@@ -10,9 +10,9 @@ from scipy.sparse.linalg import spsolve
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
 from flexmb.fe import stress as recovery
-from flexmb.fe.meshes.facets import skin_triangles
+from flexmb.fe.elements.element_blocks import skin_triangles
+from flexmb.fe.sections.material import SolidSection
 from flexmb.fe.sections.shell_section import shell
-from flexmb.fe.sections.solid_section import SolidSection
 from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
 from flexmb.flexbody import von_mises
 

@@ -11,6 +11,7 @@ from femeshes import line
 from flexmb.errors import ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import FlexBody, Interface, ModeInfo, NodeModes, Surface, rigid_body
+from flexmb.flexbody.arrays import is_nonzero
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +181,10 @@ def test_refused_parts():
 def test_rows_of_nodes():
     nodes = NodeModes([2, 5], np.zeros((2, 3)), np.zeros((2, 3, 1)))
     assert [nodes.row(k) for k in (2, 5, 4, 9)] == [0, 1, -1, -1]
+
+
+def test_one_tolerance_says_which_eigenvalues_are_zero():
+    assert is_nonzero(np.array([0.0, 1e-13, 1e-11, 1.0])).tolist() == [False, False, True, True]
+    assert is_nonzero(np.array([1e-7, 2.0]), 1e-6).tolist() == [False, True]
+    assert not is_nonzero(np.zeros(3)).any()
+    assert is_nonzero(np.zeros(0)).size == 0

@@ -23,7 +23,7 @@ from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
 from threadpoolctl import ThreadpoolController
 
-from flexmb.fe.solver.dissection import Dissection, Graph
+from flexmb.fe.dissection import Dissection, Graph
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 

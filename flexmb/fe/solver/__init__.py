@@ -1,1 +1,0 @@
-"""Solving with large sparse stiffness matrices."""
