@@ -30,8 +30,8 @@ from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.bodies.markers import PlacedMarker
     from flexmb.model.forces.contact import ContactSpec
+    from flexmb.model.markers import PlacedMarker
 
 # Sides J of contacts.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3

@@ -16,10 +16,10 @@ from flexmb.engine.joints.joint import X, row_constant
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.functions.antiderivatives import antiderivative
 from flexmb.model.functions.expression import Expression
 from flexmb.model.joints.driver import DriverSpec, Start, closing_problem
+from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
 from flexmb.model.plane import in_plane_triad
 

@@ -32,13 +32,13 @@ from flexmb.engine.state import rows_between
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
-from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.joint import JointSpec
+from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
+from flexmb.model.orientation import rotation_matrix
 from flexmb.model.plane import across, plane_axes
-from flexmb.model.sensors.sensor import JointSensorSpec
-from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import GROUND
+from flexmb.model.reading import GROUND
+from flexmb.model.sensor import JointSensorSpec
 
 Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]
