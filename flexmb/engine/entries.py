@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine import initial_conditions, kinematics_loop, time_loop
-from flexmb.engine.functions.function import run_program
+from flexmb.engine.function import run_program
 from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Unit
 from flexmb.engine.kinematics_point import KinematicsSettings, Path

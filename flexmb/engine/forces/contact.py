@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.algebra.vector import (
     add_part,
+    clear,
     column,
     inner,
     outer,

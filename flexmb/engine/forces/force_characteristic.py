@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
-from flexmb.engine.algebra.vector import copy
+from flexmb.engine.algebra.vector import clear, copy
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces.load import pull_back_unit_force
 from flexmb.engine.forces.spring_damper import (
@@ -34,7 +33,7 @@ from flexmb.engine.forces.stops import (
     stop_power,
     stop_resistance,
 )
-from flexmb.engine.functions.function import FunctionTable, lower
+from flexmb.engine.function import FunctionTable, lower
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.point_joint import (
     distance_gradient,

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from flexmb.engine.joints import ANGLE, DISTANCE, DOT2
 from flexmb.engine.joints.joint import X, row_constant
-from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT2
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup

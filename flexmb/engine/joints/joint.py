@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.geometry import Ends, Geometry, marker_frame
-from flexmb.engine.row_kinds import (
+from flexmb.engine.joints import (
     ANGLE,
     DISTANCE,
     DOT1,
