@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
+from flexmb.model.control import feedback_functions, resolved
 from flexmb.model.model import Model
-from flexmb.model.sensors.channels import feedback_functions, resolved
-from flexmb.model.sensors.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
+from flexmb.model.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
 from flexmb.results import OutputBlock
 
 Array = NDArray[np.float64]

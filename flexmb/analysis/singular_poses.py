@@ -27,7 +27,7 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import new_run
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
-from flexmb.model.values.reading import GROUND, split_reference
+from flexmb.model.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
 

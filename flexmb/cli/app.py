@@ -7,6 +7,7 @@ message, an interruption in 130, faults of flexmb in 1 with a request to report 
 from __future__ import annotations
 
 import functools
+import gc
 import io
 import sys
 import tomllib
@@ -83,6 +84,7 @@ NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the p
 
 def main() -> None:
     """The entry point of the command ``flexmb``."""
+    gc.set_threshold(50_000)  # imports make many objects that stay: a tenth of a short command
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a pipe on Windows may lack the letters we use
             stream.reconfigure(errors="replace")

@@ -13,12 +13,12 @@ from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.bodies.rigid_body import mass_properties
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.bodies.body import RigidBodySpec
-from flexmb.model.bodies.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.body import RigidBodySpec
 from flexmb.model.forces.contact import PointsSide, nodes_of
+from flexmb.model.markers import MarkerSpec, PlacedMarker, place
 from flexmb.model.model import Model
-from flexmb.model.values.orientation import rotation_matrix, triad
-from flexmb.model.values.reading import GROUND, split_reference
+from flexmb.model.orientation import rotation_matrix, triad
+from flexmb.model.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # files of kernels import this one
     from flexmb.engine.tables import Functions
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
-    from flexmb.model.sensors.sensor import ReactionSensorSpec
+    from flexmb.model.sensor import ReactionSensorSpec
 
 
 class Element(NamedTuple):

@@ -31,10 +31,10 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.model.bodies.body import BodySpec, RigidBodySpec
+from flexmb.model.body import BodySpec, RigidBodySpec
+from flexmb.model.control import channel_program, resolved, states_of
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
-from flexmb.model.sensors.channels import channel_program, resolved, states_of
 
 Table = NDArray[np.void]
 

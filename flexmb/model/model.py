@@ -15,16 +15,25 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup
-from flexmb.model.bodies.body import BodySpec
-from flexmb.model.bodies.carriers import far_markers
-from flexmb.model.bodies.markers import GroundSpec, MarkerSpec
+from flexmb.model.body import BodySpec
+from flexmb.model.control import ControllerSpec, StateSpec
 from flexmb.model.joints.coupler import Coupler, repeated_couplers
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec
+from flexmb.model.lookup import Component
+from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.plane import read_plane
-from flexmb.model.references import Component
-from flexmb.model.scenes.consistency import model_problems
+from flexmb.model.quantities import plain
+from flexmb.model.reading import (
+    GROUND,
+    ReadContext,
+    Spec,
+    read_entry,
+    split_reference,
+    under,
+)
+from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
 from flexmb.model.scenes.sections import (
@@ -35,17 +44,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec
-from flexmb.model.sensors.control import ControllerSpec, StateSpec
-from flexmb.model.sensors.sensor import SensorSpec, channels_of, unit_of
-from flexmb.model.values.quantities import plain
-from flexmb.model.values.reading import (
-    GROUND,
-    ReadContext,
-    Spec,
-    read_entry,
-    split_reference,
-    under,
-)
+from flexmb.model.sensor import SensorSpec, channels_of, unit_of
 from flexmb.units import UnitSystem, unit_system
 
 if TYPE_CHECKING:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
-from flexmb.model.bodies.body import BodySpec
-from flexmb.model.lookup import Bodies, ModelData
-from flexmb.model.references import Scope
-from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import quote
+from flexmb.model.body import BodySpec
+from flexmb.model.lookup import Bodies, ModelData, Scope
+from flexmb.model.orientation import rotation_matrix
+from flexmb.model.reading import quote
 
 Array = NDArray[np.float64]
 ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns, Layout
 from flexmb.errors import ResultFileError
-from flexmb.model.sensors.sensor import channel_unit
+from flexmb.model.sensor import channel_unit
 from flexmb.results.reactions import MarkerPair, marker_pairs
 
 DRIFT: Final = ("position", "velocity")

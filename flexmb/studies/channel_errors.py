@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.measured_error import QUANTITIES
 from flexmb.errors import SceneError
-from flexmb.model.sensors.sensor import channels_of, unit_of
-from flexmb.model.values.reading import Spec
+from flexmb.model.reading import Spec
+from flexmb.model.sensor import channels_of, unit_of
 
 if TYPE_CHECKING:
     from flexmb.model import Model

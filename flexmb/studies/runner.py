@@ -15,8 +15,8 @@ from typing import Any
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
 from flexmb.model import Model
-from flexmb.model.bodies.body import BodySpec
-from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.body import BodySpec
+from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run

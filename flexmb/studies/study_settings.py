@@ -22,12 +22,12 @@ from typing import Any
 from flexmb.errors import Problem, SceneError
 from flexmb.folders import output_folder
 from flexmb.model import Model
-from flexmb.model.bodies.body import FlexbodySpec
-from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.body import FlexbodySpec
+from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.reading import under
 from flexmb.model.scenes.dynamics import OPTIONS
 from flexmb.model.scenes.scene import load_scene, raw_scene
 from flexmb.model.scenes.study import override, resolve_knob
-from flexmb.model.values.reading import under
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.workers import content_key
 

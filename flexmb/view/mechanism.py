@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import von_mises
 from flexmb.model import Model
-from flexmb.model.bodies.body import BodySpec
+from flexmb.model.body import BodySpec
 from flexmb.model.lookup import frames, place_marker
-from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import GROUND, split_reference
+from flexmb.model.orientation import rotation_matrix
+from flexmb.model.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.model.values.reading import GROUND
+from flexmb.model.reading import GROUND
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
 from flexmb.view.content import Content, Deformed, Scale, Solid, Triangles, mechanism_camera

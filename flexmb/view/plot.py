@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import ViewError
-from flexmb.model.sensors.sensor import CHANNEL_UNITS
+from flexmb.model.sensor import CHANNEL_UNITS
 from flexmb.results import Result
 from flexmb.units import SI, UnitSystem
 from flexmb.view.style import INK, LINES, new_figure, style_axes, writable_file

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
-from flexmb.model.values.reading import GROUND, split_reference
+from flexmb.model.reading import GROUND, split_reference
 from flexmb.view.content import Camera, Triangles
 from flexmb.view.mechanism import Mechanism
 

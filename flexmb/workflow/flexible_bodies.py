@@ -27,8 +27,8 @@ from flexmb.errors import (
     nearest,
 )
 from flexmb.folders import output_folder, writable_folder
-from flexmb.model.bodies.body import FlexbodySpec
-from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.model.body import FlexbodySpec
+from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 

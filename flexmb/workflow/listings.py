@@ -17,16 +17,8 @@ from flexmb.flexbody.section_options import LayerOptions, ReleasesOptions
 from flexmb.materials import COLUMNS
 from flexmb.materials import table as material_rows
 from flexmb.model import describe
-from flexmb.model.bodies.mass_properties import SHAPES
-from flexmb.model.bodies.mesh_body import (
-    LOAD_TYPES,
-    MESH_TYPES,
-    SECTION_TYPES,
-    InterfaceSpec,
-    MeshBodySpec,
-    ModesSpec,
-)
-from flexmb.model.bodies.option_specs import MATERIAL_KINDS, spec_of
+from flexmb.model.body import SHAPES
+from flexmb.model.control import StateSpec
 from flexmb.model.forces.contact import CONTACT_SHAPES
 from flexmb.model.forces.friction import FrictionSpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
@@ -35,6 +27,16 @@ from flexmb.model.joints.coupler import AngleTerm, StrokeTerm
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DRIVEN, DriverSpec
 from flexmb.model.joints.joint import JOINT_TYPES, JointSpec
+from flexmb.model.mesh_body import (
+    LOAD_TYPES,
+    MESH_TYPES,
+    SECTION_TYPES,
+    InterfaceSpec,
+    MeshBodySpec,
+    ModesSpec,
+)
+from flexmb.model.option_specs import MATERIAL_KINDS, spec_of
+from flexmb.model.reading import Spec
 from flexmb.model.scenes.dynamics import (
     METHODS,
     AssemblySpec,
@@ -43,9 +45,7 @@ from flexmb.model.scenes.dynamics import (
     KinematicsSpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
-from flexmb.model.sensors.control import StateSpec
-from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.values.reading import Spec
+from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
 
 _SCENE = "scene.toml"

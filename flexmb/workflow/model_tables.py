@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from flexmb.model.values.reading import GROUND, Spec
+from flexmb.model.reading import GROUND, Spec
 from flexmb.workflow.listings import Table, scene_text
 
 if TYPE_CHECKING:

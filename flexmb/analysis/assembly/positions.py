@@ -33,8 +33,8 @@ from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
+from flexmb.model.reading import ReadContext
 from flexmb.model.scenes.sections import read_named
-from flexmb.model.values.reading import ReadContext
 
 FIXED_WEIGHT = 1e10
 """Weight of a fixed body."""

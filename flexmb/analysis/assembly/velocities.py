@@ -23,9 +23,9 @@ from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
 from flexmb.engine.work import new_work
 from flexmb.model import lookup
-from flexmb.model.bodies.body import InitialVelocity
+from flexmb.model.body import InitialVelocity
 from flexmb.model.model import Model
-from flexmb.model.values.orientation import rotation_matrix
+from flexmb.model.orientation import rotation_matrix
 
 Array = NDArray[np.float64]
 

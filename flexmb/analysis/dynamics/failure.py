@@ -18,11 +18,11 @@ from flexmb.engine.entries import sentence, solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import Work
 from flexmb.engine.work import new_state, new_work
+from flexmb.model.control import feedback_functions, resolved
 from flexmb.model.forces.load import LineForceSpec, LoadSpec
 from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model
-from flexmb.model.sensors.channels import feedback_functions, resolved
 from flexmb.results import OutputBlock
 
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a

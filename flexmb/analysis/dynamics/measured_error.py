@@ -35,8 +35,8 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
-from flexmb.model.sensors.sensor import channels_of, unit_of
-from flexmb.model.values.reading import Spec
+from flexmb.model.reading import Spec
+from flexmb.model.sensor import channels_of, unit_of
 from flexmb.results import OutputBlock
 
 Array = NDArray[np.float64]

@@ -31,7 +31,7 @@ from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
-from flexmb.model.values.reading import GROUND
+from flexmb.model.reading import GROUND
 
 Array = NDArray[np.float64]
 Turns = tuple[int, int]

@@ -53,7 +53,7 @@ from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import MARKER, Pool
 
 if TYPE_CHECKING:
-    from flexmb.model.bodies.markers import PlacedMarker
+    from flexmb.model.markers import PlacedMarker
 
 
 class Markers(NamedTuple):

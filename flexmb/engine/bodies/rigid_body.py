@@ -49,7 +49,7 @@ from flexmb.engine.records import Integers
 from flexmb.engine.state import GRAVITY_ENERGY, KINETIC_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.model.bodies.body import RigidBodySpec
+    from flexmb.model.body import RigidBodySpec
 
 
 class Bodies(NamedTuple):

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.bodies.markers import PlacedMarker
     from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
+    from flexmb.model.markers import PlacedMarker
 
     Array = NDArray[np.float64]
     Parameters = tuple[tuple[PlacedMarker, PlacedMarker], Array, Array, Array, Array]

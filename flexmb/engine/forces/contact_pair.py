@@ -38,7 +38,7 @@ from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.bodies.markers import PlacedMarker
+    from flexmb.model.markers import PlacedMarker
     from flexmb.model.forces.contact import ContactSpec
     from flexmb.model.model import Model
 

@@ -44,12 +44,12 @@ from flexmb.engine.tables import COUPLED_COORDINATE, ROW, Functions
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
+from flexmb.model.control import State
 from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
 from flexmb.model.forces.load import LineForceSpec
 from flexmb.model.forces.spring_damper import JointSpringSpec
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
-from flexmb.model.sensors.control import State
 
 
 class Entry(NamedTuple):

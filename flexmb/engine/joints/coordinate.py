@@ -15,6 +15,8 @@ and stroke.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -30,9 +32,6 @@ from flexmb.engine.tables import COORDINATE
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
-import math
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,12 @@ from flexmb.engine.joints import DOT1, DOT2, POINT
 from flexmb.engine.joints.curve_marker import Contact, CurvePoint, CurvePoints
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup
-from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.joints.joint import JointSpec
+from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
-from flexmb.model.values.reading import GROUND
+from flexmb.model.reading import GROUND
 
 Array = NDArray[np.float64]
 _EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off

@@ -38,16 +38,16 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
-from flexmb.model.bodies.markers import PlacedMarker
 from flexmb.model.functions.antiderivatives import antiderivative
 from flexmb.model.functions.expression import Expression
 from flexmb.model.joints.driver import DriverSpec, Start, closing_problem
 from flexmb.model.joints.joint import JointSpec
+from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
 from flexmb.model.plane import across, in_plane_triad, plane_axes
-from flexmb.model.sensors.sensor import JointSensorSpec
-from flexmb.model.values.orientation import rotation_matrix
-from flexmb.model.values.reading import GROUND
+from flexmb.model.orientation import rotation_matrix
+from flexmb.model.reading import GROUND
+from flexmb.model.sensor import JointSensorSpec
 
 Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]

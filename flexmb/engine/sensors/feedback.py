@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
     from flexmb.engine.symbolic import Symbolic
     from flexmb.engine.tables import Functions, Sensors
-    from flexmb.model.sensors.control import State
+    from flexmb.model.control import State
 
 _I = "i8"
 _VELOCITY, _ACCELERATION = 1, 2  # levels of measures

@@ -27,7 +27,7 @@ from flexmb.engine.tables import Sensors
 
 if TYPE_CHECKING:
     from flexmb.engine.sensors.sensor import Channels
-    from flexmb.model.sensors.sensor import DistanceSensorSpec, JointSensorSpec
+    from flexmb.model.sensor import DistanceSensorSpec, JointSensorSpec
 
 
 @unit

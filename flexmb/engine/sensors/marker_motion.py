@@ -32,7 +32,7 @@ from flexmb.engine.tables import Sensors
 
 if TYPE_CHECKING:
     from flexmb.engine.sensors.sensor import Channels
-    from flexmb.model.sensors.sensor import MarkerSensorSpec, OrientationSensorSpec
+    from flexmb.model.sensor import MarkerSensorSpec, OrientationSensorSpec
 
 
 @kernel

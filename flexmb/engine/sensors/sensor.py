@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flexmb.engine.geometry import Ends
     from flexmb.engine.lowering import Lowering
     from flexmb.model.functions.expression import Expression
-    from flexmb.model.sensors.sensor import (
+    from flexmb.model.sensor import (
         EnergySensorSpec,
         ExpressionSensorSpec,
         JointSensorSpec,

@@ -15,10 +15,10 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 
 from flexmb.errors import Problem
 from flexmb.materials import Material
-from flexmb.model.bodies.option_specs import MaterialField
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, plain
-from flexmb.model.values.reading import NUMBER, Reader, fail, fail_if, list_form, quote
+from flexmb.model.lookup import Component, Scope
+from flexmb.model.option_specs import MaterialField
+from flexmb.model.quantities import Axis, Pair, Quantity, Size, plain
+from flexmb.model.reading import NUMBER, Reader, fail, fail_if, list_form, quote
 
 _PARALLEL = 1e-6  # sine of the angle below which a direction says nothing about the axis across
 _ROUND_OFF = 1e-12  # of the entries of a matrix that should be symmetric

@@ -24,14 +24,13 @@ from pydantic import model_validator
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
-from flexmb.model.bodies.markers import MarkerSpec, place
-from flexmb.model.bodies.option_specs import MaterialField
 from flexmb.model.forces.friction import Friction
-from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.lookup import Bodies, Component, ModelData, Scope
+from flexmb.model.markers import MarkerSpec, place
+from flexmb.model.option_specs import MaterialField
 from flexmb.model.plane import across, keeps_plane
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
+from flexmb.model.reading import (
     Spec,
     Variant,
     fail,

@@ -25,9 +25,9 @@ from flexmb.model.functions.piecewise import (
     monotone_curve,
     straight_beyond,
 )
-from flexmb.model.values.points import Columns, Points, check_order, read_columns, read_points
-from flexmb.model.values.quantities import expression_and_factor, plain
-from flexmb.model.values.reading import (
+from flexmb.model.functions.tabulated import Columns, Points, check_order, read_columns, read_points
+from flexmb.model.quantities import expression_and_factor, plain
+from flexmb.model.reading import (
     NUMBER,
     FieldType,
     Form,

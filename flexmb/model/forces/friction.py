@@ -14,10 +14,9 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from flexmb.errors import Problem
-from flexmb.model.lookup import ModelData
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Quantity, Size, Text
-from flexmb.model.values.reading import Entry, fail_if
+from flexmb.model.lookup import Component, ModelData, Scope
+from flexmb.model.quantities import Quantity, Size, Text
+from flexmb.model.reading import Entry, fail_if
 
 _JOINTS = ("revolute", "prismatic", "cylindrical")
 _Coefficient = Annotated[float, Quantity("", "not negative")]

@@ -15,10 +15,10 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.functions.function import Function, FunctionOf
+from flexmb.model.lookup import Component, Scope
 from flexmb.model.plane import ALIGNED, normal_in_body
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Pair, Text
-from flexmb.model.values.reading import GROUND, split_reference
+from flexmb.model.quantities import Pair, Text
+from flexmb.model.reading import GROUND, split_reference
 
 ForceFunction = Annotated[Function, FunctionOf("N", channels=True)]
 TorqueFunction = Annotated[Function, FunctionOf("N m", channels=True)]

@@ -17,9 +17,9 @@ from flexmb.errors import Problem
 from flexmb.model.forces.force_characteristic import CharacteristicOf, ForceCharacteristic
 from flexmb.model.forces.load import ForceFunction, TorqueFunction
 from flexmb.model.functions.function import Function
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Pair, Quantity, Text, WordOr
-from flexmb.model.values.reading import fail_if
+from flexmb.model.lookup import Component, Scope
+from flexmb.model.quantities import Pair, Quantity, Text, WordOr
+from flexmb.model.reading import fail_if
 
 _LinearSpring = Annotated[ForceCharacteristic, CharacteristicOf("x", "m", "N")]
 _LinearDamper = Annotated[ForceCharacteristic, CharacteristicOf("v", "m/s", "N")]

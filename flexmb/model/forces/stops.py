@@ -14,10 +14,10 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.lookup import Component, Scope
 from flexmb.model.plane import keeps_plane
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Pair, Quantity, Size, Text
-from flexmb.model.values.reading import fail, fail_if
+from flexmb.model.quantities import Axis, Pair, Quantity, Size, Text
+from flexmb.model.reading import fail, fail_if
 
 
 class AnyStop(Component):

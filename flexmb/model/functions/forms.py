@@ -19,8 +19,8 @@ from pydantic import BeforeValidator, ValidationInfo, model_validator
 from flexmb.errors import Problem
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise
-from flexmb.model.values.quantities import Angle, Measured, Quantity, plain, read_numbers
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import Angle, Measured, Quantity, plain, read_numbers
+from flexmb.model.reading import (
     ReadContext,
     Reader,
     Spec,

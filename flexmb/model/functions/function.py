@@ -33,8 +33,8 @@ from flexmb.model.functions.forms import (
     Trapezoidal,
 )
 from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
-from flexmb.model.values.quantities import expression_and_factor, plain, read_number
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import expression_and_factor, plain, read_number
+from flexmb.model.reading import (
     NUMBER,
     FieldType,
     Form,

@@ -22,10 +22,9 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model import lookup
-from flexmb.model.lookup import Bodies, ModelData
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Number, Quantity, Text, plain
-from flexmb.model.values.reading import (
+from flexmb.model.lookup import Bodies, Component, ModelData, Scope
+from flexmb.model.quantities import Number, Quantity, Text, plain
+from flexmb.model.reading import (
     Reader,
     Spec,
     context_of,

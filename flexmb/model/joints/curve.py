@@ -22,10 +22,9 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_v
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.derivatives import evaluate
 from flexmb.model.functions.expression import Ops, parse
-from flexmb.model.lookup import ModelData
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.points import number_in, read_lines
-from flexmb.model.values.quantities import (
+from flexmb.model.functions.tabulated import number_in, read_lines
+from flexmb.model.lookup import Component, ModelData, Scope
+from flexmb.model.quantities import (
     Angle,
     Length,
     Number,
@@ -35,7 +34,7 @@ from flexmb.model.values.quantities import (
     plain,
     read_number,
 )
-from flexmb.model.values.reading import (
+from flexmb.model.reading import (
     NUMBER,
     Reader,
     context_of,

@@ -21,11 +21,10 @@ from flexmb.model import lookup
 from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.joints.joint import COORDINATES
-from flexmb.model.lookup import ModelData
+from flexmb.model.lookup import Component, ModelData, Scope
 from flexmb.model.plane import across, keeps_plane
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Pair, Text, plain, read_number, read_numbers
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import Axis, Pair, Text, plain, read_number, read_numbers
+from flexmb.model.reading import (
     GROUND,
     NUMBER,
     Reader,

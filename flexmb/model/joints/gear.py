@@ -24,10 +24,9 @@ from pydantic import model_validator
 from flexmb.errors import Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.joints.coupler import Coupler, Equation, Key, Term
-from flexmb.model.lookup import Bodies, ModelData
-from flexmb.model.references import Scope
-from flexmb.model.values.quantities import Integer, Number, Pair, Size
-from flexmb.model.values.reading import fail_if, only_one, split_reference
+from flexmb.model.lookup import Bodies, ModelData, Scope
+from flexmb.model.quantities import Integer, Number, Pair, Size
+from flexmb.model.reading import fail_if, only_one, split_reference
 
 Array = NDArray[np.float64]
 _WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")

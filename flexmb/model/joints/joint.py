@@ -25,11 +25,10 @@ from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.joints.curve import CurveShape, curve_shape
-from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.lookup import Bodies, Component, ModelData, Scope
 from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Length, Pair, Size, Text
-from flexmb.model.values.reading import Reader, fail, fail_if, quote
+from flexmb.model.quantities import Axis, Length, Pair, Size, Text
+from flexmb.model.reading import Reader, fail, fail_if, quote
 
 COORDINATES = ("angle", "second_angle", "stroke")
 """Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""

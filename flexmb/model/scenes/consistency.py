@@ -6,23 +6,26 @@ read. Out: all problems, with scene paths.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import Problem, nearest
-from flexmb.model.bodies.body import FlexbodySpec
-from flexmb.model.bodies.carriers import body_problems
-from flexmb.model.bodies.mesh_body import MeshBodySpec
+from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.model import lookup
+from flexmb.model.body import BodySpec, FlexbodySpec
+from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
 from flexmb.model.joints.driver import twice_driven
-from flexmb.model.lookup import Bodies, ModelData
+from flexmb.model.lookup import Bodies, Broken, ModelData, Scope
+from flexmb.model.markers import MarkerSpec, place
+from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import planar_problems
-from flexmb.model.references import Broken, Scope
-from flexmb.model.sensors.channels import CHANNEL_SECTIONS, channel_problems
+from flexmb.model.reading import GROUND, Spec
 
 _SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
 _WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
@@ -86,7 +89,7 @@ def _assembly_problems(scope: Scope) -> Iterator[Problem]:
 
 def _channel_names(scope: Scope) -> Iterator[Problem]:
     """Channels of plots and of known answers."""
-    channels, broken = scope.model.channels(), _broken_channels(scope)
+    channels, broken = scope.model.channels(), broken_channels(scope)
     names = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
     names += [(f"check[{i}].sensor", check.sensor) for i, check in enumerate(scope.model.checks)]
     for where, name in names:
@@ -94,14 +97,9 @@ def _channel_names(scope: Scope) -> Iterator[Problem]:
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
 
 
-def _broken_channels(scope: Scope) -> set[str]:
-    """Names of what would give channels but could not be read."""
-    return {name for section in CHANNEL_SECTIONS for name in scope.broken.get(section, {})}
-
-
 def _study_problems(scope: Scope) -> Iterator[Problem]:
     """Sensors or channels that a study judges by."""
-    study, broken = scope.model.study, _broken_channels(scope)
+    study, broken = scope.model.study, broken_channels(scope)
     names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
     for i, name in enumerate(study.sensors if study is not None else ()):
         if name not in names and name.partition(".")[0] not in broken:
@@ -190,3 +188,102 @@ def _domain(function: Function) -> tuple[float, float]:
     first = curve.knots[0] if np.isnan(curve.coefficients[0]).any() else -np.inf
     last = curve.knots[-1] if np.isnan(curve.coefficients[-1]).any() else np.inf
     return float(first), float(last)
+
+
+_FAR = 0.5  # of the body's length; a marker further from its nodes is likely a slip of units
+
+
+def body_problems(scope: Scope) -> Iterator[Problem]:
+    """Problems of the bodies and of ground."""
+    if not scope.names("bodies"):
+        yield Problem("bodies", "the model has no body: give at least one [bodies.NAME]")
+    yield from _markers(scope, GROUND, GROUND, scope.model.ground.markers)
+    for name, spec in scope.model.bodies.items():
+        where = f"bodies.{name}"
+        if name not in scope.flexbodies:
+            yield from _files(scope, where, spec)
+        yield from _markers(scope, where, name, spec.markers)
+        yield from _initial(scope, where, name, spec)
+
+
+def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
+    """Initial velocities are of markers that exist."""
+    for name in spec.initial:
+        missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
+        if missing is not None:
+            at = f"{where}.initial.{name}"
+            yield Problem(at, missing.what, missing.allowed, missing.nearest)
+
+
+def _files(scope: Scope, where: str, spec: BodySpec) -> Iterator[Problem]:
+    key, source = "mesh", spec.mesh if isinstance(spec, MeshBodySpec) else None
+    if isinstance(source, Spec):
+        return
+    if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
+        key, source = "flexbody", spec.flexbody
+    if source is None:
+        return
+    path = scope.model.path(source)
+    if os.path.isdir(path):  # unlike Path.is_dir it answers for any name, however long
+        yield Problem(f"{where}.{key}", f'"{source}" is a folder, not a file ({path})')
+    elif not os.path.exists(path):
+        yield Problem(f"{where}.{key}", f'no file "{source}" ({path})', (), _neighbours(path))
+
+
+def _neighbours(path: Path) -> tuple[str, ...]:
+    try:
+        return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
+    except OSError:
+        return ()
+
+
+def _markers(
+    scope: Scope, where: str, body: str, markers: Mapping[str, MarkerSpec]
+) -> Iterator[Problem]:
+    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies) if markers else ()
+    spec = scope.model.bodies.get(body)
+    for name, marker in markers.items():
+        at = f"{where}.markers.{name}"
+        if name in taken:
+            yield Problem(at, f'the name "{name}" is taken by a marker that such a body has anyway')
+        if spec is None or not spec.flexible:
+            for key in ("node", "interface"):
+                if getattr(marker, key) is not None:
+                    yield Problem(f"{at}.{key}", "only a flexible body has one")
+        elif lookup.has_all_markers(scope.model, body, scope.flexbodies):
+            yield from _carrier(scope, at, body, marker)
+
+
+def _carrier(scope: Scope, at: str, body: str, marker: MarkerSpec) -> Iterator[Problem]:
+    taken = lookup.automatic_markers(scope.model, body, scope.flexbodies)
+    names = tuple(name for name in taken if name != "origin")
+    if marker.interface is not None and marker.interface not in names:
+        what = f'the body has no interface "{marker.interface}"'
+        yield Problem(f"{at}.interface", what, names, nearest(marker.interface, names))
+        return
+    flexbody = lookup.flexbody_of(scope.model, body, scope.flexbodies)
+    if flexbody is not None:
+        try:
+            place(body, marker, flexbody)
+        except FlexmbError as error:
+            yield from (Problem(at, p.what, p.allowed, p.nearest) for p in error.problems)
+
+
+def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
+    """Sentences about markers that lie far away from the flexible body they are on."""
+    for body, flexbody in flexbodies.items():
+        spec = model.bodies.get(body)
+        nodes = flexbody.nodes
+        if spec is None or nodes is None or flexbody.m == 0:
+            continue
+        length = flexbody.characteristic_length
+        for name, marker in spec.markers.items():
+            if marker.position is None:
+                continue
+            away = np.linalg.norm(nodes.position - np.array(marker.position), axis=1).min()
+            if away > _FAR * length:
+                away, long = (model.units.say(value, "m", 3) for value in (away, length))
+                yield (
+                    f"bodies.{body}.markers.{name}: lies {away} from the nearest node of a body "
+                    f"about {long} long, as on a rigid arm; positions are in the scene's units"
+                )

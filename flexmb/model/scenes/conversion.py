@@ -18,12 +18,28 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
-from flexmb.model.bodies.body import BodySpec, FlexbodySpec
-from flexmb.model.bodies.markers import GroundSpec
+from flexmb.model.body import BodySpec, FlexbodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
 from flexmb.model.lookup import ModelData
+from flexmb.model.markers import GroundSpec
 from flexmb.model.plane import read_plane
+from flexmb.model.quantities import (
+    Acceleration,
+    expression_and_factor,
+    plain,
+    read_axis,
+    read_number,
+)
+from flexmb.model.reading import (
+    ReadContext,
+    Spec,
+    bad_name,
+    quote,
+    read_entry,
+    under,
+    unknown_key,
+)
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
 from flexmb.model.scenes.sections import (
@@ -35,22 +51,6 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob
-from flexmb.model.values.quantities import (
-    Acceleration,
-    expression_and_factor,
-    plain,
-    read_axis,
-    read_number,
-)
-from flexmb.model.values.reading import (
-    ReadContext,
-    Spec,
-    bad_name,
-    quote,
-    read_entry,
-    under,
-    unknown_key,
-)
 from flexmb.units import SI, UnitSystem, unit_system
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")

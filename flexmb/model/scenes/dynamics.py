@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.values.points import check_order
-from flexmb.model.values.quantities import (
+from flexmb.model.functions.tabulated import check_order
+from flexmb.model.quantities import (
     Angle,
     Integer,
     Length,
@@ -23,7 +23,7 @@ from flexmb.model.values.quantities import (
     plain,
     read_numbers,
 )
-from flexmb.model.values.reading import (
+from flexmb.model.reading import (
     NUMBER,
     Entry,
     Form,

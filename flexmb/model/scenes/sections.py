@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from flexmb.errors import Problem
-from flexmb.model.bodies.markers import MarkerSpec
-from flexmb.model.bodies.mesh_body import body_kind
+from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.friction import JointFrictionSpec
@@ -28,11 +27,11 @@ from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.gear import GearSpec, RackSpec
 from flexmb.model.joints.joint import JointSpec
-from flexmb.model.references import Component
-from flexmb.model.sensors.control import PidSpec, StateSpec, TransferFunctionSpec
-from flexmb.model.sensors.sensor import SENSOR_TYPES
-from flexmb.model.values.quantities import Axis, Integer, Measured, Quantity, Text, WordOr
-from flexmb.model.values.reading import (
+from flexmb.model.lookup import Component
+from flexmb.model.markers import MarkerSpec
+from flexmb.model.mesh_body import body_kind
+from flexmb.model.quantities import Axis, Integer, Measured, Quantity, Text, WordOr
+from flexmb.model.reading import (
     GROUND,
     ReadContext,
     Spec,
@@ -42,6 +41,7 @@ from flexmb.model.values.reading import (
     read_variant,
     under,
 )
+from flexmb.model.sensor import SENSOR_TYPES
 
 
 class ResultsSpec(Spec):

@@ -18,9 +18,9 @@ from typing import Annotated, Any
 from pydantic import ValidationInfo
 
 from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.quantities import Integer, Quantity, Text, plain
+from flexmb.model.reading import Reader, Spec, fail, fail_if, quote, under
 from flexmb.model.scenes.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
-from flexmb.model.values.quantities import Integer, Quantity, Text, plain
-from flexmb.model.values.reading import Reader, Spec, fail, fail_if, quote, under
 
 _MAKEABLE = (
     "assembly",

@@ -18,17 +18,17 @@ from flexmb.cli import app
 from flexmb.fe import ELEMENTS
 from flexmb.flexbody.mesh_options import REDUCTIONS
 from flexmb.materials import LIBRARY
-from flexmb.model.bodies.mass_properties import SHAPES
-from flexmb.model.bodies.mesh_body import LOAD_TYPES, MESH_TYPES, SECTION_TYPES, MeshBodySpec
+from flexmb.model.body import SHAPES
+from flexmb.model.control import StateSpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS
 from flexmb.model.functions.function import FUNCTION_FORMS
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import COORDINATES, JOINT_TYPES
+from flexmb.model.mesh_body import LOAD_TYPES, MESH_TYPES, SECTION_TYPES, MeshBodySpec
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
-from flexmb.model.sensors.control import StateSpec
-from flexmb.model.sensors.sensor import SENSOR_TYPES
+from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
 
 METHOD_NAMES = get_args(DynamicsSpec.model_fields["method"].annotation)

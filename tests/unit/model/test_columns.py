@@ -8,7 +8,7 @@ import pytest
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
-from flexmb.model.values.reading import ReadContext
+from flexmb.model.reading import ReadContext
 from flexmb.units import unit_system
 
 FIELDS = {"type": "table", "file": "motion.csv", "beyond": "hold"}

@@ -11,7 +11,7 @@ from goodscene import GOOD, message
 from flexmb.engine.compile import compile_system
 from flexmb.engine.kinds import KINDS
 from flexmb.model import Model, load_scene
-from flexmb.model.scenes.description import scene_schema
+from flexmb.model.scenes.scene import scene_schema
 from flexmb.model.scenes.sections import FORCE_TYPES
 
 FORCES = """

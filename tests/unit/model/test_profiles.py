@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from flexmb.errors import SceneError
 from flexmb.model.functions.function import FUNCTION_FORMS, read_function
-from flexmb.model.values.reading import ReadContext
+from flexmb.model.reading import ReadContext
 from flexmb.units import unit_system
 
 RISES = ("step", "step5", "havsin", "cycloidal", "modified-sine")

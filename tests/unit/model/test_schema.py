@@ -11,9 +11,9 @@ import pytest
 from goodscene import GOOD
 
 from flexmb.model.joints.joint import JOINT_TYPES
+from flexmb.model.reading import Spec
 from flexmb.model.scenes.conversion import TOP_KEYS
-from flexmb.model.scenes.description import describe, scene_schema
-from flexmb.model.values.reading import Spec
+from flexmb.model.scenes.scene import describe, scene_schema
 
 SCHEMA = scene_schema()
 SCENE = tomllib.loads(GOOD) | {
@@ -111,7 +111,7 @@ def test_it_names_every_key_joint_and_field() -> None:
 
 
 def test_fields_in_words() -> None:
-    from flexmb.model.bodies.body import RigidBodySpec
+    from flexmb.model.body import RigidBodySpec
 
     told = {field.name: field.words for field in describe(RigidBodySpec).fields}
     assert told["mass"] == "number [kg], positive"

@@ -113,7 +113,7 @@ def test_evaluation_changes_nothing():
     ],
 )
 def test_mistakes_of_points_are_told(fields, place, sentence):
-    from flexmb.model.values.reading import ReadContext
+    from flexmb.model.reading import ReadContext
     from flexmb.units import unit_system
 
     names = ReadContext({}, unit_system("mm-t-s"))

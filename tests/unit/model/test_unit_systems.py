@@ -12,8 +12,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
+from flexmb.model.reading import ReadContext
 from flexmb.model.scenes.conversion import gravity_in_words
-from flexmb.model.values.reading import ReadContext
 from flexmb.units import SI, UNIT_SYSTEMS, unit_system
 
 SAME = 1e-13  # of the largest entry of a table: numbers are scaled by factors of fifteen digits

@@ -3,7 +3,10 @@
 :func:`spec_of` makes the pydantic class of a dataclass of :mod:`flexmb.flexbody.options`, so that
 scene, JSON schema, lists and the finite elements have one description. The fields that each half
 reads in its own way are here: groups and nodes of a mesh, weights, stiffnesses, divisions,
-materials.
+materials and inertias.
+
+An inertia is three principal moments, a 3x3 matrix, or a table of moments and products. No
+principal moment may exceed the sum of the other two.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ from dataclasses import MISSING, asdict, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Union, get_args, get_origin
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     SerializationInfo,
@@ -22,16 +27,16 @@ from pydantic import (
     model_validator,
 )
 
-from flexmb.errors import FlexmbError, Problem
+from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.flexbody.mesh_options import MATERIALS, MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import Kind, OneOf, Unit, Whole, option_types
 from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial, material
-from flexmb.model.bodies.mass_properties import Inertia
-from flexmb.model.values.quantities import Axis, Integer, Quantity, plain
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import Axis, Integer, Quantity, plain, read_number
+from flexmb.model.reading import (
     NAME,
     NUMBER,
     Entry,
+    ReadContext,
     Reader,
     Spec,
     Variant,
@@ -42,7 +47,9 @@ from flexmb.model.values.reading import (
     quote,
     read_entry,
     reference,
+    unknown_key,
 )
+from flexmb.units import UnitSystem
 
 
 @cache
@@ -211,6 +218,114 @@ MATERIAL_KINDS = specs_of(MATERIALS)
 _MATERIAL = {"anyOf": [*choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]}
 MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material, _MATERIAL)]
 """A name of the library, or a table of values in the scene's units."""
+
+
+Rows = tuple[tuple[float, float, float], ...]
+_DIAGONAL = ("xx", "yy", "zz")
+_PRODUCTS = ("xy", "xz", "yz")
+_UNIT = "kg m^2"
+_ROUNDING = 1e-6  # relative; numbers typed with seven digits pass (a thin plate lies on the limit)
+
+
+def _inertia_matrix(value: Any, names: ReadContext) -> NDArray[np.float64]:
+    if isinstance(value, Mapping):
+        return _from_table(value, names)
+    if isinstance(value, list | tuple) and len(value) == 3:
+        if all(isinstance(row, list | tuple) and len(row) == 3 for row in value):
+            return np.array([[read_number(item, names, _UNIT) for item in row] for row in value])
+        if not any(isinstance(row, list | tuple) for row in value):
+            return np.diag([read_number(item, names, _UNIT) for item in value])
+    raise SceneError(
+        "an inertia is [Ixx, Iyy, Izz], a 3x3 matrix or a table {xx, yy, zz, xy, xz, yz}, "
+        f"given {quote(value)}"
+    )
+
+
+def _from_table(table: Mapping[str, Any], names: ReadContext) -> NDArray[np.float64]:
+    keys = (*_DIAGONAL, *_PRODUCTS)
+    problems = [unknown_key(key, keys) for key in table if key not in keys]
+    problems += [Problem(key, "is missing") for key in _DIAGONAL if key not in table]
+    matrix = np.zeros((3, 3))
+    for key in keys:
+        i, j = ("xyz".index(letter) for letter in key)
+        try:
+            matrix[i, j] = matrix[j, i] = read_number(table.get(key, 0.0), names, _UNIT)
+        except SceneError as error:
+            problems += [Problem(key, p.what, p.allowed, p.nearest) for p in error.problems]
+    if problems:
+        raise SceneError.from_problems(problems)
+    return matrix
+
+
+def _check_inertia(matrix: NDArray[np.float64], units: UnitSystem) -> None:
+    scale = float(np.abs(matrix).max())
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(matrix[i, j] - matrix[j, i]) > _ROUNDING * scale:
+            unit = units.label(_UNIT)
+            a, b = f"I{'xyz'[i]}{'xyz'[j]}", f"I{'xyz'[j]}{'xyz'[i]}"
+            raise SceneError(
+                f"the inertia is not symmetric: {a} = {matrix[i, j]:g} {unit} "
+                f"but {b} = {matrix[j, i]:g} {unit}"
+            )
+    moments = _principal(matrix)
+    exceeds = moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING)
+    if not (moments[0] <= 0 or exceeds):
+        return
+    shown, unit = ", ".join(f"{moment:g}" for moment in moments), units.label(_UNIT)
+    if moments[0] <= 0:
+        raise SceneError(
+            f"the inertia is impossible: its principal moments {shown} {unit} must all be positive"
+        )
+    raise SceneError(
+        f"the inertia is impossible: of its principal moments {shown} {unit} the largest, "
+        f"{moments[2]:g}, exceeds the sum of the other two, {moments[0] + moments[1]:g}; "
+        "no distribution of mass has it"
+    )
+
+
+def _principal(matrix: NDArray[np.float64]) -> list[float]:
+    """Principal moments of inertia, ascending."""
+    diagonal: list[float] = matrix.diagonal().tolist()
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return sorted(diagonal)
+    moments: list[float] = np.linalg.eigvalsh((matrix + matrix.T) / 2).tolist()
+    return moments
+
+
+def _read_inertia(value: Any, info: ValidationInfo) -> Rows:
+    names = context_of(info)
+    value = value.tolist() if hasattr(value, "tolist") else value
+    try:
+        matrix = _inertia_matrix(value, names)
+        _check_inertia(matrix, names.units)
+    except SceneError as error:
+        raise fail(*error.problems) from None
+    matrix = matrix * names.units.scale(_UNIT)
+    if not np.isfinite(matrix).all():
+        raise fail(Problem("", f"finite numbers are expected, given {quote(value)}"))
+    return tuple((float(a), float(b), float(c)) for a, b, c in matrix)
+
+
+def _write_inertia(value: Rows, info: SerializationInfo) -> list[list[float]]:
+    units = context_of(info).units
+    return [[units.written(item, _UNIT) for item in row] for row in value]
+
+
+_INERTIA = {
+    "anyOf": [
+        list_form(NUMBER, 3),
+        list_form(list_form(NUMBER, 3), 3),
+        {
+            "type": "object",
+            "properties": {key: NUMBER for key in (*_DIAGONAL, *_PRODUCTS)},
+            "required": list(_DIAGONAL),
+            "additionalProperties": False,
+        },
+    ],
+    "description": "[kg m^2]",
+}
+Inertia = Annotated[Rows, Reader(_read_inertia, _write_inertia, _INERTIA)]
+"""Inertia about the centre of mass, body axes, that some distribution of mass can have."""
 
 
 _KINDS: dict[str, Any] = {

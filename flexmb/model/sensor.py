@@ -18,9 +18,9 @@ from flexmb.errors import Problem, nearest
 from flexmb.model.forces.contact import ContactSpec, PointsSide
 from flexmb.model.forces.load import LoadSpec
 from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, UnitName
-from flexmb.model.references import Component, Scope
-from flexmb.model.values.quantities import Axis, Pair, Text
-from flexmb.model.values.reading import Reader, Spec, fail, only_one, quote
+from flexmb.model.lookup import Component, Scope
+from flexmb.model.quantities import Axis, Pair, Text
+from flexmb.model.reading import Reader, Spec, fail, only_one, quote
 
 TURNS = ("alpha", "beta", "gamma")
 """Names of the three angles of an orientation."""

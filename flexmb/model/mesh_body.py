@@ -27,10 +27,10 @@ from flexmb.flexbody.mesh_options import (
     TieOptions,
 )
 from flexmb.flexbody.section_options import SECTIONS
-from flexmb.model.bodies.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
-from flexmb.model.bodies.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.values.quantities import Integer, Quantity
-from flexmb.model.values.reading import (
+from flexmb.model.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
+from flexmb.model.option_specs import MaterialField, spec_of, specs_of
+from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.reading import (
     NAME,
     Entry,
     Reader,

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.values.orientation import Orientation, rotation_matrix
-from flexmb.model.values.quantities import Integer, Position, Text
-from flexmb.model.values.reading import Entry, Spec, fail
+from flexmb.model.orientation import Orientation, rotation_matrix
+from flexmb.model.quantities import Integer, Position, Text
+from flexmb.model.reading import Entry, Spec, fail
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody

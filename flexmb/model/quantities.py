@@ -24,7 +24,7 @@ from pydantic import BeforeValidator, SerializationInfo, ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.model.functions.expression import parse
-from flexmb.model.values.reading import (
+from flexmb.model.reading import (
     NUMBER,
     FieldType,
     Form,

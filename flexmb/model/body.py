@@ -6,25 +6,134 @@ Python.
 Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
 the global one. Initial velocities are those of markers: ``velocity`` and ``angular_velocity`` at
 the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
+
+A shape gives a volume [m^3] and the inertia per unit mass about its own centre [m^2], in body axes,
+in closed form. Source: any table of moments of inertia of solids, e.g. Meriam and Kraige,
+Engineering Mechanics: Dynamics, appendix D.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.model.bodies.markers import Marker
-from flexmb.model.bodies.mass_properties import Inertia, MassProperties, Shape
-from flexmb.model.bodies.option_specs import MaterialField
-from flexmb.model.values.orientation import Orientation
-from flexmb.model.values.quantities import AngularVelocity, Position, Quantity, Velocity
-from flexmb.model.values.reading import Entry, Reader, Spec, choice, context_of, fail, quote
+from flexmb.model.markers import Marker
+from flexmb.model.option_specs import Inertia, MaterialField
+from flexmb.model.orientation import Orientation
+from flexmb.model.quantities import (
+    AngularVelocity,
+    Position,
+    Quantity,
+    Size,
+    Sizes,
+    Velocity,
+)
+from flexmb.model.reading import (
+    Entry,
+    Reader,
+    Spec,
+    Variant,
+    choice,
+    context_of,
+    fail,
+    quote,
+)
 from flexmb.units import UNIT_SYSTEMS, unit_system
+
+Diagonal = tuple[float, float, float]
+
+
+class ShapeSpec(Spec):
+    """Base of the shapes."""
+
+    @property
+    def volume(self) -> float:
+        """m^3"""
+        raise NotImplementedError
+
+    @property
+    def inertia_per_mass(self) -> Diagonal:
+        """Principal moments about the centre over the mass, body axes [m^2]."""
+        raise NotImplementedError
+
+
+class BoxShape(ShapeSpec):
+    """A box, its edges along the body axes."""
+
+    type: Literal["box"] = "box"
+    size: Sizes
+
+    @property
+    def volume(self) -> float:
+        x, y, z = self.size
+        return x * y * z
+
+    @property
+    def inertia_per_mass(self) -> Diagonal:
+        x, y, z = self.size
+        return ((y * y + z * z) / 12, (x * x + z * z) / 12, (x * x + y * y) / 12)
+
+
+class CylinderShape(ShapeSpec):
+    """A solid circular cylinder along a body axis."""
+
+    type: Literal["cylinder"] = "cylinder"
+    radius: Size
+    length: Size
+    axis: Literal["x", "y", "z"] = "z"
+
+    @property
+    def volume(self) -> float:
+        return math.pi * self.radius**2 * self.length
+
+    @property
+    def inertia_per_mass(self) -> Diagonal:
+        across = self.radius**2 / 4 + self.length**2 / 12
+        moments = [across, across, across]
+        moments["xyz".index(self.axis)] = self.radius**2 / 2
+        return (moments[0], moments[1], moments[2])
+
+
+class SphereShape(ShapeSpec):
+    """A solid sphere."""
+
+    type: Literal["sphere"] = "sphere"
+    radius: Size
+
+    @property
+    def volume(self) -> float:
+        return 4 / 3 * math.pi * self.radius**3
+
+    @property
+    def inertia_per_mass(self) -> Diagonal:
+        moment = 0.4 * self.radius**2
+        return (moment, moment, moment)
+
+
+SHAPES: dict[str, type[ShapeSpec]] = {
+    "box": BoxShape,
+    "cylinder": CylinderShape,
+    "sphere": SphereShape,
+}
+
+Shape = Annotated[Any, Variant("shape", lambda: SHAPES)]
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass [kg], centre of mass (3,) in the body frame [m], inertia (3, 3) about it [kg m^2]."""
+
+    mass: float
+    center: NDArray[np.float64]
+    inertia: NDArray[np.float64]
 
 
 def _read_units(value: Any, info: ValidationInfo) -> str:

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.values.quantities import read_axis, read_number, unit_vector
-from flexmb.model.values.reading import (
+from flexmb.model.quantities import read_axis, read_number, unit_vector
+from flexmb.model.reading import (
     NUMBER,
     Names,
     ReadContext,

@@ -1,1 +1,0 @@
-"""Bodies of a scene: rigid, from a mesh, from a file; markers, interfaces, sections."""

@@ -1,1 +1,0 @@
-"""What is measured: sensors, expressions over their channels, states, controllers."""
