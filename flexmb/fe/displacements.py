@@ -42,8 +42,9 @@ def extruded_beams(fe: FEMatrices, nodes: NodeModes) -> Extruded:
         Motion of its nodes, rotations included.
     """
     groups: dict[str, list[Block]] = {}
-    for block in _beam_blocks(fe):
-        groups.setdefault(block.group, []).append(block)
+    for block in fe.blocks:
+        if block.family.dimension == 1:
+            groups.setdefault(block.group, []).append(block)
     corners, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [], 0
     for blocks in groups.values():
         smooth = smooth_parts(blocks, fe.mesh.points)
@@ -61,10 +62,6 @@ def extruded_beams(fe: FEMatrices, nodes: NodeModes) -> Extruded:
     return Extruded(points, np.concatenate(faces), modes, node_ids)
 
 
-def _beam_blocks(fe: FEMatrices) -> list[Block]:
-    return [block for block in fe.blocks if block.family.dimension == 1]
-
-
 def _extruded(
     fe: FEMatrices, blocks: list[Block], smooth: list[IntArray]
 ) -> tuple[FloatArray, IntArray, IntArray]:
@@ -72,11 +69,12 @@ def _extruded(
 
     Elements that continue each other share the ring at their node.
     """
-    pieces = [len(part) for part in outline(_end_sections(blocks[0], fe)[0][0])]
+    fields = [BeamFields(fe.mesh.points[block.nodes], block.section) for block in blocks]
+    pieces = [len(part) for part in outline(fields[0].end_sections(len(blocks[0].nodes))[0][0])]
     keys, corners = [], []
-    for block, part in zip(blocks, smooth, strict=True):
+    for block, part, field in zip(blocks, smooth, fields, strict=True):
         keys.append(np.stack([block.nodes, np.repeat(part[:, None], 2, axis=1)], axis=2))
-        corners.append(_corners(fe, block))
+        corners.append(_corners(field, len(block.nodes)))
     places, ring = np.unique(np.concatenate(keys).reshape(-1, 2), axis=0, return_inverse=True)
     count = np.bincount(ring.ravel(), minlength=len(places))
     rings = np.zeros((len(places), sum(pieces), 3))
@@ -93,20 +91,13 @@ def _extruded(
     return rings, places[:, 0], np.concatenate(faces)
 
 
-def _corners(fe: FEMatrices, block: Block) -> FloatArray:
+def _corners(fields: BeamFields, ne: int) -> FloatArray:
     """(ne, 2, p, 3) corners of the sections at both ends of each element."""
-    fields = BeamFields(fe.mesh.points[block.nodes], block.section)
-    ne = len(block.nodes)
     flat = np.array(
         [[np.concatenate(outline(part)) for part in row] for row in fields.end_sections(ne)]
     )
     flat = np.broadcast_to(flat, (ne, *flat.shape[1:]))
     return fields.ends[:, :, None] + np.einsum("eac,enpc->enpa", fields.axes[:, :, 1:], flat)
-
-
-def _end_sections(block: Block, fe: FEMatrices) -> list[list[object]]:
-    fields = BeamFields(fe.mesh.points[block.nodes], block.section)
-    return fields.end_sections(len(block.nodes))
 
 
 def _sides(ends: IntArray, size: int, at: int, width: int) -> IntArray:

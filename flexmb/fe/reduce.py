@@ -43,6 +43,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.inertia_relief import require_stresses, with_geometric_stiffening
 from flexmb.fe.reduction.methods import mesh_hash, reduce_model, reduction_key, requested_modes
 from flexmb.fe.reduction.reduced_basis import (
@@ -52,7 +53,6 @@ from flexmb.fe.reduction.reduced_basis import (
     mode_infos,
     orthonormalise,
 )
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.scikit_fem import (
     has_stress,

@@ -32,9 +32,8 @@ from flexmb.flexbody.mesh_options import STRESS_OPTIONS
 from flexmb.flexbody.parts import SectionForceModes, StressModes
 from flexmb.progress import Progress, silent
 
-_MIN_COSINE = np.cos(
-    np.radians(35.0)
-)  # a larger angle is a fold, also where a curved shell is coarse
+# a larger angle is a fold, also where a curved shell is coarse
+_MIN_COSINE = np.cos(np.radians(35.0))
 
 
 def smooth_parts(blocks: Sequence[Block], points: FloatArray) -> list[IntArray]:
@@ -43,10 +42,14 @@ def smooth_parts(blocks: Sequence[Block], points: FloatArray) -> list[IntArray]:
     dimension = blocks[0].family.dimension
     if dimension == 3:
         return [np.zeros(count, dtype=np.int64) for count in counts]
-    direction = _normals if dimension == 2 else _tangents
-    directions = np.concatenate([direction(points[block.nodes]) for block in blocks])
-    meet = _shared_edges if dimension == 2 else _shared_ends
-    first, second = meet(blocks)
+    places = [points[block.nodes] for block in blocks]
+    if dimension == 2:
+        directions, pairs = np.concatenate([_normals(x) for x in places]), _shared_edges(blocks)
+    else:
+        directions = np.concatenate([x[:, 1] - x[:, 0] for x in places])
+        pairs = _shared_ends(blocks)
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)
+    first, second = pairs
     level = np.einsum("ka,ka->k", directions[first], directions[second]) > _MIN_COSINE
     graph = coo_array(
         (np.ones(level.sum()), (first[level], second[level])), shape=(sum(counts), sum(counts))
@@ -57,19 +60,9 @@ def smooth_parts(blocks: Sequence[Block], points: FloatArray) -> list[IntArray]:
 
 def _normals(x: FloatArray) -> FloatArray:
     corners = 3 if x.shape[1] in (3, 6) else 4
-    last = x[:, corners - 1]
-    normal = np.cross(x[:, 2] - x[:, 0], last - x[:, 1]) if corners == 4 else None
-    if normal is None:
-        normal = np.cross(x[:, 1] - x[:, 0], last - x[:, 0])
-    return _unit(normal)
-
-
-def _tangents(x: FloatArray) -> FloatArray:
-    return _unit(x[:, 1] - x[:, 0])
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    if corners == 4:
+        return np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+    return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
 
 def _shared_edges(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:

@@ -1,7 +1,8 @@
-"""Turning what a caller gives into read-only arrays of a known shape, with sentences when it fails.
+"""Read-only arrays of a known shape, and what both halves do with small matrices.
 
-In: an array-like and the shape it must have (``None`` leaves a length free). Out: a read-only
-float64 or int64 array. Mistakes are collected, so that all are raised at once.
+:class:`Checker` turns an array-like and the shape it must have (``None`` leaves a length free) into
+a read-only float64 or int64 array. Mistakes are collected, so that all are raised at once.
+:func:`is_nonzero` is the one decision about ranks, :func:`skew` the matrix of a cross product.
 """
 
 from __future__ import annotations
@@ -24,6 +25,15 @@ RANK_TOLERANCE = 1e-12
 def is_nonzero(values: FloatArray, tolerance: float = RANK_TOLERANCE) -> NDArray[np.bool_]:
     """(k,) which eigenvalues of a semidefinite matrix, or singular values, count for its rank."""
     return np.asarray(values > tolerance * values.max(initial=0.0))
+
+
+def skew(s: FloatArray) -> FloatArray:
+    """(..., 3, 3) matrices with skew(s) @ u = s x u."""
+    out = np.zeros((*s.shape, 3))
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., c, b] = s[..., a]
+        out[..., b, c] = -s[..., a]
+    return out
 
 
 class Checker:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh, null_space
 
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
 
 _PAIRS = ((1, 2), (2, 0), (0, 1))
@@ -77,7 +77,7 @@ def natural_modes(
 
 
 def natural_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArray:
-    """(k,) natural frequencies [Hz] with these interfaces held; see :func:`held_modes`."""
+    """(k,) natural frequencies [Hz] with these interfaces held; see :func:`natural_modes`."""
     return natural_modes(body, interfaces).frequencies
 
 
@@ -88,7 +88,7 @@ def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatA
     rows = []
     for name in interfaces:
         part = body.interface(name)
-        arm = _cross(part.position)
+        arm = skew(part.position)
         rows.append(np.hstack([np.eye(3), -arm, part.Phi_t]))
         rows.append(np.hstack([np.zeros((3, 3)), np.eye(3), part.Phi_r]))
     return _null_space(np.vstack(rows), size)
@@ -106,7 +106,7 @@ def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     n = 6 + body.m
     M, K = np.zeros((n, n)), np.zeros((n, n))
     M[:3, :3] = body.mass * np.eye(3)
-    M[:3, 3:6] = -_cross(body.S1)
+    M[:3, 3:6] = -skew(body.S1)
     M[3:6, 3:6] = np.trace(body.S0) * np.eye(3) - body.S0
     M[:3, 6:] = body.p
     M[3:6, 6:] = [body.P[a, b] - body.P[b, a] for a, b in _PAIRS]
@@ -114,9 +114,3 @@ def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     lower = np.tril_indices(n, -1)
     M[lower] = M.T[lower]
     return M, K
-
-
-def _cross(s: FloatArray) -> FloatArray:
-    """(3, 3) with _cross(s) @ u = s x u."""
-    x, y, z = s
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from flexmb.errors import MeshError, Problem
-from flexmb.fe.assembly.numbering import Numbering, skew
+from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
 from flexmb.flexbody.options import read_options
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csr_array
 
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +92,6 @@ def rigid_vectors(numbering: Numbering, points: FloatArray, about: FloatArray) -
         R[numbering.table[nodes, c], 3:] = arms[:, c]
         R[numbering.table[rotating, 3 + c], 3 + c] = 1.0
     return R
-
-
-def skew(s: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices with skew(s) @ u = s x u."""
-    out = np.zeros((*s.shape, 3))
-    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., c, b] = s[..., a]
-        out[..., b, c] = -s[..., a]
-    return out
 
 
 _BATCH = 8_000_000  # entries of element matrices that are sorted at once: 130 MB

@@ -28,10 +28,9 @@ from typing import Any
 import numpy as np
 from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
-from flexmb.fe.assembly.numbering import skew
 from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.sections.beam_chain import BoundBeam, local_axes, section_values
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 
 _ORDER = 6  # products of two cubics
 _TAPERED_ORDER = 10  # the same times second moments of degree four

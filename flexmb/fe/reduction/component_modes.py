@@ -23,6 +23,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
+from scipy.sparse import csr_array
 
 from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -30,11 +31,14 @@ from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.linear_solver import SingularMatrix, factor
 from flexmb.fe.reduction.eigenmodes import (
+    Modes,
+    SymmetryPlane,
     dense_modes,
     lowest_modes,
     mode_signs,
     polynomial_fields,
     start_vector,
+    symmetric_modes,
 )
 from flexmb.fe.reduction.fixed_interface import (
     FixedInterfaceModel,
@@ -59,8 +63,7 @@ from flexmb.fe.reduction.reduced_basis import (
     interface_labels,
     rigid_motion_of_interfaces,
 )
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane, symmetric_modes
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
@@ -88,7 +91,7 @@ def craig_bampton(
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
         Called with the phases ``"factor"`` and ``"modes"``.
-    mirror : Mirror, optional
+    mirror : SymmetryPlane, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
         Loads of the body; those with ``residual`` add their static responses.
@@ -101,12 +104,19 @@ def craig_bampton(
     selection = read_modes(modes)
     directions = directions_of(mirror)
     fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
-    noun = "fixed-interface modes" + (" in the plane" if mirror is not None else "")
     omega2, inner, numbers = select_modes(
         selection,
-        lambda count: _lowest(fixed, count, mirror, progress),
+        lambda count: _distinct_modes(
+            fe,
+            fixed.M,
+            lambda number: fixed.lowest(number, progress),
+            count,
+            fixed.count,
+            mirror,
+            fixed.dofs,
+        ),
         fixed.count,
-        noun,
+        _noun("fixed-interface modes", mirror),
         lambda modes: interface_shares(fixed, modes),
     )
     omega2, V = omega2[numbers], np.zeros((fe.numbering.n, len(numbers)))
@@ -158,22 +168,29 @@ def guyan(
     return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
 
 
-def _lowest(
-    fixed: FixedInterfaceModel, count: int, mirror: SymmetryPlane | None, progress: Progress
-) -> tuple[FloatArray, FloatArray]:
-    """At least ``count`` fixed-interface modes, or all, unique in sign and direction."""
+def _distinct_modes(
+    fe: FEMatrices,
+    M: csr_array,
+    lowest: Callable[[int], Modes],
+    count: int,
+    limit: int,
+    mirror: SymmetryPlane | None,
+    dofs: IntArray | None = None,
+) -> Modes:
+    """At least ``count`` modes, or all, unique in sign and direction; symmetric ones for a mirror.
+
+    M is the mass over ``dofs``, all by default; ``lowest`` gives so many modes, ``limit`` at most.
+    """
     if count == 0:
-        return np.zeros(0), np.zeros((len(fixed.dofs), 0))
-
-    def lowest(number: int) -> tuple[FloatArray, FloatArray]:
-        return fixed.lowest(min(number, fixed.count), progress)
-
+        return np.zeros(0), np.zeros((M.shape[0], 0))
     if mirror is None:
-        omega2, V = lowest(count + _SPARE)
+        omega2, V = lowest(min(count + _SPARE, limit))
     else:
-        omega2, V = symmetric_modes(mirror.on(fixed.dofs), fixed.M, lowest, count, fixed.count)
-    products = polynomial_fields(fixed.fe)[fixed.dofs].T @ (fixed.M @ V)
-    return omega2, V @ mode_signs(omega2, products)
+        S = mirror.S if dofs is None else mirror.on(dofs)
+        omega2, V = symmetric_modes(S, M, lowest, count, limit)
+    fields = polynomial_fields(fe)
+    fields = fields if dofs is None else fields[dofs]
+    return omega2, V @ mode_signs(omega2, fields.T @ (M @ V))
 
 
 _DENSE = 300  # degrees of freedom up to which full matrices are faster
@@ -212,7 +229,7 @@ def free_interface(
         selection,
         lambda count: free_modes_of(fixed, relief, count, mirror, progress),
         free_count(fixed),
-        _noun(mirror),
+        _noun("elastic modes", mirror),
     )
     omega2, V = omega2[rows], V[:, rows]
     F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
@@ -225,8 +242,8 @@ def free_basis(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
     directions: tuple[int, ...],
-    modes: tuple[FloatArray, FloatArray],
-    residual: tuple[FloatArray, FloatArray],
+    modes: Modes,
+    residual: Modes,
     loads: tuple[LoadPattern, ...],
 ) -> ReducedBasis:
     """The basis of rigid motions, free modes and residual vectors, of interfaces or else loads."""
@@ -261,40 +278,34 @@ def free_modes_of(
     count: int,
     mirror: SymmetryPlane | None = None,
     progress: Progress = silent,
-) -> tuple[FloatArray, FloatArray]:
+) -> Modes:
     """At least ``count`` elastic modes of the free tied model, or all, unique in direction.
 
     Parameters
     ----------
-    held, relief
+    fixed, relief
         The model with its interfaces held, and its inertia relief.
     count : int
         How many.
-    mirror : Mirror, optional
+    mirror : SymmetryPlane, optional
         Only symmetric ones.
     progress : Progress
         Called with the phase ``"modes"``.
     """
     fe, limit = fixed.fe, free_count(fixed)
-    if count == 0:
-        return np.zeros(0), np.zeros((fe.numbering.n, 0))
 
-    def lowest(number: int) -> tuple[FloatArray, FloatArray]:
-        number = min(number, limit)
+    def static(f: FloatArray) -> FloatArray:
+        return relief.fields(fixed.free(relief.loads(f)))
+
+    def lowest(number: int) -> Modes:
         if fe.numbering.n <= _DENSE or 2 * number + 12 >= limit:
-            return _dense(fixed, number)
+            omega2, V = _dense(fixed, number)
+        else:
+            start = static(start_vector(fe.numbering.n))
+            omega2, V = lowest_modes(fe.M, static, number, progress, start)
+        return omega2, relief.fields(V)
 
-        def static(f: FloatArray) -> FloatArray:
-            return relief.fields(fixed.free(relief.loads(f)))
-
-        return lowest_modes(fe.M, static, number, progress, static(start_vector(fe.numbering.n)))
-
-    if mirror is None:
-        omega2, V = lowest(count + _SPARE)
-    else:
-        omega2, V = symmetric_modes(mirror.S, fe.M, lowest, count, limit)
-    V = relief.fields(V)
-    return omega2, V @ mode_signs(omega2, polynomial_fields(fe).T @ (fe.M @ V))
+    return _distinct_modes(fe, fe.M, lowest, count, limit, mirror)
 
 
 def free_count(fixed: FixedInterfaceModel) -> int:
@@ -302,19 +313,16 @@ def free_count(fixed: FixedInterfaceModel) -> int:
     return fixed.modes.shape[1] + fixed.count - len(fixed.directions)
 
 
-def _noun(mirror: SymmetryPlane | None) -> str:
-    return "elastic modes" + (" in the plane" if mirror is not None else "")
+def _noun(modes: str, mirror: SymmetryPlane | None) -> str:
+    return modes + (" in the plane" if mirror is not None else "")
 
 
-def _dense(fixed: FixedInterfaceModel, count: int) -> tuple[FloatArray, FloatArray]:
+def _dense(fixed: FixedInterfaceModel, count: int) -> Modes:
     fields, fe = fixed.fields(), fixed.fe
     K, M = fields.T @ (fe.K @ fields), fields.T @ (fe.M @ fields)
     rigid = len(fixed.directions)
     omega2, W = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), subset_by_index=[0, count + rigid - 1])
     return omega2[rigid:], fields @ W[:, rigid:]
-
-
-Modes = tuple[FloatArray, FloatArray]
 
 
 def free_modes(
@@ -337,7 +345,7 @@ def free_modes(
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
     progress : Progress
         Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
-    mirror : Mirror, optional
+    mirror : SymmetryPlane, optional
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
         Loads of the body; those with ``residual`` add their static responses.
@@ -362,7 +370,7 @@ def free_modes(
         selection,
         lambda count: lowest_free(fe, inverse, count, mirror, progress),
         fe.numbering.n - 6,
-        _noun(mirror),
+        _noun("elastic modes", mirror),
     )
     omega2, V = omega2[rows], V[:, rows]
     directions = directions_of(mirror)
@@ -401,19 +409,12 @@ def lowest_free(
     progress: Progress,
 ) -> Modes:
     """At least ``count`` elastic modes of the free model, or all, unique in direction."""
-    n, limit = fe.numbering.n, fe.numbering.n - 6
-    if count == 0:
-        return np.zeros(0), np.zeros((n, 0))
+    n = fe.numbering.n
 
     def lowest(number: int) -> Modes:
-        number = min(number, limit)
         if n <= _DENSE or 2 * number + 12 >= n:
             omega2, V = dense_modes(fe.K, fe.M, number + 6)
             return omega2[6:], V[:, 6:]
         return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
 
-    if mirror is None:
-        omega2, V = lowest(count + _SPARE)
-    else:
-        omega2, V = symmetric_modes(mirror.S, fe.M, lowest, count, limit)
-    return omega2, V @ mode_signs(omega2, polynomial_fields(fe).T @ (fe.M @ V))
+    return _distinct_modes(fe, fe.M, lowest, count, n - 6, mirror)

@@ -1,4 +1,4 @@
-"""The lowest vibration modes of a factorised model, unique in sign and direction.
+"""The lowest vibration modes of a factorised model, unique in direction, symmetric about a plane.
 
 Shift-invert Lanczos (ARPACK) at shift zero, which needs no scale, with a fixed start vector, so
 that a second run gives the same numbers. Blocks of vectors were tried: at 92 000 unknowns four at a
@@ -6,23 +6,34 @@ time took 128 solutions and 7.7 s against 82 and 9.3 s one by one. Within a clus
 frequencies each mode is made the one with the largest product with a fixed displacement field, and
 that product positive. The fields depend on position alone, so symmetric bodies give the same modes
 in every run, on every machine, in every unit system and for any order of the nodes.
+
+For planar scenes :class:`SymmetryPlane` has the reflection S at a coordinate plane: S u is the
+displacement at the mirror image of each node, by the elements' own interpolation, with the
+component along the normal reversed and rotations treated as axial vectors; exact for symmetric
+meshes, for others as good as the interpolation. The symmetric subspace is sought among all modes at
+once, so that pairs of equal or nearly equal frequency, which an eigensolver mixes, separate into
+in-plane and out-of-plane ones.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.linalg import eigh, qr
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+from scipy.spatial import cKDTree
 
-from flexmb.errors import FlexmbWarning, ReductionError
+from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.multifrontal import blas_threads
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.planar_body import PLANES, fit_weights
 from flexmb.progress import Progress, silent
 
 _TOLERANCE = 1e-10  # of 1 / omega^2, relative; what is reached lies near rounding
@@ -183,3 +194,235 @@ def mode_signs(omega2: FloatArray, products: FloatArray) -> FloatArray:
         signs = np.where(np.diag(R) < 0, -1.0, 1.0)
         rotation[np.ix_(cluster, cluster)] = Q * signs
     return rotation
+
+
+_EQUAL_POINTS = 1e-6  # of the extent: nodes closer than that are each other's mirror image
+_CANDIDATES = 32  # elements by centroid among which the one around a point is looked for
+_BATCH = 2000
+_NEIGHBOURS = 24  # of a fit with ten coefficients
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of the middle nodes of a tetrahedron
+
+
+def reflection(fe: FEMatrices, normal: int) -> csr_array:
+    """(n, n) reflection at the plane through the centre of mass across axis ``normal`` (0 to 2)."""
+    nodes = fe.numbering.nodes
+    points = fe.mesh.points[nodes]
+    images = points.copy()
+    images[:, normal] = 2 * fe.center[normal] - images[:, normal]
+    distance, twin = cKDTree(points).query(images)
+    exact = distance <= _EQUAL_POINTS * np.ptp(points, axis=0).max()
+    rows, columns, weights = [nodes[exact]], [nodes[twin[exact]]], [np.ones(exact.sum())]
+    for start in range(0, (~exact).sum(), _BATCH):
+        part = np.flatnonzero(~exact)[start : start + _BATCH]
+        donors, shares = _interpolation(fe, images[part])
+        rows.append(np.repeat(nodes[part], donors.shape[1]))
+        columns.append(donors.ravel())
+        weights.append(shares.ravel())
+    S = _over_dofs(
+        fe.numbering, normal, np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+    )
+    n = fe.numbering.n
+    return S if fe.follow is None else csr_array(S[:n, :n] + S[:n, n:] @ fe.follow)
+
+
+def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Kinetic energy of the part of fields that changes its sign on reflection, and of all.
+
+    Parameters
+    ----------
+    M, S : (n, n) sparse
+        Mass and reflection.
+    V : (n, m) float
+        The fields.
+
+    Returns
+    -------
+    odd, whole : (m, m) float
+        Quadratic forms over the fields; whole is the sum for both parts, V^T M V where the mesh is
+        symmetric.
+    """
+    image = S @ V
+    odd, even = 0.5 * (V - image), 0.5 * (V + image)
+    lost = odd.T @ (M @ odd)
+    return lost, lost + even.T @ (M @ even)
+
+
+def _over_dofs(
+    numbering: Numbering, normal: int, rows: IntArray, columns: IntArray, weights: FloatArray
+) -> csr_array:
+    """From weights between nodes to those between degrees of freedom, with their signs."""
+    entries = []
+    for c in range(6):
+        sign = -1.0 if (c == normal or (c >= 3 and c - 3 != normal)) else 1.0
+        i, j = numbering.table[rows, c], numbering.table[columns, c]
+        there = (i >= 0) & (j >= 0)
+        entries.append((i[there], j[there], sign * weights[there]))
+    i, j, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return csr_array(coo_array((values, (i, j)), shape=(numbering.n_all,) * 2))
+
+
+def _interpolation(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Nodes (r, k) and their weights in the field at places (r, 3).
+
+    By the element around the place where that is a tetrahedron or a beam, else by a quadratic fit
+    through the nearest nodes.
+    """
+    nodes = np.full((len(at), _NEIGHBOURS), fe.numbering.nodes[0])
+    weights = np.zeros((len(at), _NEIGHBOURS))
+    best = np.full(len(at), np.inf)
+    others = False
+    for block in fe.blocks:
+        shapes = _SHAPES.get(block.kind)
+        if shapes is None:
+            others = True
+            continue
+        element, N, distance = shapes(fe.mesh.points, block.nodes, at)
+        closer, width = distance < best, block.nodes.shape[1]
+        nodes[closer], weights[closer] = fe.numbering.nodes[0], 0.0
+        nodes[closer, :width], weights[closer, :width] = block.nodes[element[closer]], N[closer]
+        best = np.minimum(best, distance)
+    if others:
+        extent = np.ptp(fe.mesh.points, axis=0).max()
+        outside = np.flatnonzero(best > _EQUAL_POINTS * extent)
+        nodes[outside], weights[outside] = _fit_nodes(fe, at[outside])
+    return nodes, weights
+
+
+def _fit_nodes(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The nearest nodes (r, k) of places (r, 3), and their weights in a quadratic fit."""
+    carrying = fe.numbering.nodes
+    points = fe.mesh.points[carrying]
+    count = min(_NEIGHBOURS, len(points))
+    near = cKDTree(points).query(at, count)[1].reshape(len(at), count)
+    nodes = np.full((len(at), _NEIGHBOURS), carrying[0])
+    weights = np.zeros((len(at), _NEIGHBOURS))
+    nodes[:, :count], weights[:, :count] = carrying[near], fit_weights(points[near], at)
+    return nodes, weights
+
+
+def _in_tets(
+    points: FloatArray, tets: IntArray, at: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The tetrahedron around each place, its ten shape functions there, and how far it is."""
+    corners = points[tets[:, :4]]
+    count = min(_CANDIDATES, len(tets))
+    near = cKDTree(corners.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
+    edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    arms = at[:, None] - corners[near, 0]
+    local = np.linalg.solve(edges[near], arms[..., None])[..., 0]
+    L = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
+    best = L.min(axis=2).argmax(axis=1)
+    row = np.arange(len(at))
+    L = np.clip(L[row, best], 0.0, None)  # a curved side is not the straight one
+    L /= L.sum(axis=1, keepdims=True)
+    element = near[row, best]
+    place = np.einsum("rk,rkc->rc", L, corners[element])
+    N = [L[:, k] * (2 * L[:, k] - 1) for k in range(4)] + [4 * L[:, a] * L[:, b] for a, b in _EDGES]
+    return element, np.stack(N, axis=1), np.linalg.norm(place - at, axis=1)
+
+
+def _on_lines(
+    points: FloatArray, lines: IntArray, at: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The line element nearest to each place, its two linear shares there, and how far it is."""
+    ends = points[lines]
+    count = min(_CANDIDATES, len(lines))
+    near = cKDTree(ends.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
+    start, along = ends[near, 0], ends[near, 1] - ends[near, 0]
+    share = np.sum((at[:, None] - start) * along, axis=2) / np.sum(along**2, axis=2)
+    share = np.clip(share, 0.0, 1.0)
+    gap = np.linalg.norm(at[:, None] - start - share[..., None] * along, axis=2)
+    row, best = np.arange(len(at)), gap.argmin(axis=1)
+    x = share[row, best]
+    return near[row, best], np.stack([1 - x, x], axis=1), gap[row, best]
+
+
+_SHAPES = {"tetra10": _in_tets, "line": _on_lines}
+
+
+_SPARE = 2  # modes beyond those requested: the last ones may lack partners not yet computed
+_MAX_ANTISYMMETRIC = 0.5  # share of energy from which on a mode counts as out of the plane
+
+Modes = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class SymmetryPlane:
+    """A plane of symmetry of a model, through its centre of mass.
+
+    Parameters
+    ----------
+    plane : str
+        ``"xy"``, ``"yz"`` or ``"zx"``.
+    S : (n, n) sparse
+        Reflection of displacement fields.
+    """
+
+    plane: str
+    S: csr_array
+
+    @property
+    def normal(self) -> int:
+        """Axis across the plane, 0 to 2."""
+        return int(np.argmax(PLANES[self.plane]))
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """In-plane motions of an interface: two of Tx, Ty, Tz and one of Rx, Ry, Rz (0 to 5)."""
+        slides = [axis for axis in range(3) if axis != self.normal]
+        return (*slides, 3 + self.normal)
+
+    def on(self, dofs: IntArray) -> csr_array:
+        """The reflection of fields that live on some degrees of freedom."""
+        return self.S[dofs][:, dofs]
+
+    def shares(self, fe: FEMatrices, V: FloatArray) -> FloatArray:
+        """(m,) share of each field's kinetic energy that is antisymmetric."""
+        odd, whole = antisymmetric(fe.M, self.S, V)
+        return np.diag(odd) / np.diag(whole)
+
+
+def make_symmetry_plane(fe: FEMatrices, plane: str) -> SymmetryPlane:
+    """The mirror of a plane.
+
+    Raises
+    ------
+    ReductionError
+        The plane is none of "xy", "yz", "zx".
+    """
+    if plane not in PLANES:
+        names = tuple(PLANES)
+        what = f'unknown plane "{plane}"'
+        raise ReductionError.from_problems([Problem("plane", what, names, nearest(plane, names))])
+    return SymmetryPlane(plane, reflection(fe, int(np.argmax(PLANES[plane]))))
+
+
+def symmetric_modes(
+    S: csr_array, M: csr_array, lowest: Callable[[int], Modes], modes: int, limit: int
+) -> Modes:
+    """The lowest modes of the symmetric subspace.
+
+    Parameters
+    ----------
+    S, M : (n, n) sparse
+        Reflection and mass.
+    lowest : callable
+        Squared frequencies and mass-normalised modes of the model, so many.
+    modes : int
+        How many symmetric ones are wanted; a few more are returned, or all there are.
+    limit : int
+        How many modes the model has in all.
+    """
+    if modes == 0:
+        return lowest(0)
+    count = min(int(2.5 * modes) + 2 * _SPARE, limit)
+    while True:
+        omega2, V = lowest(count)
+        share, Q = eigh(*antisymmetric(M, S, V))
+        even = Q[:, share < _MAX_ANTISYMMETRIC]
+        if even.shape[1] >= modes + _SPARE or count == limit:
+            break
+        missing = (modes + _SPARE) / max(even.shape[1], 1)
+        count = min(count + 2 * _SPARE + int(min(1.2 * missing - 1, 1.5) * count), limit)
+    symmetric, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
+    return symmetric, V @ (even @ W)

@@ -402,7 +402,7 @@ def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    held : Held
+    fixed : FixedInterfaceModel
         The model with its interfaces held.
     V : (i, k) float
         Modes of unit modal mass over the held body's own degrees of freedom.

@@ -31,8 +31,9 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.reduction.eigenmodes import Modes
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.flexbody.arrays import FloatArray, is_nonzero
+from flexmb.flexbody.arrays import FloatArray, is_nonzero, skew
 from flexmb.flexbody.body import FlexBody
 from flexmb.progress import Progress, silent
 
@@ -76,8 +77,6 @@ _REPRESENTED = (
 _NO_RESPONSE = (
     1e-14  # of what a load would do to its own degrees of freedom, the rest held: rounding
 )
-
-Modes = tuple[FloatArray, FloatArray]
 
 
 def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Modes:
@@ -227,6 +226,5 @@ def _centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, FloatArray]]:
 
 def _force_per_mass(fe: FEMatrices, G: FloatArray, acceleration: FloatArray) -> FloatArray:
     """[G, g] (3, 4) of a load per mass G (s - c) less the rigid acceleration that it causes."""
-    x, y, z = acceleration[3:]
-    G = G - np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    G = G - skew(acceleration[3:])
     return np.column_stack([G, -acceleration[:3] - G @ fe.center])

@@ -23,9 +23,9 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, free_modes, guyan
+from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.reduced_basis import ReducedBasis
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.fe.reduction.user_modes import read_user_modes, user_modes
 from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from

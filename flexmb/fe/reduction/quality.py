@@ -235,7 +235,7 @@ def missing_compliance(
     ----------
     elastic : ReducedModes
         The modes.
-    relief : Relief
+    relief : InertiaRelief
         Inertia relief of the model.
     respond : callable
         Deformation (n, k) of the full free body under relieved loads (n, k).

@@ -23,6 +23,7 @@ from flexmb.fe.reduction.component_modes import (
     lowest_free,
     relieved_inverse,
 )
+from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.quality import (
@@ -38,7 +39,6 @@ from flexmb.fe.reduction.quality import (
     unit_loads,
 )
 from flexmb.fe.reduction.reduced_basis import DIRECTIONS, ReducedBasis, ReducedModes
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.progress import Progress, silent
@@ -182,7 +182,7 @@ def quality_report(
         twenty at most: the upper ones serve static deformation.
     nodes : sequence of int
         Mesh nodes where unit forces are tried, besides the loads the basis knows.
-    mirror : Mirror, optional
+    mirror : SymmetryPlane, optional
         The plane of a planar reduction.
     phases : sequence of Phase
         Time and memory of the reduction, from a :class:`Stopwatch`.

@@ -18,10 +18,8 @@ from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.assembly.numbering import skew
-from flexmb.fe.reduction.eigenmodes import mode_signs, polynomial_fields
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
-from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
+from flexmb.fe.reduction.eigenmodes import SymmetryPlane, mode_signs, polynomial_fields
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.parts import ModeInfo
 
 DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")

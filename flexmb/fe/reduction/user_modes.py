@@ -20,9 +20,9 @@ from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, load_columns
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of
-from flexmb.fe.reduction.symmetry_plane import SymmetryPlane
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
@@ -83,7 +83,7 @@ def user_modes(
         nodes of the mesh in its order; scale is free.
     progress : Progress
         Called with the phase ``"modes"``.
-    mirror : Mirror, optional
+    mirror : SymmetryPlane, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
         Loads of the body, none with ``residual``: such vectors come with the other methods.

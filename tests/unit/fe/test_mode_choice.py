@@ -22,7 +22,7 @@ from flexmb.fe import (
     user_modes,
 )
 from flexmb.fe.reduction.component_modes import free_modes
-from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
+from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
 
 STEEL = resolve("steel")
 

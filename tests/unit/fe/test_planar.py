@@ -10,7 +10,7 @@ from femeshes import block, line, mirrored_block
 
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
-from flexmb.fe.reduction.symmetry_plane import antisymmetric, reflection
+from flexmb.fe.reduction.eigenmodes import antisymmetric, reflection
 from flexmb.flexbody.planar_body import PLANES
 
 STEEL = resolve("steel")

@@ -25,8 +25,8 @@ from flexmb.fe import (
     resolve,
 )
 from flexmb.fe.reduction.component_modes import free_modes
+from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
 from flexmb.fe.reduction.quality_report import Stopwatch
-from flexmb.fe.reduction.symmetry_plane import make_symmetry_plane
 
 STEEL = resolve("steel")
 
