@@ -38,8 +38,8 @@ from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.markers import PlacedMarker
     from flexmb.model.forces.contact import ContactSpec
+    from flexmb.model.markers import PlacedMarker
     from flexmb.model.model import Model
 
 # Sides J of contacts.

@@ -44,8 +44,8 @@ from flexmb.model.joints.driver import DriverSpec, Start, closing_problem
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
-from flexmb.model.plane import across, in_plane_triad, plane_axes
 from flexmb.model.orientation import rotation_matrix
+from flexmb.model.plane import across, in_plane_triad, plane_axes
 from flexmb.model.reading import GROUND
 from flexmb.model.sensor import JointSensorSpec
 
