@@ -2,7 +2,7 @@
 
 Every row is a function of h = x_J − x_I and the axes A, B of its two markers; its gradient comes
 from complex steps of that function, so nothing here is part of
-`flexmb.engine.row_kinds`, whose modules have the table. Velocity coordinates as in
+`flexmb.engine.joints`, whose modules have the table. Velocity coordinates as in
 `flexmb.engine.tables`; source of the complex step: Squire and Trapp, SIAM Review 40 (1998) 110.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine import row_kinds
+from flexmb.engine import joints
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints.curve import Pieces
 from flexmb.model.orientation import rotation_matrix
@@ -51,18 +51,16 @@ def _off_axis(h: Complex, A: Complex) -> Complex:
 
 Measure = Callable[[int, int, Complex, Complex, Complex], Complex]
 MEASURES: dict[int, Measure] = {
-    row_kinds.POINT: lambda a, b, h, A, B: h[..., a],
-    row_kinds.DOT1: lambda a, b, h, A, B: _dot(A[..., a], B[..., b]),
-    row_kinds.DOT2: lambda a, b, h, A, B: _dot(A[..., a], h),
-    row_kinds.DISTANCE: lambda a, b, h, A, B: _length(h),
-    row_kinds.ANGLE: lambda a, b, h, A, B: _angle(
+    joints.POINT: lambda a, b, h, A, B: h[..., a],
+    joints.DOT1: lambda a, b, h, A, B: _dot(A[..., a], B[..., b]),
+    joints.DOT2: lambda a, b, h, A, B: _dot(A[..., a], h),
+    joints.DISTANCE: lambda a, b, h, A, B: _length(h),
+    joints.ANGLE: lambda a, b, h, A, B: _angle(
         _dot(A[..., _Y], B[..., b]), _dot(A[..., _X], B[..., b])
     ),
-    row_kinds.TWIST: lambda a, b, h, A, B: (
-        _dot(A[..., _X], B[..., _Y]) - _dot(A[..., _Y], B[..., _X])
-    ),
-    row_kinds.RADIAL: lambda a, b, h, A, B: _length(_off_axis(h, A)),
-    row_kinds.MOMENT: lambda a, b, h, A, B: _dot(h, np.cross(A[..., _Z], B[..., _Z])),
+    joints.TWIST: lambda a, b, h, A, B: _dot(A[..., _X], B[..., _Y]) - _dot(A[..., _Y], B[..., _X]),
+    joints.RADIAL: lambda a, b, h, A, B: _length(_off_axis(h, A)),
+    joints.MOMENT: lambda a, b, h, A, B: _dot(h, np.cross(A[..., _Z], B[..., _Z])),
 }
 """What each kind of row measures between axes a of marker I and b of marker J."""
 
@@ -105,7 +103,7 @@ def rows_at(compiled: Compiled, q: Array, t: float = 0.0) -> Rows:
         ends = markers.x[i], markers.R[i], markers.x[j], markers.R[j]
         axes = kind, int(row["a"]), int(row["b"])
         C[k] = float(_value(axes, *ends).real) - asked[k]
-        if kind == row_kinds.ANGLE:
+        if kind == joints.ANGLE:
             C[k] = np.remainder(C[k] + np.pi, 2 * np.pi) - np.pi
         g[k] = gradient(axes, *ends)
         for end, part in ((i, g[k, :6]), (j, g[k, 6:])):

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
-from flexmb.engine.functions.function import PIECEWISE, TimeFunctions, lower
+from flexmb.engine.function import PIECEWISE, TimeFunctions, lower
 from flexmb.engine.geometry import body_weights, initial_positions, model_length
+from flexmb.engine.joints import POINT
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.joints.constraint_groups import row_table, row_weights
 from flexmb.engine.joints.coordinate import Coordinates, unit_weight
@@ -27,11 +28,10 @@ from flexmb.engine.ordering import (
     normal_axis,
     order_equations,
 )
-from flexmb.engine.row_kinds import POINT
-from flexmb.engine.sensor_kinds import CHANNEL_KINDS
+from flexmb.engine.sensors import CHANNEL_KINDS
 from flexmb.engine.sensors.feedback import Start
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLE, JointAngles
-from flexmb.engine.sensors.orientation_angles import TURNING_CHANNEL, TurningAngles
+from flexmb.engine.sensors.marker_motion import TURNING_CHANNEL, TurningAngles
 from flexmb.engine.tables import (
     ENERGIES,
     BodyColumns,

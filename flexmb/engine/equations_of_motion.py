@@ -1,13 +1,25 @@
-"""The stages of the equations of motion, in their order, and the energy account.
+"""The equations of motion: their stages in order, the energy account, and the iteration matrix.
 
 Each stage walks over the kinds that the scene holds (`engine.kind`) and knows none of them by name.
-The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0.
+The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0. The iteration matrix stands in the panels of the
+factor,
+
+    S = [[M + cv ∂F/∂v + cp ∂F/∂q, Cqᵀ], [Cq, −ε]],
+
+F the inertia, applied and constraint forces on the left side, M v̇ + … + Cqᵀ λ − Q. With cv = cp = 0
+it is the matrix of the acceleration level. ε_i is 1e-9 of (Cq diag(S)⁻¹ Cqᵀ)_ii: relative, so that
+no unit or step size can turn it into noise, and taken back by refinement.
 """
 
 from __future__ import annotations
 
+import math
+
+from flexmb.engine.algebra import ldl
 from flexmb.engine.jit import call_matrix, call_stage, call_value, kernel, unit
+from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
+from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 
@@ -188,3 +200,158 @@ def add_couplings(run, at, cv, cp):
     units, tables = run.stages.coupling.units, run.stages.coupling.tables
     for k in range(len(units)):
         call_matrix(units[k], run, tables[k], at, cv, cp)
+
+
+# Simplified Newton iteration: what its measured contraction asks for.
+REFACTOR_ABOVE = 0.3
+"""Contraction by an old factor above which it is renewed within a step."""
+# By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
+_UNSYMMETRIC_ABOVE = 0.2
+_GIVE_UP_ABOVE = 0.9
+_REGULARISATION = 1e-9
+_REPEATED = 1e-7
+
+
+@unit
+def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
+    """M + cv ∂F/∂v + cp ∂F/∂q at the point of the last position stage into the panels."""
+    factor = run.work.factor
+    low, up = factor.low, factor.up
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+        up[i] = 0.0
+    if cp != 0.0 or cv != 0.0:
+        velocity_stage(run, at)
+    add_matrix(run, at, cv, cp)
+    constraint_jacobian(run)
+    if factor.symmetric[0] == 1:
+        for i in range(low.shape[0]):
+            low[i] = 0.5 * (low[i] + up[i])
+    return FINE
+
+
+@unit
+def put_rows(run: Run, at: Point, cv: float, cp: float) -> int:
+    """The constraint rows beside the matrix, with what is unsymmetric there."""
+    put_constraint_matrix(run, at)
+    if run.work.factor.symmetric[0] == 0 and (cp != 0.0 or cv != 0.0):
+        add_couplings(run, at, cv, cp)
+    return FINE
+
+
+@unit
+def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
+    """Assemble S at the point of the last position stage and factor it; returns pivots replaced.
+
+    `factor.symmetric` says which way. The matrix itself stays in low0 and up0, for refinement.
+    """
+    factor, kkt = run.work.factor, run.system.kkt
+    low, up, low0, up0 = factor.low, factor.up, factor.low0, factor.up0
+    put_matrix(run, at, cv, cp)
+    keep_diagonal(kkt.panels, low, factor.diagonal)
+    put_rows(run, at, cv, cp)
+    for i in range(low.shape[0]):
+        low0[i] = low[i]
+    if factor.symmetric[0] == 0:
+        for i in range(up.shape[0]):
+            up0[i] = up[i]
+    factor.replaced[0] = ldl.factor(kkt, factor)
+    return factor.replaced[0]
+
+
+@kernel
+def keep_diagonal(panels, low, out):
+    """|diagonal| of the coordinates; infinite where there is none, so that nothing counts there."""
+    for i in range(panels.shape[0]):
+        panel = panels[i]
+        at, nc, col = panel["at"], panel["nc"], panel["col"]
+        for c in range(nc):
+            diagonal = abs(low[at + c * nc + c])
+            out[col + c] = diagonal if diagonal > 0.0 else math.inf
+
+
+@kernel
+def permute(kkt, top, bottom, out):
+    """out = (top, bottom) in elimination order."""
+    n, place = top.shape[0], kkt.place
+    for i in range(n):
+        out[place[i]] = top[i]
+    for i in range(bottom.shape[0]):
+        out[place[n + i]] = bottom[i]
+
+
+@unit
+def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
+    """Assemble and factor [[W, Cqᵀ], [Cq, −ε]], W a diagonal metric (nv), for kinematics.
+
+    Modal coordinates stay out of Cq: flexible bodies keep their shape. Returns pivots replaced.
+    """
+    factor, kkt, parts = run.work.factor, run.system.kkt, run.system.parts
+    low, low0 = factor.low, factor.low0
+    for i in range(low.shape[0]):
+        low[i] = 0.0
+    factor.symmetric[0] = 1
+    put_metric(parts, kkt, metric, low)
+    constraint_jacobian(run)
+    _fix_shapes(parts, run.system.rows, run.work.dense.jac)
+    put_constraint_matrix(run, at)
+    for i in range(low.shape[0]):
+        low0[i] = low[i]
+    factor.replaced[0] = ldl.factor(kkt, factor)
+    return factor.replaced[0]
+
+
+@kernel
+def least_pivot(run, nv):
+    """The smallest pivot of a row over its own compliance: small where others decide the row.
+
+    Rows that repeat others, with hardly a pivot, do not count.
+    """
+    fac, place, least = run.work.factor, run.system.kkt.place, 1.0
+    for i in range(nv, place.shape[0]):
+        k = place[i]
+        if fac.eps[k] > 0.0:
+            pivot = abs(fac.d[k]) * _REGULARISATION / fac.eps[k]
+            least = min(least, pivot if pivot > _REPEATED else 1.0)
+    return least
+
+
+@kernel
+def put_metric(parts, kkt, metric, low):
+    """The metric of bodies and scalar coordinates on the diagonal."""
+    bodies, coordinates, panels, column = parts.bodies, parts.coordinates, kkt.panels, kkt.column
+    for i in range(bodies.shape[0]):
+        body = bodies[i]
+        panel, o = panels[body["panel"]], body["iv"]
+        for c in range(6 + body["m"]):
+            pc = column[o + c]
+            if pc >= 0:
+                low[panel["at"] + pc * panel["nc"] + pc] = metric[o + c]
+    for k in range(coordinates.shape[0]):
+        low[panels[coordinates[k]["panel"]]["at"]] = metric[coordinates[k]["iv"]]
+
+
+@kernel
+def _fix_shapes(parts, rows, jac):
+    """No modal coordinate in the Jacobian rows."""
+    bodies, markers = parts.bodies, parts.markers
+    for k in range(rows.shape[0]):
+        for side in range(2):
+            at = rows[k]["jac_I"] if side == 0 else rows[k]["jac_J"]
+            if at >= 0:
+                marker = rows[k]["I"] if side == 0 else rows[k]["J"]
+                m = bodies[markers[marker]["body"]]["m"]
+                for c in range(6, 6 + m):
+                    jac[at + c] = 0.0
+
+
+@kernel
+def give_up(memory, contraction):
+    """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
+    fresh = memory["factor_age"] == 0.0
+    if contraction > _UNSYMMETRIC_ABOVE and memory["symmetric"] == 1.0 and fresh:
+        memory["symmetric"] = 0.0
+        memory["factor_age"] = -1.0
+    elif contraction > REFACTOR_ABOVE and not fresh:
+        memory["factor_age"] = -1.0
+    return contraction > _GIVE_UP_ABOVE and fresh and memory["factor_age"] == 0.0

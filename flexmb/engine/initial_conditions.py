@@ -13,6 +13,7 @@ from flexmb.engine.equations_of_motion import (
     begin_run,
     complete_poses,
     constraint_stage,
+    factorise,
     feedback_stage,
     pose_stage,
     position_stage,
@@ -22,7 +23,6 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.projection import NOTHING, accelerations, project_velocity

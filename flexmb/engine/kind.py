@@ -1,10 +1,10 @@
 """Kinds: what a model may hold, and which units each kind brings.
 
 Three modules list them: `engine.kinds` what takes part in the stages of the equations,
-`engine.row_kinds` the constraint rows of joints and drivers, `engine.sensor_kinds` the
-sensors. A kind is declared once, in the file of its kernels; what walks over rows,
-terms or channels calls its units through a table, by its number there, and names none of them. A
-scene loads and compiles only the units of what it holds.
+`engine.joints` the constraint rows of joints and drivers, `engine.sensors` the sensors. A kind is
+declared once, in the file of its kernels; what walks over rows, terms or channels calls its units
+through a table, by its number there, and names none of them. A scene loads and compiles only the
+units of what it holds.
 
 Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with `run` the Run,
 `tables` the kind's own record, `at` the Point where the stage is evaluated:

@@ -10,7 +10,7 @@ from flexmb.engine import forces
 from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
 from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
-from flexmb.engine.functions.function import TIME_FUNCTIONS
+from flexmb.engine.function import TIME_FUNCTIONS
 from flexmb.engine.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.joints.coordinate import COORDINATES
 from flexmb.engine.joints.curve_marker import CURVE_MARKERS
@@ -18,7 +18,7 @@ from flexmb.engine.joints.point_joint import POINT_JOINTS
 from flexmb.engine.kind import Kind
 from flexmb.engine.sensors.feedback import FEEDBACK
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLES
-from flexmb.engine.sensors.orientation_angles import TURNING_ANGLES
+from flexmb.engine.sensors.marker_motion import TURNING_ANGLES
 
 
 def _force_kinds() -> Iterator[Kind]:

@@ -19,6 +19,7 @@ from flexmb.engine.equations_of_motion import (
     begin_run,
     complete_poses,
     constraint_stage,
+    factorise_metric,
     pose_stage,
     powers,
     put_energies,
@@ -28,7 +29,6 @@ from flexmb.engine.equations_of_motion import (
     walk,
 )
 from flexmb.engine.initial_conditions import correct_positions
-from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (

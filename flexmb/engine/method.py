@@ -60,7 +60,7 @@ class Settings(NamedTuple):
     determined: int  # 1: the constraints alone fix the motion (no free coordinate)
 
 
-# Status codes of the kernels; `status` turns them into sentences.
+# Status codes of the kernels; `entries` turns them into sentences.
 FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle

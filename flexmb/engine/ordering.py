@@ -25,8 +25,7 @@ from flexmb.engine.joints.coordinate import coordinate_table
 from flexmb.engine.joints.joint import measured_coordinate
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.lowering import Lowering, Placement
-from flexmb.engine.sensor_kinds import CHANNEL_KINDS, SENSOR_KINDS
-from flexmb.engine.sensors import feedback
+from flexmb.engine.sensors import CHANNEL_KINDS, SENSOR_KINDS, feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors

@@ -336,7 +336,7 @@ class Stages(NamedTuple):
 
 
 class RowUnits(NamedTuple):
-    """Units of constraint rows by their kind (`engine.row_kinds`), those that the scene holds."""
+    """Units of constraint rows by their kind (`engine.joints`), those that the scene holds."""
 
     value: Units
     gradient: Units
@@ -347,7 +347,7 @@ class RowUnits(NamedTuple):
 
 
 class SensorUnits(NamedTuple):
-    """Units of sensors by kind (`engine.sensor_kinds`), those that the scene holds."""
+    """Units of sensors by kind (`engine.sensors`), those that the scene holds."""
 
     channel: Units  # values of channels
     turns: Integers  # (kinds of channels,) 1: it counts turns

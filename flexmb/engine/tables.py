@@ -70,7 +70,7 @@ MARKER = np.dtype(
     align=True,
 )
 
-# One channel: `what` it is, a number in `sensor_kinds`. Of terms: `n` terms from `first` on; number
+# One channel: `what` it is, number in `engine.sensors`. Of terms: `n` terms from `first` on; number
 # `a` of three turning angles. WRENCH: of row `first` (`n` rows from there on) of a kind, by its
 # number among those with an element wrench; force or moment (`quantity` 0, 1) on marker J or I
 # (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
@@ -90,7 +90,7 @@ CHANNEL = np.dtype(
     align=True,
 )
 
-# One term of a channel, times a factor: a measure by its number in `sensor_kinds`, between markers
+# One term of a channel, times a factor: a measure, number in `engine.sensors`, between markers
 # I and J. As a row measures, or a derivative of it: kind and axes a and b of the row; a motion of J
 # along axis a of I (-1: global); angle b of three, a being the code of the axes.
 TERM = np.dtype(
@@ -128,7 +128,7 @@ COORDINATE = np.dtype(
 # One constraint row between markers I and J; `fun` < 0: no function of time.
 ROW = np.dtype(
     [
-        ("kind", _I),  # number in `row_kinds`
+        ("kind", _I),  # number in `engine.joints`
         ("I", _I),
         ("J", _I),
         ("a", _I),  # axis of marker I (0, 1, 2)

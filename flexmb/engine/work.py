@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.engine.jit import Unit
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
 from flexmb.engine.method import (
@@ -17,8 +18,7 @@ from flexmb.engine.method import (
     Settings,
 )
 from flexmb.engine.records import units_in
-from flexmb.engine.row_kinds import ROW_KINDS
-from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
+from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,
     CURVE_MARKER_NOW,

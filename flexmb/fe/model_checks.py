@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
@@ -213,9 +213,15 @@ def _coincident(
     used = _used(cells)
     if len(used) < 2:
         return
-    points = mesh.points[used]
-    near = _COINCIDENT * float(np.ptp(points, axis=0).max())
-    pairs = used[cKDTree(points).query_pairs(near, output_type="ndarray")].reshape(-1, 2)
+    near = _COINCIDENT * np.ptp(mesh.points[used], axis=0).max()
+    for axis in np.sqrt([[0.2, 0.3, 0.5], [0.3, 0.5, 0.2], [0.5, 0.2, 0.3]]):
+        used = used[np.argsort(mesh.points[used] @ axis)]
+        gaps = np.diff(mesh.points[used] @ axis, prepend=-np.inf, append=np.inf)
+        used = used[np.minimum(gaps[1:], gaps[:-1]) <= 1.01 * near]  # along any axis; few are left
+    if len(used) < 2:
+        return
+    tree = scipy.spatial.cKDTree(mesh.points[used])
+    pairs = used[tree.query_pairs(near, output_type="ndarray")].reshape(-1, 2)
     if linked and len(pairs):
         joined = parts(len(mesh.points), linked)
         pairs = pairs[joined[pairs[:, 0]] != joined[pairs[:, 1]]]

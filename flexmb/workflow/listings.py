@@ -184,8 +184,8 @@ def _joint_table() -> Table:
 
 def _free_motions(joint: str, count: int) -> str:
     """The motions that a joint leaves free: each of its rows prevents one."""
+    from flexmb.engine.joints import DOT1, DOT2, POINT
     from flexmb.engine.joints.joint import JOINT_ROWS
-    from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 
     slides, turns = set("xyz"), set("xyz")
     for kind, a, b, _ in JOINT_ROWS.get(joint, ()):

@@ -8,9 +8,9 @@ from truthkit import Memory
 from flexmb.analysis.dynamics import integration as run_module
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
+from flexmb.engine.entries import sentence
 from flexmb.engine.integrators.coordinate_partitioning import choose_independent
 from flexmb.engine.method import FINE, NO_PARTITION
-from flexmb.engine.status import sentence
 from flexmb.engine.units import call
 from flexmb.model import Model
 

@@ -11,7 +11,7 @@ import pytest
 from enginekit import MARKER, Bench, slope
 from generators import BODIES, TOPOLOGIES, Mechanism
 
-from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
+from flexmb.engine.joints import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
 
 # The difference rules leave 1e-12 of the size of the numbers here, which are below 100.
 DIFFERENCES = 2e-9

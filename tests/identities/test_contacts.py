@@ -11,7 +11,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.forces.contact_geometry import BALL, BORE, CYLINDER, PLANE
+from flexmb.engine.forces.contact_pair import BALL, BORE, CYLINDER, PLANE
 from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size

@@ -14,7 +14,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import BODIES, TOPOLOGIES, Mechanism
 
-from flexmb.engine.row_kinds import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
+from flexmb.engine.joints import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RADIAL, TWIST
 
 DIFFERENCES = 1e-9
 LAST_DIGITS = 1e-12

@@ -15,7 +15,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from truthkit import run
 
-from flexmb.engine.forces.normal_force import damping_factor, hertz_stiffness
+from flexmb.engine.forces.contact_pair import damping_factor, hertz_stiffness
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.joints.curve import Pieces
 from flexmb.engine.joints.joint import signs_of_axes
-from flexmb.engine.row_kinds import ROW_KINDS
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError, Problem

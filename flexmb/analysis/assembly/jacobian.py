@@ -24,7 +24,7 @@ from flexmb.analysis.assembly.rank import (
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
-from flexmb.engine.row_kinds import ROW_KINDS
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
 from flexmb.engine.units import call_ready
 from flexmb.engine.work import new_state, new_work

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.entries import sentence, solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import Work
-from flexmb.engine.status import sentence
 from flexmb.engine.work import new_state, new_work
 from flexmb.model.control import feedback_functions, resolved
 from flexmb.model.forces.load import LineForceSpec, LoadSpec

@@ -5,6 +5,9 @@ diagonal block and the dense rows below, row by row, so every inner loop is a do
 neighbouring numbers. Symmetric: A = L D Lᵀ on `low`. Unsymmetric with the same pattern:
 A = L D U, where `up` holds U by columns in the same places. No pivoting: every pivot has a known
 sign (+ coordinate, − constraint row); one of the wrong sign or nearly zero is replaced and counted.
+
+Dense blocks in v order go into the panels by `column` (nv,), the column of each velocity coordinate
+in its panel, modes before the rigid part; −1 leaves it out (out of the plane of a planar model).
 """
 
 from __future__ import annotations
@@ -14,8 +17,8 @@ import math
 from flexmb.engine.algebra.vector import dot
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
-from flexmb.engine.state import ComplexFactor, Factor
+from flexmb.engine.records import Matrix, Vector
+from flexmb.engine.state import ComplexFactor, Factor, Run
 from flexmb.engine.tables import Kkt
 
 # A pivot this small against its own diagonal entry carries no digits.
@@ -359,3 +362,75 @@ def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
         for i in range(rhs.shape[0]):
             x[i] += tmp[i]
     return FINE
+
+
+@unit
+def add_body_block(run: Run, b: int, B: Matrix) -> int:
+    """Add a dense block to the diagonal block of body b."""
+    body, kkt, low, up = (
+        run.system.parts.bodies[b],
+        run.system.kkt,
+        run.work.factor.low,
+        run.work.factor.up,
+    )
+    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
+    at, nc = panel["at"], panel["nc"]
+    for r in range(6 + body["m"]):
+        pr = column[o + r]
+        if pr < 0:
+            continue
+        for c in range(6 + body["m"]):
+            pc = column[o + c]
+            if pr >= pc and pc >= 0:
+                low[at + pr * nc + pc] += B[r, c]
+            if pr <= pc:
+                up[at + pc * nc + pr] += B[r, c]
+    return FINE
+
+
+@unit
+def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> int:
+    """Add B as the block of bodies a and b; link k is that of the transpose if swapped is 1."""
+    bodies, link, column = run.system.parts.bodies, run.system.kkt.links[k], run.system.kkt.column
+    first, second, low, up = bodies[a], bodies[b], run.work.factor.low, run.work.factor.up
+    at, stride = link["at"], link["stride"]
+    early = (link["flipped"] == 1) != (swapped == 1)  # the rows' body is eliminated first
+    for r in range(6 + first["m"]):
+        pr = column[first["iv"] + r]
+        if pr < 0:
+            continue
+        for c in range(6 + second["m"]):
+            pc = column[second["iv"] + c]
+            if pc < 0:
+                continue
+            if early:
+                up[at + pc * stride + pr] += B[r, c]
+            else:
+                low[at + pr * stride + pc] += B[r, c]
+    return FINE
+
+
+@kernel
+def put_jacobian_row(link, r, body, column, jac, start, values):
+    """Place Jacobian row r of a group, in v order at jac[start:], by its link."""
+    at, stride, o = link["at"], link["stride"], body["iv"]
+    for c in range(6 + body["m"]):
+        pc = column[o + c]
+        if pc >= 0:
+            p = at + pc * stride + r if link["flipped"] == 1 else at + r * stride + pc
+            values[p] = jac[start + c]
+
+
+@kernel
+def row_compliance(body, panels, column, jac, start, low):
+    """Σ Cq² / diag(S) of one row on one body, over the coordinates that have inertia."""
+    panel, o = panels[body["panel"]], body["iv"]
+    at, nc = panel["at"], panel["nc"]
+    s = 0.0
+    for c in range(6 + body["m"]):
+        pc = column[o + c]
+        if pc >= 0:
+            d = abs(low[at + pc * nc + pc])
+            if d > 0.0:
+                s += jac[start + c] * jac[start + c] / d
+    return s

@@ -23,8 +23,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import add_body_block, add_column
+from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
+    add_column,
     add_part,
     dot,
     inner,

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.rotation import cross, tangent_coefficients, transform
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
@@ -38,6 +37,7 @@ from flexmb.engine.algebra.vector import (
     put,
     put_column,
     put_part,
+    tangent_coefficients,
     times,
     triple,
     turned,
@@ -158,13 +158,11 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
             put(mn["vx"], 0, 0.0, 0.0, 0.0)
             put(mn["om"], 0, 0.0, 0.0, 0.0)
             continue
-        A, s, iv = body_now[b]["A"], mn["s"], bodies[b]["iv"]
-        wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-        ux, uy, uz = cross(wx, wy, wz, s[0], s[1], s[2])
-        ux, uy, uz = transform(A, ux, uy, uz)
-        put(mn["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
-        wx, wy, wz = transform(A, wx, wy, wz)
-        put(mn["om"], 0, wx, wy, wz)
+        A, iv = body_now[b]["A"], bodies[b]["iv"]
+        om = part(v, iv + 3)
+        moved = turned(A, outer(om, triple(mn["s"])))
+        put_part(mn["vx"], 0, plus(part(v, iv), 1.0, moved))
+        put_part(mn["om"], 0, turned(A, om))
     return FINE
 
 
@@ -230,12 +228,9 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
         put(mn["bom"], 0, 0.0, 0.0, 0.0)
         b = mk["body"]
         if b >= 0:
-            A, s, iv = now.body[b]["A"], mn["s"], bodies[b]["iv"]
-            wx, wy, wz = v[iv + 3], v[iv + 4], v[iv + 5]
-            cx, cy, cz = cross(wx, wy, wz, s[0], s[1], s[2])
-            ax, ay, az = cross(wx, wy, wz, cx, cy, cz)
-            ax, ay, az = transform(A, ax, ay, az)
-            put(mn["bx"], 0, ax, ay, az)
+            om = part(v, bodies[b]["iv"] + 3)
+            x = outer(om, outer(om, triple(mn["s"])))
+            put_part(mn["bx"], 0, turned(now.body[b]["A"], x))
     return FINE
 
 
@@ -332,10 +327,9 @@ def move_points(run: Run, markers: Markers, at: Point) -> int:
         mk = table[rows[n]]
         b = mk["body"]
         if b >= 0:
-            s, iv = mk["rho"], bodies[b]["iv"]
-            ux, uy, uz = cross(v[iv + 3], v[iv + 4], v[iv + 5], s[0], s[1], s[2])
-            ux, uy, uz = transform(body_now[b]["A"], ux, uy, uz)
-            put(marker_now[rows[n]]["vx"], 0, v[iv] + ux, v[iv + 1] + uy, v[iv + 2] + uz)
+            iv = bodies[b]["iv"]
+            moved = turned(body_now[b]["A"], outer(part(v, iv + 3), triple(mk["rho"])))
+            put_part(marker_now[rows[n]]["vx"], 0, plus(part(v, iv), 1.0, moved))
     return FINE
 
 

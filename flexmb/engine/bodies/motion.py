@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.rotation import compose, cross, rotation_vector
+from flexmb.engine.algebra.vector import compose, cross, rotation_vector
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Vector

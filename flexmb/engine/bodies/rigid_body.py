@@ -23,10 +23,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.blocks import add_body_block, add_column, add_skew
-from flexmb.engine.algebra.rotation import rotation_matrix, transform
+from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
+    add_column,
     add_part,
+    add_skew,
     column,
     inner,
     modal_vector,
@@ -34,7 +35,9 @@ from flexmb.engine.algebra.vector import (
     part,
     plus,
     put_part,
+    rotation_matrix,
     times,
+    transform,
     triple,
     turned,
     turned_back,

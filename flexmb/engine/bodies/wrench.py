@@ -7,9 +7,12 @@ constant w: the moment arms turn and deform.
 
 from __future__ import annotations
 
-from flexmb.engine.algebra.blocks import add_body_block, add_column, add_coupling, add_skew, clear
+from flexmb.engine.algebra.ldl import add_body_block, add_coupling
 from flexmb.engine.algebra.vector import (
+    add_column,
     add_part,
+    add_skew,
+    clear,
     inner,
     mode_vector,
     outer,

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
-from flexmb.engine.algebra.vector import copy, inner, part
+from flexmb.engine.algebra.vector import clear, copy, inner, part
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces import relative_motion
 from flexmb.engine.forces.relative_motion import (

@@ -1,7 +1,7 @@
 """Contact of a sphere (or a point, of radius 0) with a ball, a plane, a cylinder or a bore.
 
-Both bodies meet at one point (`contact_geometry`), where the force on I is f = N n and friction,
-and its opposite acts on J; N as in `normal_force`, ḋ₀ the speed of approach at the end of the step
+Both bodies meet at one point (`contact_pair`), where the force on I is f = N n and friction,
+and its opposite acts on J; N as in `contact_pair`, ḋ₀ the speed of approach at the end of the step
 that ends just at the onset, or of the last one before, an internal variable.
 
 Tangents: the wrench pair is W = B f, the velocity where they meet g = Bᵀ V, V the velocities of
@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
 from flexmb.engine.algebra.vector import (
     add_part,
+    clear,
     column,
     inner,
     outer,
@@ -33,8 +33,10 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
-from flexmb.engine.forces.contact_geometry import (
+from flexmb.engine.forces.contact_pair import (
     normal_change,
+    normal_force,
+    normal_parameters,
     penetration,
     place_sides,
     put_wrench,
@@ -52,7 +54,6 @@ from flexmb.engine.forces.friction import (
     tangential,
     tangential_change,
 )
-from flexmb.engine.forces.normal_force import normal_force, normal_parameters
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE

@@ -1,9 +1,13 @@
 """Nonlinear spring-dampers, actuators and stops: forces by a characteristic of one measure.
 
 The measure s is the distance of two markers, a component of their separation, or a scalar
-coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper` and `stops`. With
-the gradient g (12) of a measure between markers the wrench pair is −R g, as for a constraint row
-whose multiplier is R.
+coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper`. With the gradient
+g (12) of a measure between markers the wrench pair is −R g, as for a constraint row whose
+multiplier is R.
+
+Stops are bounds of s: at a penetration p > 0 of a bound a stop pushes back with
+max(0, k p^e + c step(p/d) ṗ), step the cubic from 0 to 1 over the depth d (IMPACT and BISTOP of
+MSC Adams); k p^e is stored.
 """
 
 from __future__ import annotations
@@ -13,8 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
-from flexmb.engine.algebra.vector import copy
+from flexmb.engine.algebra.vector import clear, copy
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces.load import pull_back_unit_force
 from flexmb.engine.forces.spring_damper import (
@@ -28,13 +31,7 @@ from flexmb.engine.forces.spring_damper import (
     spring_energy,
     spring_resistance,
 )
-from flexmb.engine.forces.stops import (
-    stop_energy,
-    stop_parameters,
-    stop_power,
-    stop_resistance,
-)
-from flexmb.engine.functions.function import FunctionTable, lower
+from flexmb.engine.function import FunctionTable, lower
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.point_joint import (
     distance_gradient,
@@ -50,7 +47,76 @@ from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, 
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
+    from flexmb.model.forces.stops import AnyStop
     from flexmb.model.functions.expression import Expression
+
+
+def stop_parameters(spec: AnyStop, unit: float) -> dict[str, float]:
+    """Fields of a FORCE_CHARACTERISTIC row; `unit` of s in which the stiffness counts, SI."""
+    lower, upper = spec.bounds
+    return {
+        "stop": 1,
+        "exponent": spec.exponent,
+        "c": spec.damping,
+        "lower": lower,
+        "upper": upper,
+        "depth": math.inf if spec.depth is None else spec.depth,
+        "k": spec.stiffness * unit ** (1.0 - spec.exponent),
+    }
+
+
+@kernel
+def penetration(row, s):
+    """Penetration of a bound, negative clear of both, and the direction: 1 upper, −1 lower."""
+    if s - row["upper"] > row["lower"] - s:
+        return s - row["upper"], 1.0
+    return row["lower"] - s, -1.0
+
+
+@kernel
+def _step(row, p):
+    """Fraction of the damping at penetration p, and its slope."""
+    y = p / row["depth"]
+    if y >= 1.0:
+        return 1.0, 0.0
+    return y * y * (3.0 - 2.0 * y), 6.0 * y * (1.0 - y) / row["depth"]
+
+
+@kernel
+def stop_resistance(row, s, v):
+    """R, ∂R/∂s, ∂R/∂ṡ."""
+    p, side = penetration(row, s)
+    if p <= 0.0:
+        return 0.0, 0.0, 0.0
+    e = row["exponent"]
+    f, k, c = row["k"] * p**e, row["k"] * e * p ** (e - 1.0), 0.0
+    if row["c"] != 0.0:
+        share, slope = _step(row, p)
+        c = row["c"] * share
+        f += c * side * v
+        k += row["c"] * slope * side * v
+        if f <= 0.0:  # it does not pull
+            return 0.0, 0.0, 0.0
+    return side * f, k, c
+
+
+@kernel
+def stop_energy(row, s):
+    """Stored energy, J; zero clear of the stop."""
+    p, _ = penetration(row, s)
+    e = row["exponent"] + 1.0
+    return row["k"] * p**e / e if p > 0.0 else 0.0
+
+
+@kernel
+def stop_power(row, s, v):
+    """Power of the damping on the system, W."""
+    p, side = penetration(row, s)
+    if p <= 0.0 or row["c"] == 0.0:
+        return 0.0
+    f, _, _ = stop_resistance(row, s, v)
+    return -(side * f - row["k"] * p ** row["exponent"]) * side * v
+
 
 _Z = 2
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.rotation import transform_back
+from flexmb.engine.algebra.vector import transform_back
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import add_body_block, add_coupling, add_skew, clear
-from flexmb.engine.algebra.rotation import cross, transform
+from flexmb.engine.algebra.ldl import add_body_block, add_coupling
+from flexmb.engine.algebra.vector import add_skew, clear, cross, transform
 from flexmb.engine.bodies.wrench import (
     add_moment_arms,
     add_pair,

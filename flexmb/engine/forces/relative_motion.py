@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import add_column, add_skew
 from flexmb.engine.algebra.vector import (
+    add_column,
     add_part,
+    add_skew,
     column,
     inner,
     outer,

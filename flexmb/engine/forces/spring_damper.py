@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import clear
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms
-from flexmb.engine.functions.function import FunctionTable, evaluate, run_program
+from flexmb.engine.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind

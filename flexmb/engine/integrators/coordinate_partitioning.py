@@ -17,12 +17,22 @@ import math
 from typing import TYPE_CHECKING
 
 from flexmb.engine.algebra import ldl
-from flexmb.engine.algebra.rotation import tangent_coefficients
-from flexmb.engine.algebra.vector import copy, inner, outer, part, plus, put_part, weighted_size
+from flexmb.engine.algebra.vector import (
+    copy,
+    inner,
+    outer,
+    part,
+    plus,
+    put_part,
+    tangent_coefficients,
+    weighted_size,
+)
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     constraint_stage,
+    least_pivot,
     position_stage,
+    put_metric,
     rate_stage,
     velocity_stage,
 )
@@ -37,7 +47,6 @@ from flexmb.engine.integrators.runge_kutta import (
     put_slopes,
     tableau_of,
 )
-from flexmb.engine.iteration_matrix import least_pivot, put_metric
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import (

@@ -3,22 +3,26 @@
 The constraints hold at the stages; the velocities of the new point are put on theirs in the metric
 of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
 motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
-ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton solves one real and one complex system
-(`integrators.collocation`). The error is estimated by an embedded formula of order 3, filtered by
-S(h/γ)⁻¹ M. Stiff modes are damped, not resolved. Hairer & Wanner, Solving Ordinary Differential
-Equations II, 1996, §IV.8; for constraints Hairer, Lubich & Roche, The Numerical Solution of
-Differential-Algebraic Systems by Runge–Kutta Methods, 1989, §6.
+ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. With A⁻¹ = V diag(γ, μ, μ̄) V⁻¹ simplified Newton solves one real
+and one complex system,
+
+    S(c) = [[M + c ∂F/∂v + c² ∂F/∂q, Cqᵀ], [Cq, −ε]],   c = h/γ and c = h/μ.
+
+The error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹ M. Stiff modes are
+damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
+constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
+Runge–Kutta Methods, 1989, §6.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from flexmb.engine import method
-from flexmb.engine.algebra.rotation import tangent_coefficients
+from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import (
     copy,
     inner,
@@ -27,25 +31,164 @@ from flexmb.engine.algebra.vector import (
     plus,
     put_part,
     scaled_size,
+    tangent_coefficients,
     weighted_size,
 )
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
-from flexmb.engine.equations_of_motion import residual
-from flexmb.engine.integrators.collocation import (
-    STAGES,
-    Radau,
-    correct_stages,
-    factorise_stages,
-    filter_motion,
+from flexmb.engine.equations_of_motion import (
+    REFACTOR_ABOVE,
+    give_up,
+    keep_diagonal,
+    put_matrix,
+    put_rows,
+    residual,
+    walk,
 )
-from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, give_up
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import Method
+from flexmb.engine.method import (
+    FINE,
+    Method,
+)
 from flexmb.engine.projection import POSITIONS, accelerations
+from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
+
+STAGES = 3
+
+
+class Radau(NamedTuple):
+    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, and those of the error estimate."""
+
+    A: Matrix  # (3, 3)
+    inverse: Matrix  # (3, 3)
+    c: Vector  # (3,)
+    gamma: float
+    filter: float  # 1/γ²
+    mu_real: float
+    mu_imag: float
+    to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
+    back: Matrix  # (3, 3) columns of V: of γ; of μ twice the real, less twice the imaginary part
+    error: Vector  # (3,) weights of the increments of the stages
+
+
+@unit
+def factorise_stages(run: Run, radau: Radau, h: float) -> int:
+    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
+    fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
+    pair, memory = col.pair, run.state.memory[0]
+    n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
+    x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
+    fac.symmetric[0] = int(memory["symmetric"])
+    for i in range(pair.low.shape[0]):
+        pair.low[i] = pair.up[i] = 0.0
+    put_matrix(run, at, 0.0, 0.0)
+    _add_matrix(pair, fac, -1j)
+    put_matrix(run, at, y, 2.0 * x * y)
+    _add_matrix(pair, fac, 1j)
+    put_matrix(run, at, x, x * x - y * y)
+    _add_matrix(pair, fac, 1.0 + 0j)
+    c = h / radau.gamma
+    put_matrix(run, at, c, c * c)
+    _add_matrix(pair, fac, -1.0 + 0j)
+    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
+    put_rows(run, at, c, c * c)
+    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
+    run.state.count[0]["regularised_pivots"] += ldl.factor(kkt, fac)
+    real = col.real
+    copy(fac.low, real.low)
+    copy(fac.up, real.up)
+    copy(fac.d, real.d)
+    copy(fac.eps, real.eps)
+    real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
+    ldl.factor_complex(kkt, pair)
+    run.state.count[0]["factorisations"] += 2
+    memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
+    return FINE
+
+
+@kernel
+def _add_matrix(pair, fac, f):
+    """pair += f times the assembled matrix."""
+    for i in range(pair.low.shape[0]):
+        pair.low[i] += f * fac.low[i]
+        pair.up[i] += f * fac.up[i]
+
+
+@kernel
+def correct_stages(run, radau, h):
+    """Newton correction of all stages, into their motions and multipliers; its two sizes."""
+    st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
+    place, nv = kkt.place, st.v.shape[0]
+    real, pair, to, back = col.real, col.pair, radau.to, radau.back
+    x, z, eps = real.sol, pair.sol, real.eps
+    c = h / radau.gamma
+    m = h / complex(radau.mu_real, radau.mu_imag)
+    for k in range(nv):
+        r, p, q = _transformed(to, col.res, k)
+        x[place[k]] = -c * c * r
+        z[place[k]] = -m * m * complex(p, q)
+    for k in range(st.lam.shape[0]):
+        # Regularised towards those that the points before share the least among redundant rows;
+        # towards zero each step would yield to its reactions.
+        i = place[nv + k]
+        r, p, q = _transformed(to, col.gap, k)
+        lr, lp, lq = _transformed(to, col.lam, k)
+        nr, np_, nq = _transformed(to, col.next_lam, k)
+        x[i] = eps[i] * c * c * (lr - nr) - r
+        z[i] = eps[i] * m * m * complex(lp - np_, lq - nq) - complex(p, q)
+    ldl.solve(kkt, real, x)
+    ldl.solve_complex(kkt, pair)
+    for k in range(nv):
+        r, y = x[place[k]], z[place[k]]
+        for i in range(STAGES):
+            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
+            col.u[i, k] += d
+            col.change[i, k] = d
+    for k in range(st.lam.shape[0]):
+        i = place[nv + k]
+        r, y = x[i] / (c * c), z[i] / (m * m)
+        for n in range(STAGES):
+            col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
+    size, moved = 0.0, 0.0
+    for i in range(STAGES):
+        moved = max(moved, weighted_size(col.change[i], weights))
+        if run.settings.step == 0.0:
+            size = max(size, scaled_size(col.change[i], weights, st.motion, 0.0))
+            size = max(size, scaled_size(col.change[i], weights, st.speed, 0.0) / h)
+    if run.settings.step > 0.0:
+        size = moved
+    return size, moved
+
+
+@kernel
+def _transformed(to, rows, k):
+    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
+    a, b, c = rows[0, k], rows[1, k], rows[2, k]
+    return (
+        to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
+        to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
+        to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
+    )
+
+
+@unit
+def filter_motion(run: Run, x: Vector) -> int:
+    """x becomes S(h/γ)⁻¹ M x."""
+    tr, real, kkt = run.work.trial, run.work.collocation.real, run.system.kkt
+    nv, place = x.shape[0], kkt.place
+    copy(x, tr.res)
+    walk(run.stages.mass, run, run.trial_point)
+    copy(run.work.factor.sol, real.sol)
+    for k in range(run.work.con.C.shape[0]):
+        real.sol[place[nv + k]] = 0.0
+    ldl.solve(kkt, real, real.sol)
+    for k in range(nv):
+        x[k] = real.sol[place[k]]
+    return FINE
+
 
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.005

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine.algebra.blocks import clear, put_jacobian_row, row_compliance
-from flexmb.engine.algebra.rotation import transform_back
-from flexmb.engine.algebra.vector import put
+from flexmb.engine.algebra.ldl import put_jacobian_row, row_compliance
+from flexmb.engine.algebra.vector import clear, put, transform_back, wrapped
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
 from flexmb.engine.jit import call_stage, kernel, unit
 from flexmb.engine.joints.row import (
@@ -19,7 +18,6 @@ from flexmb.engine.joints.row import (
     rate,
     row_curvature,
     row_value,
-    wrapped,
 )
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE

@@ -17,22 +17,29 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.bodies.marker import MarkerTable
-from flexmb.engine.joints.coordinate import Scalar
-from flexmb.engine.joints.coupler import CoupledRow, coupled_rows, coupled_scalars, screw_rows
+from flexmb.engine.joints import DISTANCE, POINT, ROW_KINDS
+from flexmb.engine.joints.coordinate import (
+    CoupledRow,
+    Scalar,
+    coupled_rows,
+    coupled_scalars,
+    screw_rows,
+)
 from flexmb.engine.joints.curve import JointContext, curve_joint
 from flexmb.engine.joints.curve_marker import CurvePoints
-from flexmb.engine.joints.driver import Ends, driver_functions, marker_rows
 from flexmb.engine.joints.joint import (
     JOINT_ROWS,
     SECOND_TURN,
     STROKE,
+    Ends,
     Row,
     composite_rows,
+    driver_functions,
     driver_row,
+    marker_rows,
     planar_joint,
     row_constant,
 )
-from flexmb.engine.row_kinds import DISTANCE, POINT, ROW_KINDS
 from flexmb.engine.tables import COUPLED_COORDINATE, ROW, Functions
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.geometry import marker_frame
+from flexmb.engine.joints import DOT1, DOT2, POINT
 from flexmb.engine.joints.curve_marker import Contact, CurvePoint, CurvePoints
-from flexmb.engine.row_kinds import DOT1, DOT2, POINT
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.joints.curve import CurveShape, curve_shape

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.rotation import cross, transform, transform_back
-from flexmb.engine.algebra.vector import put
+from flexmb.engine.algebra.vector import cross, put, transform, transform_back
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_tangent

@@ -18,8 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.rotation import cross, transform_back
-from flexmb.engine.algebra.vector import axis_vector, column, inner, outer, put_part, times
+from flexmb.engine.algebra.vector import (
+    axis_vector,
+    column,
+    cross,
+    inner,
+    outer,
+    put_part,
+    times,
+    transform_back,
+)
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.row import (
     add_distance,

@@ -1,7 +1,17 @@
-"""Constraint rows of any kind: calls of their units, and the dot products they are made of.
+"""Constraint rows: calls of their units, and the rows about axes and lines of two markers.
 
-Dot products are between axes of two markers and their separation: values, rates and tangents.
-H (12, 12) is as in `engine.kind.RowKind`.
+With h = x_J − x_I, a = column a of R_I and b = column b of R_J, in the last two a = z_I, b = z_J:
+
+    DOT1      a·b                 two axes keep their angle, 90 deg for 0
+    ANGLE     atan2(y_I·b, x_I·b) angle of b about z_I from x_I, within ±π
+    TWIST     x_I·y_J − y_I·x_J   no twist about the bisector of z_I and z_J: zero for shafts that
+                                  turn with equal speed at any angle
+    RADIAL    |h − (a·h) a|       distance of the point J from the line a through I
+    MOMENT    h·(a × b)           mutual moment: distance of the lines by the sine of their angle
+
+What a row is, H (12, 12), and the meaning of the units: `engine.kind.RowKind`. Sources: Haug,
+Computer Aided Kinematics and Dynamics, 1989, ch. 9; of the homokinetic condition Shabana, Dynamics
+of Multibody Systems, ch. 3; of the mutual moment Selig, Geometric Fundamentals of Robotics, ch. 6.
 """
 
 from __future__ import annotations
@@ -10,20 +20,24 @@ import math
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import add_column, add_skew
-from flexmb.engine.algebra.vector import inner, outer, put_part, times, triple
+from flexmb.engine.algebra.vector import (
+    add_column,
+    add_skew,
+    add_skew_product,
+    axis_vector,
+    column,
+    inner,
+    outer,
+    plus,
+    put_part,
+    times,
+    triple,
+)
 from flexmb.engine.jit import call_row, call_row_tangent, call_row_value, kernel, unit
+from flexmb.engine.kind import RowKind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Matrix
-
-_TURN = 2.0 * math.pi
-
-
-@kernel
-def wrapped(angle):
-    """Angle within ±π."""
-    return angle - _TURN * np.floor(angle / _TURN + 0.5)
-
+from flexmb.engine.state import RowWork
 
 # `row` below is a row of constraints, or a term of a sensor that measures as one does.
 
@@ -114,25 +128,16 @@ def dot_rates(a, omi, b, omj):
     return inner(a1, b) + inner(a, b1), inner(a2, b) + inner(a, b2) + 2.0 * inner(a1, b1)
 
 
-@kernel
-def _add_skew_product(H, i, j, f, p, q):
-    """Add f p~ q~ = f (q pᵀ − (p·q) I) to the 3 × 3 block at (i, j)."""
-    dot = f * inner(p, q)
-    for k in range(3):
-        add_column(H, i, j + k, f * p[k], q)
-        H[i + k, j + k] -= dot
-
-
 @unit
 def add_dot(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, f: float, H: Matrix
 ) -> int:
     """f times the tangent of a·b."""
     a, b = (ax, ay, az), (bx, by, bz)
-    _add_skew_product(H, 3, 3, f, b, a)
-    _add_skew_product(H, 3, 9, -f, a, b)
-    _add_skew_product(H, 9, 9, f, a, b)
-    _add_skew_product(H, 9, 3, -f, b, a)
+    add_skew_product(H, 3, 3, f, b, a)
+    add_skew_product(H, 3, 9, -f, a, b)
+    add_skew_product(H, 9, 9, f, a, b)
+    add_skew_product(H, 9, 3, -f, b, a)
     return FINE
 
 
@@ -141,7 +146,7 @@ def add_dot2(a, h, f, H):
     """f times the tangent of a·h."""
     add_skew(H, 0, 3, f, a)
     add_skew(H, 6, 3, -f, a)
-    _add_skew_product(H, 3, 3, f, h, a)
+    add_skew_product(H, 3, 3, f, h, a)
     add_skew(H, 3, 6, f, a)
     add_skew(H, 3, 0, -f, a)
 
@@ -162,3 +167,273 @@ def add_distance(f, H):
         H[6 + k, 6 + k] += f
         H[k, 6 + k] -= f
         H[6 + k, k] -= f
+
+
+_X, _Y = 0, 1
+
+
+@unit
+def dot1_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """a·b."""
+    return dot_columns(at.marker[i]["R"], a, at.marker[j]["R"], b)  # type: ignore[no-any-return]
+
+
+@unit
+def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of a·b."""
+    put_pair(at.g, 3, outer(column(at.marker[j]["R"], b), column(at.marker[i]["R"], a)))
+    return FINE
+
+
+@unit
+def dot1_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of a·b."""
+    mi, mj = at.marker[i], at.marker[j]
+    _, second = dot_rates(column(mi["R"], a), mi["om"], column(mj["R"], b), mj["om"])
+    return second  # type: ignore[no-any-return]
+
+
+@unit
+def dot1_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of a·b."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    add_dot(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b], f, at.H)
+    return FINE
+
+
+DOT1 = RowKind(
+    "axes {a} and {b}", dot1_value, dot1_gradient, dot1_curvature, dot1_tangent, angular=True
+)
+
+
+@unit
+def angle_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Angle θ of b about z_I from x_I, within ±π."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    return math.atan2(dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b))
+
+
+@kernel
+def _across_and_along(Ri, Rj, b):
+    """u and v, axes of I across and along b in its plane x, y, over the length of b there.
+
+    With both fixed to I, θ̇ is the rate of u·b, and that of the length over the length is that of
+    v·b.
+    """
+    s, c = dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b)
+    n = 1.0 / (s * s + c * c)
+    x, y = column(Ri, _X), column(Ri, _Y)
+    return plus(times(n * c, y), -n * s, x), plus(times(n * c, x), n * s, y)
+
+
+@unit
+def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of θ, b × u."""
+    Rj = at.marker[j]["R"]
+    u, _ = _across_and_along(at.marker[i]["R"], Rj, b)
+    put_pair(at.g, 3, outer(column(Rj, b), u))
+    return FINE
+
+
+@unit
+def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of θ: (u·b)¨ − 2 (u·b)˙ (v·b)˙, with u and v fixed to I."""
+    mi, mj = at.marker[i], at.marker[j]
+    axis, p, q = column(mj["R"], b), triple(mi["om"]), triple(mj["om"])
+    u, v = _across_and_along(mi["R"], mj["R"], b)
+    first, second = dot_rates(u, p, axis, q)
+    growth = inner(plus(q, -1.0, p), outer(axis, v))
+    return second - 2.0 * first * growth  # type: ignore[no-any-return]
+
+
+@unit
+def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of θ: that of u·b with u fixed to I, less that of its length and turn."""
+    g, H, Rj = at.g, at.H, at.marker[j]["R"]
+    axis = column(Rj, b)
+    u, v = _across_and_along(at.marker[i]["R"], Rj, b)
+    add_dot(u[0], u[1], u[2], axis[0], axis[1], axis[2], f, H)
+    put_part(g, 0, outer(axis, u))
+    put_part(g, 3, outer(axis, v))
+    for k in range(3):
+        for m in range(3):
+            e = f * (g[k] * g[3 + m] + g[3 + k] * g[m])
+            H[3 + k, 3 + m] -= e
+            H[3 + k, 9 + m] += e
+            H[9 + k, 3 + m] += e
+            H[9 + k, 9 + m] -= e
+    return FINE
+
+
+ANGLE = RowKind(
+    "angle", angle_value, angle_gradient, angle_curvature, angle_tangent,
+    angular=True, period=2.0 * math.pi,
+)  # fmt: skip
+
+
+@unit
+def twist_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """x_I·y_J − y_I·x_J."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    return dot_columns(Ri, _X, Rj, _Y) - dot_columns(Ri, _Y, Rj, _X)  # type: ignore[no-any-return]
+
+
+@unit
+def twist_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of x_I·y_J − y_I·x_J."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    first = outer(column(Ri, _Y), column(Rj, _X))
+    put_pair(at.g, 3, plus(first, -1.0, outer(column(Ri, _X), column(Rj, _Y))))
+    return FINE
+
+
+@unit
+def twist_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of x_I·y_J − y_I·x_J."""
+    mi, mj = at.marker[i], at.marker[j]
+    R, S = mi["R"], mj["R"]
+    _, first = dot_rates(column(R, _X), mi["om"], column(S, _Y), mj["om"])
+    _, second = dot_rates(column(R, _Y), mi["om"], column(S, _X), mj["om"])
+    return first - second  # type: ignore[no-any-return]
+
+
+@unit
+def twist_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of x_I·y_J − y_I·x_J."""
+    Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
+    for k in range(2):
+        m, sign = 1 - k, 1.0 - 2.0 * k
+        add_dot(Ri[0, k], Ri[1, k], Ri[2, k], Rj[0, m], Rj[1, m], Rj[2, m], sign * f, at.H)
+    return FINE
+
+
+TWIST = RowKind("twist", twist_value, twist_gradient, twist_curvature, twist_tangent, angular=True)
+
+
+_Z = 2
+
+
+@kernel
+def _across(mi, mj):
+    """h, its part normal to a, and the length of the part along a."""
+    a, h = column(mi["R"], _Z), separation(mi, mj)
+    s = inner(a, h)
+    return h, plus(h, -s, a), s
+
+
+@unit
+def radial_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Distance of J from the line through I."""
+    _, p, _ = _across(at.marker[i], at.marker[j])
+    return math.sqrt(inner(p, p))
+
+
+@kernel
+def _put_radial_gradient(mi, mj, g):
+    """Put the gradient of the distance into g (12)."""
+    _, p, s = _across(mi, mj)
+    n = times(1.0 / np.sqrt(inner(p, p)), p)
+    put_pair(g, 0, n)
+    put_part(g, 3, times(-s, outer(column(mi["R"], _Z), n)))
+
+
+@unit
+def radial_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of the distance; not finite where it is zero."""
+    _put_radial_gradient(at.marker[i], at.marker[j], at.g)
+    return FINE
+
+
+@unit
+def radial_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of the distance."""
+    mi, mj = at.marker[i], at.marker[j]
+    axis, u = column(mi["R"], _Z), relative_velocity(mi, mj)
+    first, second = vector_rates(axis, mi["om"])
+    h, n, s = _across(mi, mj)
+    d = math.sqrt(inner(n, n))
+    s1 = inner(first, h) + inner(axis, u)
+    s2 = inner(second, h) + 2.0 * inner(first, u)
+    d1 = (inner(h, u) - s * s1) / d
+    return (inner(u, u) - s1 * s1 - s * s2 - d1 * d1) / d  # type: ignore[no-any-return]
+
+
+@unit
+def radial_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of d, from that of d²/2 = h·h/2 − s²/2 with s = a·h."""
+    mi, mj, g, H = at.marker[i], at.marker[j], at.g, at.H
+    axis = column(mi["R"], _Z)
+    h, p, s = _across(mi, mj)
+    f /= math.sqrt(inner(p, p))
+    put_pair(g, 0, axis)
+    put_part(g, 3, outer(axis, h))
+    subtract_square(g, f, H)
+    add_dot2(axis, h, -f * s, H)
+    add_distance(f, H)
+    _put_radial_gradient(mi, mj, g)
+    subtract_square(g, f, H)
+    return FINE
+
+
+RADIAL = RowKind(
+    "distance from the axis", radial_value, radial_gradient, radial_curvature, radial_tangent,
+    is_distance=True,
+)  # fmt: skip
+
+
+@unit
+def moment_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """h·(a × b)."""
+    mi, mj = at.marker[i], at.marker[j]
+    return inner(separation(mi, mj), outer(column(mi["R"], _Z), column(mj["R"], _Z)))  # type: ignore[no-any-return]
+
+
+@unit
+def moment_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
+    """Gradient of h·(a × b)."""
+    g, mi, mj = at.g, at.marker[i], at.marker[j]
+    u, v, h = column(mi["R"], _Z), column(mj["R"], _Z), separation(mi, mj)
+    put_pair(g, 0, outer(u, v))
+    put_part(g, 3, outer(u, outer(v, h)))
+    put_part(g, 9, outer(v, outer(h, u)))
+    return FINE
+
+
+@unit
+def moment_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
+    """Second derivative of h·(a × b)."""
+    mi, mj = at.marker[i], at.marker[j]
+    u, v = column(mi["R"], _Z), column(mj["R"], _Z)
+    u1, u2 = vector_rates(u, mi["om"])
+    v1, v2 = vector_rates(v, mj["om"])
+    first = plus(outer(u1, v), 1.0, outer(u, v1))
+    second = plus(plus(outer(u2, v), 2.0, outer(u1, v1)), 1.0, outer(u, v2))
+    return 2.0 * inner(relative_velocity(mi, mj), first) + inner(separation(mi, mj), second)  # type: ignore[no-any-return]
+
+
+@unit
+def moment_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
+    """f times the tangent of h·(a × b), column by column."""
+    mi, mj, H = at.marker[i], at.marker[j], at.H
+    u, v, h = column(mi["R"], _Z), column(mj["R"], _Z), separation(mi, mj)
+    vh, hu = outer(v, h), outer(h, u)
+    for k in range(3):
+        e = axis_vector(k)
+        ue, ve = outer(u, e), outer(v, e)
+        vue, uve = outer(v, ue), outer(u, ve)
+        for side in range(2):  # columns of x_I, then of x_J
+            sign = f * (2.0 * side - 1.0)
+            add_column(H, 3, 6 * side + k, sign, uve)
+            add_column(H, 9, 6 * side + k, -sign, vue)
+            add_column(H, 6 * side, 3 + k, sign, vue)
+            add_column(H, 6 * side, 9 + k, -sign, uve)
+        add_column(H, 3, 3 + k, f, outer(vh, ue))
+        add_column(H, 3, 9 + k, f, outer(u, outer(h, ve)))
+        add_column(H, 9, 3 + k, -f, outer(v, outer(h, ue)))
+        add_column(H, 9, 9 + k, f, outer(hu, ve))
+    return FINE
+
+
+MOMENT = RowKind(
+    "distance of the axes", moment_value, moment_gradient, moment_curvature, moment_tangent
+)

@@ -21,16 +21,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import clear
 from flexmb.engine.bodies import wrench
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.equations_of_motion import bias_stage, velocity_stage
-from flexmb.engine.functions.function import run_program
+from flexmb.engine.function import run_program
 from flexmb.engine.jit import call_channel, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers, array_of
-from flexmb.engine.sensor_kinds import CHANNEL_KINDS, MEASURES
+from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.sensors.sensor import channel_value
 from flexmb.engine.state import Point, Run
 

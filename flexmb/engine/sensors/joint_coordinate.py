@@ -8,21 +8,20 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from flexmb.engine.algebra.blocks import clear
+from flexmb.engine.algebra.vector import clear, wrapped
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.jit import kernel, unit
+from flexmb.engine.joints import DISTANCE, ROW_KINDS
 from flexmb.engine.joints.row import (
     add_row_tangent,
     put_row_gradient,
     rate,
     row_curvature,
     row_value,
-    wrapped,
 )
 from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.records import Integers
-from flexmb.engine.row_kinds import DISTANCE, ROW_KINDS
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
 

@@ -2,7 +2,7 @@
 
 A channel is a sum of terms, a state, a place on a curve, an energy, a component of the wrench of an
 element, or an expression of other channels. Numbers of measures and of kinds of channels are those
-of `engine.sensor_kinds`.
+of `engine.sensors`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.flexible_body import body_energy
 from flexmb.engine.equations_of_motion import walk
-from flexmb.engine.functions.function import lower, run_program
+from flexmb.engine.function import lower, run_program
 from flexmb.engine.jit import call_channel, kernel, unit
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+import scipy  # scipy.spatial is loaded where it is used
 from scipy.linalg import eigh, qr
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
-from scipy.spatial import cKDTree
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -209,7 +209,7 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
     points = fe.mesh.points[nodes]
     images = points.copy()
     images[:, normal] = 2 * fe.center[normal] - images[:, normal]
-    distance, twin = cKDTree(points).query(images)
+    distance, twin = scipy.spatial.cKDTree(points).query(images)
     exact = distance <= _EQUAL_POINTS * np.ptp(points, axis=0).max()
     rows, columns, weights = [nodes[exact]], [nodes[twin[exact]]], [np.ones(exact.sum())]
     for start in range(0, (~exact).sum(), _BATCH):
@@ -293,7 +293,7 @@ def _fit_nodes(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
     carrying = fe.numbering.nodes
     points = fe.mesh.points[carrying]
     count = min(_NEIGHBOURS, len(points))
-    near = cKDTree(points).query(at, count)[1].reshape(len(at), count)
+    near = scipy.spatial.cKDTree(points).query(at, count)[1].reshape(len(at), count)
     nodes = np.full((len(at), _NEIGHBOURS), carrying[0])
     weights = np.zeros((len(at), _NEIGHBOURS))
     nodes[:, :count], weights[:, :count] = carrying[near], fit_weights(points[near], at)
@@ -306,7 +306,7 @@ def _in_tets(
     """The tetrahedron around each place, its ten shape functions there, and how far it is."""
     corners = points[tets[:, :4]]
     count = min(_CANDIDATES, len(tets))
-    near = cKDTree(corners.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
+    near = scipy.spatial.cKDTree(corners.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
     edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
     arms = at[:, None] - corners[near, 0]
     local = np.linalg.solve(edges[near], arms[..., None])[..., 0]
@@ -327,7 +327,7 @@ def _on_lines(
     """The line element nearest to each place, its two linear shares there, and how far it is."""
     ends = points[lines]
     count = min(_CANDIDATES, len(lines))
-    near = cKDTree(ends.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
+    near = scipy.spatial.cKDTree(ends.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
     start, along = ends[near, 0], ends[near, 1] - ends[near, 0]
     share = np.sum((at[:, None] - start) * along, axis=2) / np.sum(along**2, axis=2)
     share = np.clip(share, 0.0, 1.0)

@@ -9,7 +9,7 @@ from generators import ROWS, Mechanism, cloud, interface
 
 from flexmb.engine.bodies.flexible_body import modal_block
 from flexmb.engine.compile import compile_system, fingerprint
-from flexmb.engine.row_kinds import ANGLE, DOT2, POINT
+from flexmb.engine.joints import ANGLE, DOT2, POINT
 from flexmb.engine.tables import FLEX_LAYOUT
 from flexmb.errors import SceneError
 from flexmb.flexbody import load, save

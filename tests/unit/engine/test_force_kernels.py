@@ -11,7 +11,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolato
 from scipy.spatial.transform import Rotation
 
 from flexmb.engine.forces import relative_motion, spring_damper
-from flexmb.engine.functions.function import lower, run_program, stack_for
+from flexmb.engine.function import lower, run_program, stack_for
 from flexmb.engine.units import call
 from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse

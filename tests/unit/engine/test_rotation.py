@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from flexmb.engine.algebra.rotation import tangent_coefficients
+from flexmb.engine.algebra.vector import tangent_coefficients
 
 
 def series(x):

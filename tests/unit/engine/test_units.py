@@ -16,11 +16,10 @@ from coldcache import MOVE, SOLVE, empty_cache  # noqa: F401  a fixture
 from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 
-from flexmb.engine import compiler_pool, unit_cache, units
+from flexmb.engine import compiler_pool, function, unit_cache, units
 from flexmb.engine.algebra import ldl
 from flexmb.engine.bodies import motion
 from flexmb.engine.entries import all_units
-from flexmb.engine.functions import function
 from flexmb.engine.jit import UNITS
 from flexmb.engine.units import call, missing_units, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
@@ -72,7 +71,7 @@ print(json.dumps({u.name: [unit_file(u.name), [p.name for p in sources_of(u.modu
 
 
 def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
-    """An edited kernel of one kind leaves all others in the cache; one of rotations does not."""
+    """An edited kernel of one kind leaves all others in the cache; one of vectors does not."""
     shutil.copytree(
         project / "flexmb", tmp_path / "flexmb", ignore=shutil.ignore_patterns("__pycache__")
     )
@@ -90,8 +89,8 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
     count = len(names)
     assert 3 <= len(bushing) <= 8 < count
     assert all("bushing" in name for name in bushing)
-    rotation, _ = changed("algebra/rotation.py", after)
-    assert len(bushing) < len(rotation) < count
+    vectors, _ = changed("algebra/vector.py", after)
+    assert len(bushing) < len(vectors) < count
 
 
 def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cache):

@@ -10,9 +10,18 @@ from flexmb.engine.entries import integration_units, prepare_integration
 from flexmb.engine.integrators import make_integrator
 
 RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rates"}
-FORCES_OF_TIME = {"forces.load", "functions.function.evaluate_functions"}
-SLIDER_CRANK = {"functions.function.evaluate_functions", "joints.axis_rows", "joints.row",
-                "sensors.joint_coordinate", "sensors.marker_motion",
+FORCES_OF_TIME = {"forces.load", "function.evaluate_functions"}
+
+
+def row_units(*rows):
+    """The units of kinds of rows."""
+    units = ("value", "gradient", "curvature", "tangent")
+    return {f"joints.row.{row}_{unit}" for row in rows for unit in units}
+
+
+AXIS_ROWS = row_units("dot1", "angle") | {"joints.row.add_dot"}
+SLIDER_CRANK = AXIS_ROWS | {
+                "function.evaluate_functions", "sensors.joint_coordinate", "sensors.marker_motion",
                 "sensors.sensor.sum_of_terms"}  # fmt: skip
 # Modules whose units a scene with one more element calls, and the same scene without it does not.
 # Beside them any element may need markers with axes, where the chain has points only. Jumps in time
@@ -23,10 +32,9 @@ OWN = {
     "law": RATES | {"forces.force_characteristic", "forces.spring_damper.integral"},
     "bushing": RATES | {"forces.bushing", "forces.relative_motion"},
     "contact": RATES | {"forces.contact"},
-    "revolute joint": {"joints.axis_rows", "joints.row"},
-    "joint friction": {"forces.joint_friction", "joints.axis_rows", "joints.coordinate",
-                       "joints.row"},
-    "line row": {"joints.line_rows"},
+    "revolute joint": row_units("dot1") | {"joints.row.add_dot"},
+    "joint friction": AXIS_ROWS | {"forces.joint_friction", "joints.coordinate"},
+    "line row": row_units("radial"),
     "cam": {"joints.coordinate", "joints.curve_marker"},
     "expression": FORCES_OF_TIME | {"sensors.feedback", "sensors.marker_motion",
                                     "sensors.sensor.sum_of_terms"},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.forces.normal_force import damping_factor
+from flexmb.engine.forces.contact_pair import damping_factor
 from flexmb.model import Model
 
 

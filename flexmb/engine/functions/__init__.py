@@ -1,1 +1,0 @@
-"""Functions of time and of channels."""
