@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 260,
-    "lines": 50_000,
+    "lines": 60_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -28,8 +28,8 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-FILES_OF_MAIN_JOB = 120
-NOT_YET = pytest.mark.xfail(strict=False, reason="the package is being restructured")
+# The aims are 50 000 lines and 120 files; these are held on the way.
+FILES_OF_MAIN_JOB = 145
 
 
 def files_with_all() -> list[str]:
@@ -45,10 +45,7 @@ def files_with_all() -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    "figure",
-    [pytest.param(name, marks=NOT_YET if name in ("files", "lines") else ()) for name in LARGEST],
-)
+@pytest.mark.parametrize("figure", LARGEST)
 def test_the_package_stays_as_small_as_promised(figure: str) -> None:
     assert FIGURES[figure]() <= LARGEST[figure]
 
@@ -59,7 +56,6 @@ def test_no_modules_import_one_another_in_a_circle() -> None:
 
 
 @pytest.mark.slow
-@NOT_YET
 def test_the_main_job_runs_through_few_files() -> None:
     """From mesh to picture: the flexible beam that ``flexmb new`` writes."""
     seen = structure.files_of_main_job()
