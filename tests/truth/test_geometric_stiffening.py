@@ -1,4 +1,4 @@
-"""Geometric stiffening against rotating beams, a spin-up and Euler's columns of the literature."""
+"""Geometric stiffening against rotating beams, a spin-up and columns under load."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def test_a_cantilever_vibrates_as_fast_as_its_speed_makes_it():
     assert main_frequency(t, c * y - s * x) == pytest.approx(lag, rel=2e-3)
 
 
-def test_a_spin_up_bends_a_blade_as_published():
-    """Kane, Ryan & Banerjee's manoeuvre to 1.6 times the first frequency; planar."""
+def test_a_spin_up_bends_a_blade_as_a_ritz_model_says():
+    """Kane, Ryan & Banerjee's manoeuvre, planar, beside modes of stretch and foreshortening."""
     of, law = (
         REFERENCE["spin_up"]["params"],
         "{Os}/{Ts}*(t**2/2-({Ts}/(2*pi))**2*(1-cos(2*pi*t/{Ts})))",
