@@ -251,6 +251,13 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
     if body.m and bends | {body.centrifugal_stiffness is not None} == {False, True}:
         what = "geometric stiffening needs both the centrifugal loads and a bend of each interface"
         check.add("centrifugal_stiffness", f"{what}: one of them alone is wrong")
+    forms = {"centrifugal_stiffness": body.centrifugal_stiffness}
+    forms |= {f"interface {part.name}.bend": part.bend for part in body.interfaces}
+    for name, form in forms.items():
+        if form is not None and not all(
+            _symmetric(one) for one in form.reshape(-1, *form.shape[-2:])
+        ):
+            check.add(name, "is not symmetric in the modes: the body would make energy")
     for field_ in ("interfaces", "loads"):
         names = [part.name for part in getattr(body, field_)]
         for name in sorted({name for name in names if names.count(name) > 1}):

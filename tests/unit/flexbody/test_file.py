@@ -134,6 +134,15 @@ def test_half_of_the_geometric_stiffness_is_refused(tmp_path, half):
         load(path)
 
 
+@pytest.mark.parametrize("form", ["stiffness/centrifugal_stiffness", "interfaces/bend"])
+def test_geometric_stiffness_that_would_make_energy_is_refused(tmp_path, form):
+    path = save(loaded(), tmp_path / "damaged.h5")
+    with h5py.File(path, "r+") as file:
+        file[form][0, 0, 0, 1] += 1e3
+    with pytest.raises(BodyFileError, match="is not symmetric in the modes"):
+        load(path)
+
+
 def test_files_that_are_no_bodies(tmp_path):
     with pytest.raises(BodyFileError, match="there is no such file"):
         load(tmp_path / "none.h5")
