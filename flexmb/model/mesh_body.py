@@ -11,7 +11,7 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field, SerializationInfo, ValidationInfo, model_validator
+from pydantic import Field, SerializationInfo, StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.flexbody.mesh_options import (
@@ -194,7 +194,7 @@ class MeshBodySpec(BodySpec):
     damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
-    geometric_stiffening: bool = False
+    geometric_stiffening: StrictBool = False
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

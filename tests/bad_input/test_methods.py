@@ -12,6 +12,7 @@ from flexmb.engine.entries import sentence
 from flexmb.engine.integrators.coordinate_partitioning import choose_independent
 from flexmb.engine.method import FINE, NO_PARTITION
 from flexmb.engine.units import call
+from flexmb.errors import SceneError
 from flexmb.model import Model
 
 EXPLICIT = ("explicit-rk", "baumgarte", "coordinate-partitioning")
@@ -72,3 +73,9 @@ def test_a_choice_of_coordinates_that_does_not_exist():
     text = sentence(NO_PARTITION, compiled, run.work, 0.5)
     assert text.startswith("at t = 0.5 s no choice of independent coordinates")
     assert "explicit-rk" in text
+
+
+@pytest.mark.parametrize("value", ["yes", "true", 1, 0, 1.0])
+def test_true_and_false_alone_are_true_and_false(value):
+    with pytest.raises(SceneError, match="dynamics.verify: true or false is expected"):
+        Model("m").set_dynamics(duration=1.0, verify=value)

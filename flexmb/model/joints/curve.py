@@ -17,7 +17,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_validator
+from pydantic import BeforeValidator, SerializationInfo, StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.derivatives import evaluate
@@ -98,7 +98,7 @@ class CurveSpec(Component):
     range: tuple[Number, Number] = (0.0, 2 * np.pi)
     circle: Size | None = None
     center: tuple[Length, Length] = (0.0, 0.0)
-    closed: bool = False
+    closed: StrictBool = False
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:

@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import StrictBool, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model import lookup
@@ -119,7 +119,7 @@ class GearSpec(RollingCoupler):
     teeth: tuple[_Teeth, _Teeth] | None = None
     radii: tuple[Size, Size] | None = None
     ratio: Number | None = None
-    internal: bool = False
+    internal: StrictBool = False
     joint_types = (_WHEEL_JOINTS, _WHEEL_JOINTS)
     nouns = ("wheel", "wheel")
 

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import repeat
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import SerializationInfo, ValidationInfo, model_validator
+from pydantic import SerializationInfo, StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.tabulated import check_order
@@ -207,7 +207,7 @@ class DynamicsSpec(Spec):
 
     duration: Time
     accuracy: Annotated[float, Reader(_accuracy)] | None = None
-    verify: bool | None = None
+    verify: StrictBool | None = None
     step: Time | None = None
     outputs: Annotated[int | tuple[float, ...], Reader(_outputs, _write_outputs, _OUTPUTS)] = 200
     method: MethodName = "auto"
