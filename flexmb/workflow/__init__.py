@@ -3,6 +3,7 @@
 The command line and the Python API use the same functions.
 """
 
+from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
@@ -25,14 +26,17 @@ from flexmb.workflow.run_report import CheckOutcome, RunReport
 
 __all__ = [
     "TOPICS",
+    "Audit",
     "CheckOutcome",
     "CheckReport",
+    "EffectOutcome",
     "Installation",
     "Listing",
     "ReducedBody",
     "ReducedScene",
     "RunReport",
     "Warmup",
+    "audit",
     "check_scene",
     "examine_installation",
     "flexible_bodies",
