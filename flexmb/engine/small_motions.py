@@ -1,7 +1,7 @@
 """The equations of motion at one state: residual, channels, and the matrices of small motions.
 
-With F(q, v, v̇, λ) the inertia, applied and constraint forces on the left side, small motions δ about
-a state obey M δv̇ + ∂F/∂v δv + ∂F/∂q δq + Cqᵀ δλ = −F and Cq δq = −C.
+With F(q, v, v̇, λ) the inertia, applied and constraint forces on the left side, small motions δ
+about a state obey M δv̇ + ∂F/∂v δv + ∂F/∂q δq + Cqᵀ δλ = −F and Cq δq = −C.
 """
 
 from __future__ import annotations

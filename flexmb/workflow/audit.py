@@ -10,21 +10,19 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.neighbours import DEFORMATION, Effect, Neighbours
+from flexmb.workflow.neighbours import Effect, Neighbours
 
 if TYPE_CHECKING:
-    from flexmb.analysis.effects.contribution import Contribution
-    from flexmb.model import Model
     from flexmb.results import Result
 
 Array = NDArray[np.float64]
@@ -188,8 +186,8 @@ def _check_run(run: Result) -> None:
     missing = [name for name in ("q", "v", "vd", "lam") if not run.has_columns(name)]
     if missing:
         raise ResultFileError(
-            f"{run.path}: did not store {', '.join(missing)}; an audit needs the poses, velocities, "
-            "accelerations and multipliers of all bodies: run without keep in [results]"
+            f"{run.path}: did not store {', '.join(missing)}; an audit needs the poses, "
+            "velocities, accelerations and multipliers of all bodies: run without keep in [results]"
         )
 
 
@@ -199,22 +197,20 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         verdict = UNKNOWN if effect.why else ""
         return EffectOutcome(*fixed, None, "", "", None, verdict, effect.why)
     try:
-        found, cost = effect.estimate()
+        changes, cost = effect.estimate()
     except FlexmbError as error:
         why = str(error).splitlines()[0]
         return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)
-    if not found:
+    if not changes:
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
-    worst = max(found, key=lambda one: one.share)
+    worst = max(changes, key=lambda one: one.share)
     if effect.on:
         verdict = NEEDED if worst.share > _WASTED * budget else WASTED
     else:
         verdict = MISSING if worst.share > budget else SMALL
     value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
-    shares = {one.sensor: one.share for one in found}
-    return EffectOutcome(
-        *fixed, worst.share, value, worst.sensor, cost, verdict, "", shares
-    )
+    shares = {one.sensor: one.share for one in changes}
+    return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
 
 
 def _validity(neighbours: Neighbours) -> Iterator[str]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import FlexmbError
 from flexmb.model.body import BodySpec, FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
@@ -91,12 +90,12 @@ class Neighbours:
         from flexmb.analysis.effects.indicators import indicators
 
         body = self.compiled.flexbodies[name]
-        found = indicators(self.compiled, self.motion, body, name)
-        bent = f"u/L {found.deflection:.2g}"
+        numbers = indicators(self.compiled, self.motion, body, name)
+        bent = f"u/L {numbers.deflection:.2g}"
         yield Effect(DEFORMATION, name, True, bent, lambda: self._deformation(name))
-        fast = f"f/f1 {found.excitation:.2g}"
+        fast = f"f/f1 {numbers.excitation:.2g}"
         yield Effect("vibration", name, True, fast, lambda: self._deformation(name, vibration=True))
-        yield self._stiffening(name, body, f"Ω/ω1 {found.speed:.2g}")
+        yield self._stiffening(name, body, f"Ω/ω1 {numbers.speed:.2g}")
         yield self._modes(name, body)
         if body.D is not None and np.any(body.D):
             undamped = replace(body, D=None)
@@ -151,8 +150,8 @@ class Neighbours:
 
         model = self.model if model is None else model
         other = compile_system(model, {**self.bodies, **(bodies or {})})
-        found = self._estimate(self.compiled, other, model, self.motion, shapes or {})
-        return found, _evaluation_time(other, self.motion) / self._own_time
+        changes = self._estimate(self.compiled, other, model, self.motion, shapes or {})
+        return changes, _evaluation_time(other, self.motion) / self._own_time
 
     def _estimate(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
@@ -163,9 +162,12 @@ class Neighbours:
         begins = "from" not in self._origin
         change = estimate(own, other, model, motion, shapes, begins_as_placed=begins).channels
         if vibration:
-            change = change - estimate(
-                own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
-            ).channels
+            change = (
+                change
+                - estimate(
+                    own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
+                ).channels
+            )
         return contributions(model, motion.channels, change, other.layout.channels)
 
     def _deformation(
@@ -176,9 +178,9 @@ class Neighbours:
 
         model, own, motion, seconds = self._rigid
         other = compile_system(_with_bodies(model, {name: self.bodies[name]}))
-        found = self._estimate(own, other, model, motion, {}, vibration)
+        changes = self._estimate(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
-        return found, None if vibration or not mine or not seconds else mine / seconds
+        return changes, None if vibration or not mine or not seconds else mine / seconds
 
     @cached_property
     def _rigid(self) -> tuple[Model, Compiled, Motion, float]:

@@ -90,7 +90,9 @@ def _carry_body(
         shape = np.eye(new.m)
     if shape is not None:
         back = np.linalg.pinv(shape)  # a force on the coordinates that the own ones are part of
-        q[:, new.iq + 7 : new.iq + 7 + new.m] = motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
+        q[:, new.iq + 7 : new.iq + 7 + new.m] = (
+            motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
+        )
         for (have, put), T in zip(tables, (shape.T, shape.T, back), strict=True):
             put[:, new.iv + 6 : new.iv + 6 + new.m] = have[:, old.iv + 6 : old.iv + 6 + old.m] @ T
 
@@ -145,12 +147,12 @@ def contributions(
         size = max(np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in (before, after))
         sizes[name] = unit, float(size), float(np.abs(change[:, columns]).max(initial=0.0))
         largest[unit] = max(largest.get(unit, 0.0), float(size))
-    found = []
+    result = []
     for name, (unit, size, value) in sizes.items():
         moves = size > _STANDSTILL * largest[unit]
         share = min(value / size, _UNBOUNDED) if moves else 0.0
-        found.append(Contribution(name, unit, value if moves else 0.0, share))
-    return found
+        result.append(Contribution(name, unit, value if moves else 0.0, share))
+    return result
 
 
 def estimate(

@@ -18,6 +18,7 @@ from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Row(NamedTuple):
@@ -55,7 +56,7 @@ class Linearisation:
         self._state, self._work = new_state(system, n), new_work(system, n)
         self._run = hand_over(new_run(system, self._state, self._work))
         self._channels = np.zeros(n)
-        self._rows, self._columns = _entries(compiled)
+        self._entries = _entries(compiled)
         self._state.angles[:] = np.nan
 
     def evaluate(self, row: Row) -> tuple[Array, Array, Array]:
@@ -86,7 +87,8 @@ class Linearisation:
     @property
     def angles(self) -> Array:
         """(k,) angles that count turns, of the last state; set them to go on from another one."""
-        return self._state.angles
+        angles: Array = self._state.angles
+        return angles
 
     def blank(self) -> Row:
         """The placed pose at rest."""
@@ -103,15 +105,17 @@ class Linearisation:
         factor, place = self._work.factor, self.compiled.system.kkt.place
         n = len(place) + 1
         A = np.zeros((n, n))  # in elimination order; the last row and column are left out
-        A[self._columns, self._rows] = factor.up
-        A[self._rows, self._columns] = factor.low
+        entries, rows, columns = self._entries
+        A[columns, rows] = factor.up[entries]
+        A[rows, columns] = factor.low[entries]
         A[-1], A[:, -1] = 0.0, 0.0
         where = np.where(place < n - 1, place, n - 1)
-        return A[np.ix_(where, where)]
+        B: Array = A[np.ix_(where, where)]
+        return B
 
 
-def _entries(compiled: Compiled) -> tuple[Array, Array]:
-    """Row and column, in elimination order, of each number in the panels."""
+def _entries(compiled: Compiled) -> tuple[Indices, Indices, Indices]:
+    """Numbers of the panels that are in use, with their row and column in elimination order."""
     kkt = compiled.system.kkt
     size = sum(int((p["nc"] + p["nr"]) * p["nc"]) for p in kkt.panels)
     rows, columns = np.zeros(size, np.int64), np.zeros(size, np.int64)
@@ -121,4 +125,5 @@ def _entries(compiled: Compiled) -> tuple[Array, Array]:
         own = slice(at, at + (nc + nr) * nc)
         rows[own] = np.repeat(np.append(np.arange(col, col + nc), below), nc)
         columns[own] = np.tile(np.arange(col, col + nc), nc + nr)
-    return rows, columns
+    entries = np.flatnonzero(rows >= columns)
+    return entries, rows[entries], columns[entries]

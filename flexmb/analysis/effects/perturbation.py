@@ -21,11 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.rank import numerical_rank, one_blas_thread
+from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
 from flexmb.analysis.effects.linearisation import Linearisation, Row
 from flexmb.engine.compile import Compiled
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 MAX_FREE = 120
 """Motions up to which the dense equations of small motions are affordable."""
@@ -88,7 +89,7 @@ def respond(
         Leave out the inertia of vibrations: deformations follow their loads.
     """
     system, n = compiled.system, len(motion.t)
-    used = np.flatnonzero(system.kkt.column >= 0)
+    used = np.flatnonzero(system.kkt.column >= 0).astype(np.int64)
     lin = Linearisation(compiled)
     weights = np.where(system.weights > 0.0, system.weights, 1.0)[used]
     inverse, nu = 1.0 / weights, len(used)
@@ -143,7 +144,7 @@ def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
 class _Spin:
     """δv = δq̇ + Ω δq in weighted coordinates: the angular velocities of the bodies."""
 
-    def __init__(self, compiled: Compiled, used: Array, weights: Array) -> None:
+    def __init__(self, compiled: Compiled, used: Indices, weights: Array) -> None:
         place = np.full(compiled.layout.nv, -1)
         place[used] = np.arange(len(used))
         self._bodies = [(body.iv + 3, place[body.iv + 3 : body.iv + 6]) for body in
@@ -164,12 +165,12 @@ class _Spin:
 
 
 def _first(
-    start: tuple[Array, Array] | None, used: Array, weights: Array
+    start: tuple[Array, Array] | None, used: Indices, weights: Array
 ) -> tuple[Array, Array] | None:
     return None if start is None else (weights * start[0][used], weights * start[1][used])
 
 
-def _elastic(compiled: Compiled, used: Array, inverse: Array) -> Array:
+def _elastic(compiled: Compiled, used: Indices, inverse: Array) -> Array:
     """Stiffness (nu, nu) of the modes of all bodies, in weighted coordinates."""
     K = np.zeros((compiled.layout.nv,) * 2)
     for body in compiled.layout.bodies:
