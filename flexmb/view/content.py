@@ -24,7 +24,7 @@ from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import frames, place_marker
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
 from flexmb.units import SI, UnitSystem
