@@ -209,7 +209,7 @@ def show_body(body: Any) -> None:
     if body.inertia_response is not None and body.m:
         shares = body.inertia_response.missing_shares
         motion = max(shares, key=shares.__getitem__, default="")
-        lacks = f"{100 * shares[motion]:.2g} % missing under {motion}" if motion else "no response"
+        lacks = f"{100 * shares[motion]:.3g} % missing under {motion}" if motion else "no response"
         rows += [("inertia loads", lacks)]
     rows += [(f"interface {i.name}", f"at {vector(i.position, 'm')}") for i in body.interfaces]
     rows += [("stress", _stress_text(body))]
