@@ -16,9 +16,8 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
@@ -33,6 +32,9 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "flexmb-flexbody"
 VERSION = 3
@@ -229,6 +231,8 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
     OutputError
         The file cannot be written.
     """
+    import h5py  # h5py: 20 ms that a check of a scene need not pay
+
     target = Path(path)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     try:
@@ -252,6 +256,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
+    import h5py
+
     source = Path(path)
     if not source.is_file():
         raise BodyFileError(f"{source}: there is no such file")
@@ -272,6 +278,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
 
 
 def _write(file: h5py.File, body: FlexBody) -> None:
+    import h5py
+
     file.attrs.update({"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass})
     for row in TABLE:
         file.require_group(row.path.partition("/")[0])
