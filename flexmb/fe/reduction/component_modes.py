@@ -48,6 +48,7 @@ from flexmb.fe.reduction.fixed_interface import (
     select_modes,
     statically_determinate,
 )
+from flexmb.fe.reduction.inertia_loads import inertia_loads, inertia_responses
 from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
     deforming_responses,
@@ -57,7 +58,6 @@ from flexmb.fe.reduction.inertia_relief import (
     residual_kind,
     residual_vectors,
 )
-from flexmb.fe.reduction.inertia_loads import inertia_loads, inertia_responses
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     directions_of,

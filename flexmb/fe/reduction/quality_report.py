@@ -404,7 +404,9 @@ def _static_table(report: QualityReport) -> ReportTable:
         for label, value in zip(static.labels, static.missing, strict=True)
     ]
     rows += [(motion, _share_text(share)) for motion, share in report.inertia_missing.items()]
-    note = "What the modes lack: of compliance, free and relieved; of inertia's strain energy, held."
+    note = (
+        "What the modes lack: of compliance, free and relieved; of inertia's strain energy, held."
+    )
     return ReportTable("Static compliance", ("load", "missing"), tuple(rows), note)
 
 
