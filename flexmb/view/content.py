@@ -96,11 +96,13 @@ class Mechanism:
         return min(along), max(along)
 
     def used_markers(self, body: str) -> list[str]:
-        """References to the markers of a body that joints and forces use."""
+        """References to the markers of a body that joints, forces and drivers use."""
+        model = self.model
         return [
             reference
-            for spec in (*self.model.joints.values(), *self.model.forces.values())
-            for reference in getattr(spec, "between", ())
+            for parts in (model.joints, model.forces, model.drivers)
+            for spec in parts.values()
+            for reference in getattr(spec, "between", None) or ()
             if split_reference(reference)[0] == body
         ]
 
