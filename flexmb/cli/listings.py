@@ -1,4 +1,4 @@
-"""``flexmb list``, ``new``, ``schema``, ``help``: what a scene may contain, templates, the manual."""
+"""``flexmb list``, ``new``, ``schema``, ``help``: words of scenes, templates, the manual."""
 
 from __future__ import annotations
 
