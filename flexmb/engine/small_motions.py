@@ -16,8 +16,7 @@ from flexmb.engine.equations_of_motion import (
     residual,
     velocity_stage,
 )
-from flexmb.engine.jit import unit
-from flexmb.engine.records import Vector
+from flexmb.engine.jit import Vector, unit
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
