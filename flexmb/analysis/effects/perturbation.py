@@ -48,6 +48,19 @@ class Motion:
         """Row number k as a state."""
         return Row(float(self.t[k]), self.q[k], self.v[k], self.vd[k], self.lam[k])
 
+    def gap(self, compiled: Compiled) -> float:
+        """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
+
+        Large where rows are too far apart to tell what happens between them.
+        """
+        rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
+        weights = compiled.system.weights[rigid]
+        change = np.diff(self.v[:, rigid] * weights, axis=0)
+        mean = 0.5 * (self.vd[1:, rigid] + self.vd[:-1, rigid]) * weights
+        missing = change - mean * np.diff(self.t)[:, None]
+        total = float(np.sqrt((change**2).sum()))
+        return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
+
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
         every = slice(None, None, -(-len(self.t) // most))
