@@ -106,7 +106,7 @@ def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Co
     n = len(M)
     lower = np.hstack([-K, -D])
     if not _is_symmetric(M - np.eye(n)) or np.abs(M - np.eye(n)).max() > _SYMMETRIC:
-        lower = np.linalg.solve(M, lower)
+        lower = np.asarray(np.linalg.solve(M, lower), np.float64)
     A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
     kept = np.concatenate([~states, np.ones(n, bool)])
     values, vectors = np.linalg.eig(A[np.ix_(kept, kept)])

@@ -128,7 +128,9 @@ class Linearization:
     def damping_ratios(self) -> Array:
         """(k,) −Re λ/|λ|: 1 without vibration, negative where it grows; 0 of rigid motions."""
         size = np.abs(self.eigenvalues)
-        return np.where(size > 0.0, -self.eigenvalues.real / np.where(size > 0.0, size, 1.0), 0.0)
+        return np.where(
+            size > 0.0, 0.0 - self.eigenvalues.real / np.where(size > 0.0, size, 1.0), 0.0
+        )
 
     @cached_property
     def shapes(self) -> Complex:
