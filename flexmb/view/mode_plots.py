@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.view.style import INK, LINES, new_figure, style_axes
+from flexmb.view.plot import INK, LINES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.rank import one_blas_thread
+from flexmb.analysis.assembly.jacobian import one_blas_thread
 from flexmb.errors import FlexmbError
 
 Array = NDArray[np.float64]

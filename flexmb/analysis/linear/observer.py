@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales
-from flexmb.analysis.assembly.rank import numerical_rank
+from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, numerical_rank
 from flexmb.analysis.linear.state_equations import Array, Tangents
 from flexmb.engine.algebra.vector import rotation_matrix
 from flexmb.engine.compile import Compiled
