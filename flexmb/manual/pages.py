@@ -30,6 +30,7 @@ PAGES = (
     "reduction",
     "accuracy",
     "linearization",
+    "audit",
     "results",
     "errors",
     "design",
