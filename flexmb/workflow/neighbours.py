@@ -8,7 +8,6 @@ stiffening: of the two left out, neither is judged alone (Padilla & von Flotow).
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,7 +33,6 @@ Array = NDArray[np.float64]
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
-_EVALUATIONS = 40  # of the equations, to time them
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID = {"deformation": "rigid"}
@@ -135,7 +133,7 @@ class Neighbours:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
         changes = self._changes(self.compiled, other, model, self.motion, shapes)
-        times = _evaluation_time(other), self._own_time
+        times = self._time(other), self._own_time
         return changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
@@ -230,9 +228,14 @@ class Neighbours:
         compiled = self._compile(model, self.bodies)
         return model, compiled, motion, run.seconds.get("integrate", 0.0)
 
+    def _time(self, compiled: Compiled) -> float:
+        from flexmb.analysis.effects.perturbation import evaluation_time
+
+        return evaluation_time(compiled)
+
     @cached_property
     def _own_time(self) -> float:
-        return _evaluation_time(self.compiled)
+        return self._time(self.compiled)
 
     @cached_property
     def _origin(self) -> dict[str, Any]:
@@ -303,18 +306,3 @@ def _shapes(body: FlexBody, finer: FlexBody) -> Array:
         for one in (finer, body)
     ]  # fmt: skip
     return np.asarray(np.linalg.lstsq(fields[0], fields[1], rcond=None)[0])
-
-
-def _evaluation_time(compiled: Compiled) -> float:
-    """Seconds that one evaluation of the equations and their matrix takes."""
-    from flexmb.analysis.effects.linearisation import Linearisation
-
-    lin = Linearisation(compiled)
-    row, best = lin.blank(), np.inf
-    for _ in range(3):
-        began = time.perf_counter()
-        for _ in range(_EVALUATIONS):
-            lin.evaluate(row)
-            lin.assemble(1.0, 1.0)
-        best = min(best, time.perf_counter() - began)
-    return best / _EVALUATIONS
