@@ -65,7 +65,7 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.mesh_options import PointLoad
+from flexmb.flexbody.mesh_options import STIFFENINGS, PointLoad
 from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
 from flexmb.progress import Progress, silent
@@ -92,7 +92,7 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
-    geometric_stiffening: bool = False,
+    geometric_stiffening: str = "none",
     stiffness: Any = None,
     mass: Any = None,
     inspect: Callable[..., None] | None = None,
@@ -139,8 +139,8 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
-    geometric_stiffening : bool
-        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+    geometric_stiffening : str
+        ``"full"``: forces and rotation stiffen or soften the body, and its ends approach each other
         when it bends; needs an interface; three static solutions for each, and six more.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
@@ -157,7 +157,8 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested, where = _check_options(reduction, modes, damping), stress_option(stress)
+    requested = _check_options(reduction, modes, damping, geometric_stiffening)
+    where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
@@ -183,7 +184,7 @@ def reduce(
         check_releases(fe, [part.nodes for part in ends])
         if sentence := mass_sentence(fe, point_mass(masses)):
             findings.append(Finding("warning", sentence))
-    if geometric_stiffening:
+    if stiffens:
         require_stresses(fe, ends)
     progress("read", 1.0)
     for finding in findings:
@@ -199,7 +200,7 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
-    if geometric_stiffening:
+    if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
@@ -378,7 +379,7 @@ def make_body(
     )
 
 
-def _check_options(reduction: str, modes: Any, damping: float) -> Any:
+def _check_options(reduction: str, modes: Any, damping: float, stiffening: Any) -> Any:
     """The modes that are requested."""
     problems: list[Problem] = []
     requested = None
@@ -389,6 +390,9 @@ def _check_options(reduction: str, modes: Any, damping: float) -> Any:
     if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
         what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
         problems.append(Problem("damping", what))
+    if stiffening not in STIFFENINGS:
+        what = f"unknown choice {stiffening!r}"
+        problems.append(Problem("geometric_stiffening", what, STIFFENINGS))
     if problems:
         raise ReductionError.from_problems(problems)
     return requested

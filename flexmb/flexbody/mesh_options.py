@@ -220,6 +220,8 @@ REDUCTIONS = {
 """What each reduction method keeps."""
 MASS_MATRICES = ("consistent", "hrz")
 """Ways to build the mass matrix."""
+STIFFENINGS = ("none", "full")
+"""Words of ``geometric_stiffening``."""
 STRESS_OPTIONS = ("surface", "all", "none")
 """Where stress is recovered."""
 

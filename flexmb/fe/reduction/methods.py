@@ -129,7 +129,7 @@ _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
-    "geometric_stiffening": False,
+    "geometric_stiffening": "none",
 }
 _NO_VALUES = ("name", "source")  # of materials
 
