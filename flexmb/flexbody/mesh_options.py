@@ -222,6 +222,11 @@ MASS_MATRICES = ("consistent", "hrz")
 """Ways to build the mass matrix."""
 STIFFENINGS = ("none", "full")
 """Words of ``geometric_stiffening``."""
+RESIDUALS = {
+    "none": "the modes alone",
+    "inertia": "and the static responses to the body's own inertia loads, up to 12",
+}
+"""What residual vectors a reduction adds to its modes."""
 STRESS_OPTIONS = ("surface", "all", "none")
 """Where stress is recovered."""
 

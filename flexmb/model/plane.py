@@ -20,7 +20,7 @@ from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.lookup import Bodies, ModelData, Scope
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import quote, under
 
 Array = NDArray[np.float64]

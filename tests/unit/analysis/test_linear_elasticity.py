@@ -20,9 +20,7 @@ STIFFNESS = 3 * STEEL["E"] * HEIGHT**4 / 12 / LENGTH**3  # N/m, of the tip of a 
 
 def beam(stiffening="none", **changes):
     model = Model("beam", **changes)
-    model.add_body(
-        "beam", rod(HEIGHT, LENGTH, 10, 8, geometric_stiffening=stiffening)
-    )
+    model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8, geometric_stiffening=stiffening))
     return model
 
 
