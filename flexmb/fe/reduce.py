@@ -20,7 +20,14 @@ import numpy as np
 from skfem import CellBasis
 from skfem import Mesh as SkfemMesh
 
-from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError
+from flexmb.errors import (
+    FlexmbError,
+    FlexmbWarning,
+    MaterialError,
+    MeshError,
+    Problem,
+    ReductionError,
+)
 from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
 from flexmb.fe.assembly.interfaces import (
     InterfaceLike,
@@ -65,6 +72,7 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.mesh_options import PointLoad
 from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
@@ -81,7 +89,7 @@ def reduce(
     material: MaterialLike | None = None,
     interfaces: Mapping[str, InterfaceLike] | None = None,
     modes: Any = None,
-    damping: float = 0.0,
+    damping: Any = None,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     ties: Words | None = None,
@@ -118,8 +126,9 @@ def reduce(
         coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
         ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
         the mesh's unit of length.
-    damping : float
-        Damping ratio of every mode, 0 to 1. None by default.
+    damping : float, str or mapping
+        Damping ratio of every mode as a scene joins the body, 0 to 1, ``"adams"`` or a table of
+        :class:`flexmb.flexbody.damping.DampingOptions`, for scenes without damping of their own.
     name : str, optional
         Name of the body; the file's by default.
     sections : mapping of str to section or mapping, optional
@@ -157,7 +166,8 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested, where = _check_options(reduction, modes, damping), stress_option(stress)
+    requested, ratios = _check_options(reduction, modes, damping)
+    where = stress_option(stress)
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
@@ -197,7 +207,7 @@ def reduce(
         fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns
     )
     elastic = orthonormalise(fe, reduced)
-    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
+    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
     if geometric_stiffening:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
@@ -213,7 +223,7 @@ def reduce(
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
-    return replace(body, provenance=source)
+    return replace(body, provenance=source, damping=ratios)
 
 
 def _prepare(
@@ -335,7 +345,6 @@ def make_body(
     fe: FEMatrices,
     reduced: ReducedBasis,
     elastic: ReducedModes,
-    damping: float = 0.0,
     progress: Progress = silent,
 ) -> FlexBody:
     """Put the parts of a flexible body together.
@@ -346,8 +355,6 @@ def make_body(
         Name of the body.
     fe, reduced, elastic
         The model, its reduced basis and the modes made of it.
-    damping : float
-        Damping ratio of every mode.
     progress : Progress
         Called with the phases ``"integrals"`` and ``"recovery"``.
     """
@@ -363,7 +370,6 @@ def make_body(
         name,
         **vars(inertia),
         K=np.diag(elastic.omega2),
-        D=np.diag(2 * damping * np.sqrt(elastic.omega2)),
         interfaces=tuple(
             Interface(tie.name, tie.position, q[:3], q[3:])
             for tie, q in zip(ties, motion, strict=True)
@@ -378,20 +384,21 @@ def make_body(
     )
 
 
-def _check_options(reduction: str, modes: Any, damping: float) -> Any:
-    """The modes that are requested."""
+def _check_options(reduction: str, modes: Any, damping: Any) -> tuple[Any, DampingOptions | None]:
+    """The modes that are requested, and the damping."""
     problems: list[Problem] = []
-    requested = None
+    requested = ratios = None
     try:
         requested = requested_modes(reduction, modes)
     except ReductionError as error:
         problems += error.problems
-    if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
-        what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
-        problems.append(Problem("damping", what))
+    try:
+        ratios = read_damping(damping)
+    except FlexmbError as error:
+        problems += error.problems
     if problems:
         raise ReductionError.from_problems(problems)
-    return requested
+    return requested, ratios
 
 
 def _provenance(

@@ -26,7 +26,7 @@ from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model.markers import Marker
-from flexmb.model.option_specs import Inertia, MaterialField
+from flexmb.model.option_specs import DampingField, Inertia, MaterialField
 from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import (
     AngularVelocity,
@@ -289,6 +289,10 @@ class RigidBodySpec(BodySpec):
 
 
 class FlexbodySpec(BodySpec):
-    """A flexible body that is already reduced: its file, or the object itself."""
+    """A flexible body that is already reduced: its file, or the object itself.
+
+    Its damping is that of the file unless it is said here.
+    """
 
     flexbody: FlexibleSource
+    damping: DampingField | None = None

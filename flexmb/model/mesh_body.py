@@ -28,8 +28,8 @@ from flexmb.flexbody.mesh_options import (
 )
 from flexmb.flexbody.section_options import SECTIONS
 from flexmb.model.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
-from flexmb.model.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.option_specs import DampingField, MaterialField, spec_of, specs_of
+from flexmb.model.quantities import Integer
 from flexmb.model.reading import (
     NAME,
     Entry,
@@ -177,7 +177,8 @@ class MeshBodySpec(BodySpec):
 
     `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
-    With `geometric_stiffening` forces and rotation stiffen or soften the body.
+    With `geometric_stiffening` forces and rotation stiffen or soften the body. `damping` is a ratio
+    of all modes as joined, the preset "adams", or a table; none by default.
     """
 
     mesh: MeshSource
@@ -191,7 +192,7 @@ class MeshBodySpec(BodySpec):
     loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
-    damping: Annotated[float, Quantity("", "not negative")] = 0.0
+    damping: DampingField | None = None
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
     geometric_stiffening: StrictBool = False
@@ -233,7 +234,6 @@ class MeshBodySpec(BodySpec):
             "units": units,
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
-            "damping": self.damping,
         }
         if self.reduction != "guyan":
             words["modes"] = 20 if self.modes is None else _plain(self.modes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
+from flexmb.results.body_damping import DAMPING, BodyDamping, damping_text
 from flexmb.results.channels import Columns
 from flexmb.results.output_request import row_bytes, stored_columns
 from flexmb.results.reactions import NOT_UNIQUE, Reaction
@@ -12,8 +13,10 @@ from flexmb.results.result_file import extend_file, file_format
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
+    "DAMPING",
     "NOT_UNIQUE",
     "BodyColumns",
+    "BodyDamping",
     "Columns",
     "OutputBlock",
     "PeakStress",
@@ -23,6 +26,7 @@ __all__ = [
     "ResultWriter",
     "SectionForces",
     "Stress",
+    "damping_text",
     "extend_file",
     "file_format",
     "load_result",

@@ -31,6 +31,7 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
+from flexmb.flexbody.damping import damping_words, read_damping
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
@@ -124,7 +125,7 @@ def reduce_model(
     return free_modes(fe, (), modes, progress, mirror, loads)
 
 
-_METHOD = 4  # raise it whenever the same input gives another body
+_METHOD = 5  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
@@ -141,7 +142,7 @@ def reduction_key(
     material: MaterialLike,
     interfaces: Mapping[str, Any] | None = None,
     modes: Any = None,
-    damping: float = 0.0,
+    damping: Any = None,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     **options: Any,
@@ -161,7 +162,7 @@ def reduction_key(
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
         "modes": _modes(options.get("reduction", "craig-bampton"), modes),
-        "damping": float(damping),
+        "damping": damping_words(read_damping(damping)),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,
