@@ -25,6 +25,7 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.parts import (
+    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -85,6 +86,8 @@ class FlexBody:
         interfaces the geometric stiffening of the body. None: left out.
     damping : DampingOptions, optional
         Ratios of its modes where a scene joins it, in place of D.
+    inertia_response : InertiaResponse, optional
+        What the modes lack of the static response to the body's own inertia.
 
     Raises
     ------
@@ -112,6 +115,7 @@ class FlexBody:
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
     damping: DampingOptions | None = None
+    inertia_response: InertiaResponse | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")

@@ -17,15 +17,15 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import damping_words, read_damping
 from flexmb.flexbody.parts import (
+    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -34,6 +34,9 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "flexmb-flexbody"
 VERSION = 3
@@ -100,6 +103,9 @@ TABLE = (
     Dataset("section_forces/elements", "i8", ("b", 2), "mesh nodes of the beams", True),
     Dataset("section_forces/axes", "f8", ("b", 3, 3), "local axes as columns", True),
     Dataset("section_forces/modes", "f8", ("b", 2, 6, "m"), "N Vy Vz T My Mz [N, N m]", True),
+    Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
+    Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
+    Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -113,6 +119,7 @@ _PARTS = {  # groups that hold one part of a body, by the field that has it
     "nodes": "nodes",
     "stress_recovery": "stress",
     "section_forces": "section_forces",
+    "inertia_response": "inertia_response",
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
@@ -178,6 +185,9 @@ def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBo
             SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
         ),
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
+        inertia_response=(
+            InertiaResponse(**group["inertia_response"]) if group["inertia_response"] else None
+        ),
         provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
         damping=read_damping(json.loads(*datasets.get("damping/ratios", ["null"]))),
     )
@@ -227,6 +237,8 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
     OutputError
         The file cannot be written.
     """
+    import h5py  # h5py: 20 ms that a check of a scene need not pay
+
     target = Path(path)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     try:
@@ -250,6 +262,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
+    import h5py
+
     source = Path(path)
     if not source.is_file():
         raise BodyFileError(f"{source}: there is no such file")
@@ -270,6 +284,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
 
 
 def _write(file: h5py.File, body: FlexBody) -> None:
+    import h5py
+
     file.attrs.update({"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass})
     for row in TABLE:
         file.require_group(row.path.partition("/")[0])

@@ -4,6 +4,7 @@ The command line and the Python API use the same functions.
 """
 
 from flexmb.workflow.check import CheckReport, check_scene, mobility
+from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -32,7 +33,9 @@ __all__ = [
     "ReducedBody",
     "ReducedScene",
     "RunReport",
+    "SceneChecks",
     "Warmup",
+    "check_all",
     "check_scene",
     "examine_installation",
     "flexible_bodies",

@@ -15,10 +15,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import column_scales, dense_jacobian
-from flexmb.analysis.assembly.rank import (
+from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
     Decomposition,
+    column_scales,
+    dense_jacobian,
     null_space,
     one_blas_thread,
 )
