@@ -33,8 +33,8 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.natural_modes import mass_at_rest
 from flexmb.flexbody.vibrations import Vibrations, damping_matrix, damping_ratios
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
