@@ -64,11 +64,13 @@ class Neighbours:
         from flexmb.analysis.effects.contribution import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.model import Model
+        from flexmb.workflow.compiled_model import damped_as_run
         from flexmb.workflow.resume import load_bodies
 
         model = Model.from_scene_dict(run.model, run.path.parent)
         bodies = load_bodies(run)
-        compiled = compile_system(model, bodies)
+        compiled = damped_as_run(compile_system(model, bodies), model, run)
+        bodies = {name: compiled.flexbodies[name] for name in bodies}
         motion = read_motion(run).thinned(most_rows)
         return cls(run, model, bodies, compiled, motion, run.path.parent / "audit", progress)
 
@@ -203,12 +205,14 @@ class Neighbours:
 
     @cached_property
     def _origin(self) -> dict[str, Any]:
-        from flexmb.workflow.resume import provenance
+        from flexmb.workflow.run_report import provenance
 
         return provenance(self.run)
 
     def _reduced(self, name: str, **options: Any) -> FlexBody:
         """The body reduced from its mesh with other options; kept beside the result."""
+        from flexmb.analysis.assembly.joined_damping import add_damping
+        from flexmb.engine.compile import compile_system
         from flexmb.folders import writable_folder
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
@@ -217,7 +221,11 @@ class Neighbours:
         model.bodies = {**model.bodies, name: spec.model_copy(update=options)}
         folder = writable_folder(self.folder / "_".join(options))
         bodies, _, _ = flexible_bodies(model, folder, only=[name], progress=self.progress)
-        return bodies[name]
+        other = compile_system(self.model, {**self.bodies, name: bodies[name]})
+        q = other.initial_q.copy()
+        for now, then in zip(other.layout.bodies, self.compiled.layout.bodies, strict=True):
+            q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
+        return add_damping(other, self.model, q)[0].flexbodies[name]
 
 
 def rigid_twin(body: FlexBody) -> FlexBody:

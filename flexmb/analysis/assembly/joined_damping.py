@@ -53,7 +53,7 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     Parameters
     ----------
     compiled, model : Compiled, Model
-        Without damping but that of matrices D.
+        The model, which is returned as it is if it has its damping already.
     q : (nq,) array
         First positions, closed.
 
@@ -62,6 +62,8 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     SceneError
         Modes that do not exist, cut-off frequencies below all modes.
     """
+    if compiled.is_damped:
+        return compiled, []
     parts = compiled.system.parts
     pool, bodies = parts.pool.copy(), parts.bodies.copy()
     flexbodies = dict(compiled.flexbodies)
@@ -102,7 +104,7 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     if scene is None:
         return compiled, dampings
     system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
-    return replace(compiled, system=system, flexbodies=flexbodies), dampings
+    return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
 
 
 class _RigidScene:
