@@ -58,6 +58,15 @@ def reduce(
             "by default."
         ),
     ] = None,
+    stiffening: Annotated[
+        str | None,
+        typer.Option(
+            "--geometric-stiffening",
+            help="full: the stress by rotation and by forces at interfaces stiffens or softens "
+            "the body; none by default.",
+            show_default=False,
+        ),
+    ] = None,
     section: Annotated[
         list[str] | None,
         typer.Option(
@@ -127,6 +136,7 @@ def reduce(
         "damping": _damping_value(damping),
         "plane": plane,
         "stress": stress,
+        "geometric_stiffening": stiffening,
         "residual": residual,
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}

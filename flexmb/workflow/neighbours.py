@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.body import BodySpec, FlexbodySpec
+from flexmb.model.body import BodySpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 
@@ -110,11 +111,11 @@ class Neighbours:
             without = replace(body, centrifugal_stiffness=None, interfaces=parts)
             return Effect(what, name, True, indicator, lambda: self._by(bodies={name: without}))
         if not isinstance(spec, MeshBodySpec):
-            why = "the body file has no data for it: reduce with geometric_stiffening = true"
+            why = 'the body file has no data for it: reduce with geometric_stiffening = "full"'
             return Effect(what, name, False, indicator, None, why)
         return Effect(
             what, name, False, indicator,
-            lambda: self._by(bodies={name: self._reduced(name, geometric_stiffening=True)}),
+            lambda: self._by(bodies={name: self._reduced(name, geometric_stiffening="full")}),
         )  # fmt: skip
 
     def _modes(self, name: str, body: FlexBody) -> Effect:

@@ -23,6 +23,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
     one_blas_thread,
 )
+from flexmb.engine.bodies.flexible_body import put_flags
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
 from flexmb.engine.state import Work
@@ -91,9 +92,9 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
             except FlexmbError as error:
                 problems += error.problems
                 continue
-        at = int(row["flex"]) + 12 * m + 14 * m * m
-        pool[at : at + m * m], row["damped"] = D.ravel(), int(np.any(D))
-        flexbodies[name] = replace(body, D=D)
+        at = int(row["flex"]) + 12 * m + 2 * m * m
+        pool[at : at + m * m], flexbodies[name] = D.ravel(), replace(body, D=D)
+        put_flags(row, flexbodies[name])
         ratios = damping_ratios(D, joined)
         frequencies = joined.omega / (2 * np.pi)
         dampings.append(

@@ -32,7 +32,7 @@ from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
 from flexmb.flexbody.damping import DampingOptions, damping_words, read_damping
-from flexmb.flexbody.mesh_options import RESIDUALS, ModesOptions
+from flexmb.flexbody.mesh_options import RESIDUALS, STIFFENINGS, ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
@@ -162,7 +162,7 @@ def coordinates_text(
 
 
 def check_options(
-    reduction: str, modes: Any, damping: Any, residual: str
+    reduction: str, modes: Any, damping: Any, residual: str, stiffening: Any
 ) -> tuple[Any, DampingOptions | None]:
     """The modes that are requested, and the damping."""
     problems: list[Problem] = []
@@ -179,6 +179,9 @@ def check_options(
         names = tuple(RESIDUALS)
         what = f'unknown "{residual}"'
         problems.append(Problem("residual", what, names, nearest(str(residual), names)))
+    if stiffening not in STIFFENINGS:
+        what = f"unknown choice {stiffening!r}"
+        problems.append(Problem("geometric_stiffening", what, STIFFENINGS))
     if problems:
         raise ReductionError.from_problems(problems)
     return requested, ratios
@@ -189,7 +192,7 @@ _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
-    "geometric_stiffening": False,
+    "geometric_stiffening": "none",
     "residual": "none",
 }
 _NO_VALUES = ("name", "source")  # of materials
