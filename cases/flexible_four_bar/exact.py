@@ -81,4 +81,4 @@ def values():
 
 if __name__ == "__main__":
     for scene, sensor, time, value in values():
-        print(f"{scene}  {sensor:8}  t = {time:.9g}  {value:.12g}")
+        print(f"{scene}  {sensor:8}  t = {time:.9g}  {value:.15g}")

@@ -9,12 +9,17 @@ import pytest
 import flexmb
 from flexmb.workflow import reduce_scene
 
-CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/scene.toml"))
+CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/*.toml"))
 
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {
     "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
 }
+
+
+def case_name(scene: Path) -> str:
+    """Folder, and file where it is not the case's main scene."""
+    return f"{scene.parent.name}/{scene.stem}".removesuffix("/scene")
 
 
 def runs(scene: Path) -> bool:
@@ -34,16 +39,12 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     assert report.statistics["energy_balance_error"] < max(1e-4, asked)
 
 
-@pytest.mark.parametrize(
-    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
-)
+@pytest.mark.parametrize("scene", [path for path in CASES if runs(path)], ids=case_name)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
-    run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
+    run(scene, tmp_path, SHORTER.get(case_name(scene), {}))
 
 
-@pytest.mark.parametrize(
-    "scene", [path for path in CASES if not runs(path)], ids=lambda path: path.parent.name
-)
+@pytest.mark.parametrize("scene", [path for path in CASES if not runs(path)], ids=case_name)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
     found = reduce_scene(scene, output=tmp_path)
     assert found.checks, "a case without a check proves nothing"
