@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
-from flexmb.analysis.assembly.rank import MAX_COORDINATES
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (

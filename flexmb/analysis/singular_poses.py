@@ -14,8 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import WeightedJacobian, dense_jacobian
-from flexmb.analysis.assembly.rank import MAX_COORDINATES, Decomposition
+from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
+    Decomposition,
+    WeightedJacobian,
+    dense_jacobian,
+)
 from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled

@@ -15,7 +15,6 @@ from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import study as study  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip
 from flexmb.cli import installation as installation  # isort: skip
-from flexmb.cli import help as help  # isort: skip
 from flexmb.cli.app import app, main
 
 __all__ = ["app", "main"]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.channels import Columns
+from flexmb.results.channels import NOT_UNIQUE, Columns, Reaction
 from flexmb.results.output_request import row_bytes, stored_columns
-from flexmb.results.reactions import NOT_UNIQUE, Reaction
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
 from flexmb.results.result import Pose, Result, load_result
 from flexmb.results.result_file import extend_file, file_format

@@ -18,8 +18,18 @@ from flexmb.errors import ViewError
 from flexmb.model.reading import GROUND
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
-from flexmb.view.content import Content, Deformed, Scale, Solid, Triangles, mechanism_camera
-from flexmb.view.mechanism import Mechanism, size_of
+from flexmb.view.content import (
+    Content,
+    Deformed,
+    Mechanism,
+    Scale,
+    Solid,
+    Triangles,
+    mechanism_camera,
+    size_of,
+)
+from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
     body_shape,
     curve_shapes,
@@ -27,8 +37,6 @@ from flexmb.view.shapes import (
     joint_points,
     own_shape,
 )
-from flexmb.view.style import BODIES, writable_file
-from flexmb.view.style import GROUND as GROUND_COLOR
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,7 @@ from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.reading import GROUND, split_reference
-from flexmb.view.content import Camera, Triangles
-from flexmb.view.mechanism import Mechanism
+from flexmb.view.content import Camera, Mechanism, Triangles
 
 Array = NDArray[np.float64]
 

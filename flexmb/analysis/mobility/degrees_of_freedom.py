@@ -23,6 +23,8 @@ from flexmb.analysis.assembly.jacobian import (
     ConstraintRows,
     element,
     joint_rows,
+    null_space,
+    one_blas_thread,
     plain_name,
 )
 from flexmb.analysis.assembly.positions import (
@@ -31,7 +33,6 @@ from flexmb.analysis.assembly.positions import (
     length_corrector,
     nearby_poses,
 )
-from flexmb.analysis.assembly.rank import null_space, one_blas_thread
 from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
     driver_reasons,

@@ -16,8 +16,7 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.orientation import rotation_matrix
 from flexmb.results import NOT_UNIQUE, Result, ResultWriter
-from flexmb.results.channels import Columns
-from flexmb.results.reactions import marker_pairs
+from flexmb.results.channels import Columns, marker_pairs
 
 SCENE = {
     "title": "two names",
