@@ -24,7 +24,7 @@ from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import frames, place_marker
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
 from flexmb.units import SI, UnitSystem
@@ -96,11 +96,13 @@ class Mechanism:
         return min(along), max(along)
 
     def used_markers(self, body: str) -> list[str]:
-        """References to the markers of a body that joints and forces use."""
+        """References to the markers of a body that joints, forces and drivers use."""
+        model = self.model
         return [
             reference
-            for spec in (*self.model.joints.values(), *self.model.forces.values())
-            for reference in getattr(spec, "between", ())
+            for parts in (model.joints, model.forces, model.drivers)
+            for spec in parts.values()
+            for reference in getattr(spec, "between", None) or ()
             if split_reference(reference)[0] == body
         ]
 

@@ -28,13 +28,14 @@ from flexmb.view.content import (
     mechanism_camera,
     size_of,
 )
-from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.plot import BODIES, GHOST, writable_file
 from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
     body_shape,
     curve_shapes,
     ground_shapes,
     joint_points,
+    line_shapes,
     own_shape,
 )
 
@@ -141,6 +142,7 @@ def compose(
     solids += [
         Solid(GROUND, shape, GROUND_COLOR) for shape in ground_shapes(mechanism, size, camera)
     ]
+    solids += [Solid("", shape, GHOST) for shape in line_shapes(mechanism, size)]
     scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,

@@ -48,8 +48,8 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 from flexmb.model.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]
