@@ -7,7 +7,7 @@ phi_i = (x/L)^(i+1); its ends come closer by the integral of v'^2/2. To the firs
     M q'' + (K + W^2 (G - M)) q = -W' X,     G_ij = integral of rhoA (L^2 - x^2)/2 phi_i' phi_j'
 
 where G comes from the shortening alone: the zeroth-order model lacks it. Stretch is neglected
-(1e-4 of the deflection; 5.1e-4 m in the end). Prints `sensor time value` for the checks of the scenes.
+(5.1e-4 m in the end). Prints `sensor time value` for the checks of the scenes.
 """
 
 import numpy as np
