@@ -3,6 +3,7 @@
 The command line and the Python API use the same functions.
 """
 
+from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.flexible_bodies import (
@@ -26,8 +27,10 @@ from flexmb.workflow.run_report import CheckOutcome, RunReport
 
 __all__ = [
     "TOPICS",
+    "Audit",
     "CheckOutcome",
     "CheckReport",
+    "EffectOutcome",
     "Installation",
     "Listing",
     "ReducedBody",
@@ -35,6 +38,7 @@ __all__ = [
     "RunReport",
     "SceneChecks",
     "Warmup",
+    "audit",
     "check_all",
     "check_scene",
     "examine_installation",

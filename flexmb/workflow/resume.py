@@ -154,7 +154,7 @@ def resume_run(
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:
         _check_scene_file(run)
-    bodies = _load_bodies(run)
+    bodies = load_bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
     if problems := model.problems():  # tables that end before the new duration
@@ -277,7 +277,7 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
     model.dynamics = spec.model_copy(update={"duration": outputs * interval, "outputs": outputs})
 
 
-def _load_bodies(run: Result) -> dict[str, FlexBody]:
+def load_bodies(run: Result) -> dict[str, FlexBody]:
     """The flexible bodies of the run, unchanged."""
     from flexmb.flexbody import load
 
