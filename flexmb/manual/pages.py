@@ -29,6 +29,7 @@ PAGES = (
     "elements",
     "reduction",
     "accuracy",
+    "linearization",
     "audit",
     "results",
     "errors",

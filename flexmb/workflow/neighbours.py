@@ -203,7 +203,7 @@ class Neighbours:
 
     @cached_property
     def _origin(self) -> dict[str, Any]:
-        from flexmb.workflow.resume import provenance
+        from flexmb.workflow.run_report import provenance
 
         return provenance(self.run)
 
