@@ -36,6 +36,7 @@ from flexmb.model.reading import (
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CheckSpec,
     FrequencyCheckSpec,
@@ -115,6 +116,7 @@ class Model:
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
@@ -220,6 +222,11 @@ class Model:
         """Set gravity: its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
         self.gravity, problems = read_gravity(gravity, self.context)
         _raise(problems)
+
+    def set_effects(self, **fields: Any) -> EffectsSpec:
+        """Say which effects of the scene are left out, such as ``friction=False``."""
+        self.effects = self._single("effects", EffectsSpec, fields)
+        return self.effects
 
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
