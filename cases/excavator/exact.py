@@ -1,4 +1,4 @@
-"""The excavator without flexmb: its tooth's path, its cylinders' forces, the boom's bending.
+"""The excavator by its geometry: its tooth's path, its cylinders' forces, the boom's bending.
 
 Angles by the law of cosines; forces by virtual power of all mass points, each rigid body being six
 points with its moments of inertia; the boom's bending by Castigliano's theorem.
@@ -242,4 +242,4 @@ def values():
 
 if __name__ == "__main__":
     for scene, sensor, time, value in values():
-        print(f"{scene}  {sensor:14}  t = {time:.9g}  {value:.15g}")
+        print(f"{scene} {sensor} {time:.12g} {value:.15g}")
