@@ -31,7 +31,7 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.damping import DampingOptions
+from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.natural_modes import mass_at_rest
 from flexmb.flexbody.vibrations import Vibrations, damping_matrix, damping_ratios
 from flexmb.model.markers import rotation_matrix
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
     """The damping of a flexible body: that of the scene, or else of the body itself."""
-    words: DampingOptions | None = getattr(model.bodies[name], "damping", None)
+    words = read_damping(getattr(model.bodies[name], "damping", None))
     return body.damping if words is None else words
 
 
