@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,
@@ -47,7 +48,7 @@ from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock, Result
+from flexmb.results import BodyDamping, OutputBlock, Result
 
 MAX_PASSES = 4
 """Passes of a run at most, each with a stricter tolerance by the error measured."""
@@ -96,6 +97,7 @@ class PreparedDynamics:
     rows_before: int = 0  # rows that are in the file already
     not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # with the scout of `run`
+    dampings: tuple[BodyDamping, ...] = ()
 
     @property
     def method(self) -> str:
@@ -347,6 +349,8 @@ def prepare_resumed(
     units = prepare_integration(compiled.system, integrator, progress)
     timer.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, arrays, result, rows)
+    if "first_q" in arrays:
+        compiled, _ = add_damping(compiled, model, first)
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])
