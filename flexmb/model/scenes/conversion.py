@@ -43,7 +43,7 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
-from flexmb.model.scenes.effects import EffectsSpec
+from flexmb.model.scenes.effects import EffectsSpec, effects_table
 from flexmb.model.scenes.sections import (
     SECTIONS,
     CheckSpec,
@@ -178,8 +178,8 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 
 TOP_KEYS = (
-    "title", "units", "plane", "gravity", "parameters", "effects", "ground", *SECTIONS, "assembly",
-    "check", "dynamics", "kinematics", "results", "study", "view",
+    "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
+    "assembly", "check", "dynamics", "kinematics", "results", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -273,6 +273,8 @@ class _Builder:
         for key, kind in SINGLE_TABLES.items():
             if key in self.scene:
                 setattr(self.model, key, self.single(key, kind))
+        if "budget" in self.scene:
+            self.model.effects = self.single("effects", EffectsSpec)
         if self.model.study is not None:
             for name in self.model.study.vary:
                 problem = resolve_knob(self.scene, name)[1]
@@ -296,8 +298,9 @@ class _Builder:
                 (self.model.checks if of_run else self.model.frequency_checks).append(spec)
 
     def single(self, key: str, cls: type[S]) -> S | None:
-        spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
-        self.problems += under(key, problems)
+        data = effects_table(self.scene) if key == "effects" else self.scene.get(key, {})
+        spec, problems = read_entry(cls, data, self.names)
+        self.problems += [one for one in under(key, problems) if one not in self.problems]
         return spec
 
 

@@ -32,6 +32,7 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.model import Model, Source
 from flexmb.model.reading import NAME, NUMBER, Form, Spec, list_form, reference
 from flexmb.model.scenes.conversion import SINGLE_TABLES, TOP_KEYS, build
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CONTROLLER_TYPES,
     COUPLER_TYPES,
@@ -281,6 +282,8 @@ def _top_forms() -> dict[str, Form]:
         "controllers": _named(*CONTROLLER_TYPES.values()),
         "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
         **{key: reference(spec) for key, spec in SINGLE_TABLES.items()},
+        "effects": {"anyOf": [{"enum": ["auto"]}, reference(EffectsSpec)]},
+        "budget": NUMBER,
         "view": reference(ViewSpec),
     }
 
