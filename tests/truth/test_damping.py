@@ -1,4 +1,4 @@
-"""Damping of flexible bodies: ratios of time runs and of the linearised scene, against closed forms.
+"""Damping of flexible bodies: time runs and linearised scenes against closed forms.
 
 A bar of steel, 1 m long, 20 mm wide along y and 10 mm along z, bends at β² sqrt(EI/ρA)/2πL² with
 β = 1.87510 (clamped), π (pinned), 4.73004 (free): Blevins, Formulas for Natural Frequency and Mode
