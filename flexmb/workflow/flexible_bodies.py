@@ -29,6 +29,7 @@ from flexmb.errors import (
 from flexmb.folders import output_folder, writable_folder
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
@@ -95,7 +96,6 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
-    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -174,7 +174,6 @@ def bodies_of_surveys(
     """
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
-    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
@@ -202,8 +201,6 @@ def bodies_of_surveys(
 
 def _loaded_body(model: Model, name: str) -> FlexBody:
     """A body from its file or an object, as a run has it."""
-    from flexmb.model.plane import simulated_body
-
     return simulated_body(model, name, _source_body(model, name))
 
 
