@@ -54,6 +54,15 @@ def reduce(
     damping: Annotated[
         float | None, typer.Option(help="Damping ratio of every mode; none by default.")
     ] = None,
+    stiffening: Annotated[
+        str | None,
+        typer.Option(
+            "--geometric-stiffening",
+            help="full: the stress by rotation and by forces at interfaces stiffens or softens "
+            "the body; none by default.",
+            show_default=False,
+        ),
+    ] = None,
     section: Annotated[
         list[str] | None,
         typer.Option(
@@ -123,6 +132,7 @@ def reduce(
         "damping": damping,
         "plane": plane,
         "stress": stress,
+        "geometric_stiffening": stiffening,
         "residual": residual,
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}

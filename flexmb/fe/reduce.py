@@ -98,7 +98,7 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
-    geometric_stiffening: bool = False,
+    geometric_stiffening: str = "none",
     residual: str = "none",
     stiffness: Any = None,
     mass: Any = None,
@@ -146,8 +146,8 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
-    geometric_stiffening : bool
-        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+    geometric_stiffening : str
+        ``"full"``: forces and rotation stiffen or soften the body, and its ends approach each other
         when it bends; needs an interface; three static solutions for each, and six more.
     residual : str
         ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
@@ -168,7 +168,8 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested, where = check_options(reduction, modes, damping, residual), stress_option(stress)
+    requested = check_options(reduction, modes, damping, residual, geometric_stiffening)
+    where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
@@ -194,7 +195,7 @@ def reduce(
         check_releases(fe, [part.nodes for part in ends])
         if sentence := mass_sentence(fe, point_mass(masses)):
             findings.append(Finding("warning", sentence))
-    if geometric_stiffening:
+    if stiffens:
         require_stresses(fe, ends)
     progress("read", 1.0)
     for finding in findings:
@@ -211,7 +212,7 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
-    if geometric_stiffening:
+    if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)

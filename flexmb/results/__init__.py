@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.channels import NOT_UNIQUE, Columns, Reaction
-from flexmb.results.output_request import row_bytes, stored_columns
+from flexmb.results.channels import Columns, row_bytes, stored_columns
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
-from flexmb.results.result import Pose, Result, load_result
+from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text
 from flexmb.results.writer import OutputBlock, ResultWriter
 

@@ -44,9 +44,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.channels import TABLES, Columns, widths
+from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
 from flexmb.results.kill_safe_file import DiskFile, WriteLock
-from flexmb.results.output_request import StoredColumns
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3

@@ -17,8 +17,8 @@ from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
-from flexmb.workflow.resume import PROVENANCE, StartState, match_start, provenance_text
-from flexmb.workflow.run_report import RunReport, report_run
+from flexmb.workflow.resume import StartState, match_start
+from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink
@@ -105,9 +105,11 @@ def run_model(
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
     from flexmb.engine.compile import compile_system
+    from flexmb.model.scenes.effects import active_model
     from flexmb.results import Result, ResultWriter
 
     model.validate()
+    scene_model, model = model, active_model(model)
     analysis = select_analysis(model, analysis, start_from is not None)
     folder = writable_folder(Path(output))
     started = time.perf_counter()
@@ -115,7 +117,7 @@ def run_model(
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     names = {name: file.name for name, file in files.items()}
-    scene = model.to_scene_dict(folder, names)
+    scene = scene_model.to_scene_dict(folder, names)
     notes += _row_size_note(compiled, scene)
     start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
     task = prepare_task(analysis, compiled, model, start, progress)

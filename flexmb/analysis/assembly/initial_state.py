@@ -239,7 +239,9 @@ def _weighted(system: System, weights: Array) -> System:
     bodies["S0"] *= weights[:, None, None]
     for body, weight in zip(_flexible(system), weights[bodies["m"] > 0], strict=True):
         m, at = int(body["m"]), int(body["flex"])
-        pool[at : at + 12 * m + 13 * m * m] *= weight  # all but stiffness and damping
+        forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
+        pool[at : forms - 2 * m * m] *= weight
+        pool[forms : forms + (12 * m * m if body["coupling"] else 0)] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 
@@ -264,6 +266,6 @@ def _flexible(system: System) -> NDArray[np.void]:
 def _modal_blocks(pool: Array, body: np.void) -> tuple[Array, Array]:
     """Views (m, m) of the modal mass and stiffness of one body in the pool."""
     m = int(body["m"])
-    at = int(body["flex"]) + 12 * m + 12 * m * m
+    at = int(body["flex"]) + 12 * m
     mass, stiffness = pool[at : at + 2 * m * m].reshape(2, m, m)
     return mass, stiffness

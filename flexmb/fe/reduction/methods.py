@@ -31,7 +31,7 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
-from flexmb.flexbody.mesh_options import RESIDUALS, ModesOptions
+from flexmb.flexbody.mesh_options import RESIDUALS, STIFFENINGS, ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
@@ -160,7 +160,9 @@ def coordinates_text(
     return f"{least}{most} = {text} - {freedoms}{extra}"
 
 
-def check_options(reduction: str, modes: Any, damping: float, residual: str) -> Any:
+def check_options(
+    reduction: str, modes: Any, damping: float, residual: str, stiffening: Any
+) -> Any:
     """The modes that are requested."""
     problems: list[Problem] = []
     requested = None
@@ -175,6 +177,9 @@ def check_options(reduction: str, modes: Any, damping: float, residual: str) -> 
         names = tuple(RESIDUALS)
         what = f'unknown "{residual}"'
         problems.append(Problem("residual", what, names, nearest(str(residual), names)))
+    if stiffening not in STIFFENINGS:
+        what = f"unknown choice {stiffening!r}"
+        problems.append(Problem("geometric_stiffening", what, STIFFENINGS))
     if problems:
         raise ReductionError.from_problems(problems)
     return requested
@@ -185,7 +190,7 @@ _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
-    "geometric_stiffening": False,
+    "geometric_stiffening": "none",
     "residual": "none",
 }
 _NO_VALUES = ("name", "source")  # of materials
