@@ -17,7 +17,7 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
 from flexmb.engine.equations_of_motion import put_matrix, put_rows
-from flexmb.engine.small_motions import evaluate_equations
+from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.state import State, Work
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
@@ -57,7 +57,7 @@ class StateEquations:
         self.work: Work = new_work(compiled.system, len(state.angles))
         self._run = hand_over(new_run(compiled.system, state, self.work))
         self._at = hand_over(self._run.record.state_point)
-        self._angles, self._channels = state.angles.copy(), np.zeros(len(state.angles))
+        self._channels = np.zeros(len(state.angles))
 
     def residual(self) -> Array:
         """F (nv,) at the state; C is in `work.con.C`."""
@@ -68,11 +68,12 @@ class StateEquations:
         system, state, work = self.compiled.system, self.state, self.work
         turns = self._run.record.sensors.turns[system.sensors.channels["what"]] == 1
         n = len(state.angles)
-        state.angles[:] = self._angles
+        angles = state.angles.copy()
         work.feedback.near[:] = 0.0
         work.feedback.near[:n] = np.where(turns[:n], state.angles, 0.0)
         work.now.history[:] = state.history
         call(evaluate_equations, self._run, self._channels)
+        state.angles[:] = angles
 
     def tangents(self) -> Tangents:
         """All derivatives at the state."""
