@@ -72,7 +72,7 @@ def test_every_case_says_where_its_answers_come_from() -> None:
 
 @pytest.mark.parametrize("script", EXACT, ids=lambda path: path.parent.name)
 def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
-    """`exact.py` prints `sensor time value`, after a scene that they are of; it imports no flexmb."""
+    """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb."""
     assert "flexmb" not in script.read_text(encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
