@@ -6,14 +6,15 @@ pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 50
     [[K + M/β, Cqᵀ], [Cq, −ε]] (δ; λ) = (−F₀; −C),
 
 a step β of a motion in which velocity, not acceleration, is in proportion to force. Such a motion
-goes downhill, to an equilibrium that is stable. β begins with a step of a third of the model's size,
-grows while forces do negative work on the way on, ½(F + F')·δ ≤ 0, and shrinks where they do not; at
-the end the step is Newton's. States of controllers are at rest too: ż = 0 decides them.
+goes downhill, to an equilibrium that is stable. β begins with a step of a third of the model's
+size, grows while forces do work on the way, ½(F + F')·δ ≤ 0, and shrinks where they resist; at the
+end the step is Newton's. States of controllers are at rest too: ż = 0 decides them.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
 from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
@@ -29,23 +30,28 @@ _MAX_STEPS = 300
 _LONGEST = 0.3  # of a step, over the model size or in radians
 _CLOSED = 1e-9  # correction over the model size up to which Newton's method goes on
 _ROUND_OFF = 1e-13
+_SHORT = 1e-2  # step below which Newton's method takes over
 _NOISE = 1e-6  # correction below which the work of a step is round-off
 _GROWTH, _CUT = 4.0, 0.1  # of β
-_NEWTON = 1e12  # β over its first value
-_REGULAR = 1e-12
+_NEWTON, _LEAST = 1e12, 1e-12  # largest and least β over its first value
+_MOST = 1e15  # s², β of the slowest motion that is told from none
+_MAX_CLOSINGS = 4
+_REGULAR, _REFINEMENTS = 1e-10, 2
 _FAR = 20.0  # model sizes after which a body that goes on has no equilibrium
 
 
 @one_blas_thread()
-def settle(compiled: Compiled, model: Model, state: State) -> int:
+def settle(compiled: Compiled, model: Model, state: State, *, descend: bool = True) -> int:
     """Bring an assembled state into equilibrium, in place; returns the number of steps.
+
+    Without `descend` by Newton's method alone, which leads to unstable ones too.
 
     Raises
     ------
     AssemblyError
         No equilibrium.
     """
-    return _Descent(compiled, model, state).run()
+    return _Descent(compiled, model, state).run(descend)
 
 
 class _Descent:
@@ -61,52 +67,76 @@ class _Descent:
         self.unknown = np.flatnonzero(self.moving | self.rates)
         self.size = np.where(self.scales > 0.0, self.scales, 1.0)
         acceleration = np.abs(state.vd[self.moving] / self.size[self.moving]).max(initial=0.0)
-        self.first = _LONGEST / max(float(acceleration), 1e-300)
+        self.first = _LONGEST / (float(acceleration) or 1.0)
         state.v[self.moving] = 0.0
         state.vd[:] = 0.0
         self.equations = StateEquations(compiled, state)
         self.travel = np.zeros_like(self.scales)
 
-    def run(self) -> int:
+    def run(self, descend: bool) -> int:
         """Steps until the equilibrium is reached."""
-        beta, last = self.first, np.inf
+        beta = self.first if descend else _NEWTON * self.first
+        cautious, last, newton = self.first, np.inf, True
+        weights = self.compiled.system.row_weights
         for n in range(_MAX_STEPS):
             self._forget()
             T, F0 = self._equations()
-            gap = np.array(self.equations.work.con.C)
-            step, lam = self._step(T, F0, gap, beta)
-            longest = float(np.abs(step[self.moving] / self.size[self.moving]).max(initial=0.0))
+            step, lam = self._step(T, F0, np.array(self.equations.work.con.C), beta)
+            longest = self._length(step)
             if not np.isfinite(longest):
                 beta *= _CUT
                 continue
             share = min(1.0, _LONGEST / longest) if longest > 0.0 else 1.0
-            step *= share
             before = F0 + T.L @ lam
             q, v = self.state.q.copy(), self.state.v.copy()
-            self._move(step)
+            self._move(share * step)
             self.state.lam[:] = lam
-            if longest <= _CLOSED and beta >= _NEWTON * self.first * _CUT:
-                # as far as numbers go
-                if longest <= _ROUND_OFF or longest > 0.3 * last:
-                    self._finish()
-                    return n + 1
-            after = self.equations.residual()
-            moved = self.moving & (np.abs(step) > 0.0)
-            work = 0.5 * float((before + after)[moved] @ step[moved])
-            closing = np.abs(gap * self.compiled.system.row_weights).max(initial=0.0)
-            if work > 0.0 and longest > _NOISE and closing <= _NOISE:
+            by_newton = longest <= _CLOSED and beta >= _NEWTON * self.first
+            if by_newton and (longest <= _ROUND_OFF or longest > 0.3 * last):
+                self._finish()  # as far as numbers go
+                return n + 1
+            after = self._close(weights)
+            work = 0.5 * share * float((before + after)[self.moving] @ step[self.moving])
+            if descend and work > 0.0 and longest > _NOISE:
                 self.state.q[:], self.state.v[:] = q, v
-                beta *= _CUT
-                if beta < 1e-12 * self.first:
+                newton = False
+                beta = min(_CUT * beta, cautious)
+                cautious = beta
+                if beta < _LEAST * self.first:
                     break
                 continue
-            self.travel += step
-            beta = min(beta * (_GROWTH if share == 1.0 else 1.0) * (10.0 if longest < 1e-2 else 1.0),
-                       _NEWTON * self.first)  # fmt: skip
+            self.travel += share * step
+            newton = newton or longest > _SHORT
+            if share == 1.0:
+                if longest <= _SHORT and (newton or longest <= _NOISE):
+                    beta = _NEWTON * self.first
+                else:
+                    beta = cautious = min(_GROWTH * beta, _NEWTON * self.first)
             last = longest
-            if np.abs(self.travel[self.moving] / self.size[self.moving]).max(initial=0.0) > _FAR:
+            if self._length(self.travel) > _FAR:
                 raise AssemblyError(self._what_grows(before))
-        raise AssemblyError(self._what_grows(self._equations()[1] + 0.0))
+        raise AssemblyError(self._what_grows(self._equations()[1] + T.L @ self.state.lam))
+
+    def _length(self, step: Array) -> float:
+        """Largest component of a motion (nv,), over the model size or in radians."""
+        return float(np.abs(step[self.moving] / self.size[self.moving]).max(initial=0.0))
+
+    def _close(self, weights: Array) -> Array:
+        """Close the joints by the factor of the step; returns F there."""
+        force = self.equations.residual()
+        for _ in range(_MAX_CLOSINGS):
+            gap = weights * self.equations.work.con.C
+            if np.abs(gap).max(initial=0.0) <= _ROUND_OFF:
+                break
+            right = np.concatenate([np.zeros(len(self.unknown)), -gap])
+            x = scipy.linalg.lu_solve(self.factor, right, check_finite=False)
+            step = np.zeros(len(self.size))
+            step[self.unknown] = self.size[self.unknown] * x[: len(self.unknown)]
+            if not self._length(step) <= _LONGEST:
+                break
+            self._move(step)
+            force = self.equations.residual()
+        return force
 
     def _forget(self) -> None:
         """Let bristles of friction be free where the state is now."""
@@ -123,6 +153,7 @@ class _Descent:
     def _step(self, T: Tangents, F0: Array, gap: Array, beta: float) -> tuple[Array, Array]:
         """δ (nv,) and the multipliers of one step."""
         at, size, weights = self.unknown, self.size, self.compiled.system.row_weights
+        beta = min(beta, _MOST)
         K = T.K[np.ix_(at, at)] + T.M[np.ix_(at, at)] / beta
         rates = self.rates[at]
         if rates.any():  # of a state its rate is the unknown
@@ -130,17 +161,21 @@ class _Descent:
         K = size[at, None] * K * size[at]
         A = weights[:, None] * T.Cq[:, at] * size[at]
         L = size[at, None] * T.L[at] * weights
-        unit = float(np.abs(np.diag(K)).max(initial=0.0)) or 1.0
+        unit = max(float(np.abs(values).max(initial=0.0)) for values in (np.diag(K), size * F0))
+        unit = unit or 1.0
         n, m = len(at), len(A)
         whole = np.zeros((n + m, n + m))
         whole[:n, :n], whole[:n, n:], whole[n:, :n] = K / unit, L, A
         whole[n:, n:] = -_REGULAR * np.eye(m)
         right = np.concatenate([-size[at] * F0[at] / unit, -weights * gap])
         try:
-            x = np.linalg.solve(whole, right)
-            x += np.linalg.solve(whole, right - whole @ x)
-        except np.linalg.LinAlgError:
-            x = np.linalg.lstsq(whole, right, rcond=None)[0]
+            self.factor = factor = scipy.linalg.lu_factor(whole, check_finite=False)
+            whole[n:, n:] = 0.0
+            x = scipy.linalg.lu_solve(factor, right, check_finite=False)
+            for _ in range(_REFINEMENTS):
+                x += scipy.linalg.lu_solve(factor, right - whole @ x, check_finite=False)
+        except (np.linalg.LinAlgError, scipy.linalg.LinAlgWarning):
+            x = np.full(n + m, np.nan)
         step = np.zeros(len(size))
         step[at] = size[at] * x[:n]
         return step, weights * x[n:] * unit
