@@ -427,3 +427,39 @@ def test_mistakes_are_named(name):
         model.add_body("bar", bar(), damping=words)
         model.add_joint("wall", "fixed", between=["ground", "bar.root"])
         flexmb.simulate(model, duration=1e-3, outputs=2)
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_several_bodies_have_other_ratios_together(n):
+    """A bar divided into equal ones that are welded: each has 2 % while the others are rigid."""
+    part = reduce(
+        line(6, end=(L / n, 0, 0)), material=STEEL, interfaces={"root": "root", "tip": "tip"},
+        sections={"all": rectangle(WIDTH, HEIGHT)}, modes=4,
+    )  # fmt: skip
+    for words, expected in ((0.02, None), ({"rayleigh": {"beta": 1e-4}}, np.pi * 1e-4)):
+        model = Model("divided")
+        for k in range(n):
+            model.add_body(f"bar{k}", part, damping=words, position=[k * L / n, 0, 0])
+            before = "ground" if k == 0 else f"bar{k - 1}.tip"
+            model.add_joint(f"weld{k}", "fixed", between=[before, f"bar{k}.root"])
+        run = flexmb.simulate(model, duration=1e-4, outputs=1, step=1e-4)
+        frequencies, ratios = told(run, "")
+        lin = flexmb.linearize(model, about="undeformed")
+        np.testing.assert_allclose(
+            np.sort(lin.damping_ratios)[:6], np.sort(ratios)[:6], rtol=1e-5
+        )  # of modes that do not vibrate the linearised scene says nothing
+        assert frequencies[0] == pytest.approx(bending(CLAMPED), rel=1e-3)
+        if expected is None:
+            np.testing.assert_allclose(told(run, "bar0")[1], 0.02, rtol=1e-9)
+            assert 0.5 * 0.02 < ratios[0] < 0.02
+        else:  # β K knows nothing of a division
+            assert ratios[0] == pytest.approx(expected * frequencies[0], rel=1e-6)
+
+
+def test_a_mode_beyond_all_is_refused_before_the_reduction():
+    model = Model("bad")
+    with pytest.raises(FlexmbError, match="damping.modes.99: there is no such mode: .* at most 32"):
+        model.add_body(
+            "bar", mesh={"type": "beam", "length": 1}, material="steel",
+            interfaces={"root": "start"}, modes=14, damping={"modes": {99: 0.1}},
+        )  # fmt: skip
