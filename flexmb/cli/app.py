@@ -6,6 +6,7 @@ message, an interruption in 130, faults of flexmb in 1 with a request to report 
 
 from __future__ import annotations
 
+import atexit
 import functools
 import gc
 import io
@@ -85,6 +86,7 @@ NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the p
 def main() -> None:
     """The entry point of the command ``flexmb``."""
     gc.set_threshold(50_000)  # imports make many objects that stay: a tenth of a short command
+    atexit.register(gc.freeze)  # not to walk over them once more at the end: a fifth of it
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a pipe on Windows may lack the letters we use
             stream.reconfigure(errors="replace")

@@ -20,8 +20,6 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from flexmb.engine.jit import UNITS, reached
 from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit_file
 from flexmb.errors import CompilationError
@@ -153,6 +151,8 @@ class _Pool:
 
     def _claim(self, name: str) -> Any:
         """The lock of a unit, or None if another process has it; it ends with the process."""
+        from filelock import FileLock, Timeout
+
         lock = FileLock(self.folder / f"{unit_file(name)}.lock")
         try:
             lock.acquire(timeout=0)

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import psutil
 from scipy.sparse import csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import splu
 
@@ -371,6 +370,8 @@ def require_memory(needed: float, what: str) -> None:
 
 def available_memory() -> float:
     """Bytes this process may still take: of the machine, and of its control groups."""
+    import psutil
+
     limits = [float(psutil.virtual_memory().available)]
     if sys.platform == "linux":
         limits += _cgroups(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))

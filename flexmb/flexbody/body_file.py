@@ -18,9 +18,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
@@ -35,6 +34,9 @@ from flexmb.flexbody.parts import (
     Surface,
 )
 from flexmb.hdf5 import USER_BLOCK, open_hdf5, seal
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "flexmb-flexbody"
 VERSION = 3
@@ -224,6 +226,8 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
     OutputError
         The file cannot be written.
     """
+    import h5py  # h5py: 20 ms that a check of a scene need not pay
+
     target = Path(path)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     content = BytesIO()  # HDF5 ends the process where a disk fails, so it never meets one
@@ -252,6 +256,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
+    import h5py
+
     source = Path(path)
     try:
         with open_hdf5(source, BodyFileError, "a flexible body of flexmb") as file:
@@ -269,6 +275,8 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
 
 
 def _write(file: h5py.File, body: FlexBody) -> None:
+    import h5py
+
     file.attrs.update({"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass})
     for row in TABLE:
         file.require_group(row.path.partition("/")[0])

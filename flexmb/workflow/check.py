@@ -149,10 +149,10 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
 
 def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
     """Refuse unknown names among the results to store."""
-    from flexmb.engine.compile import compile_system
-    from flexmb.results import Columns, stored_columns
-
     if model.results is not None and model.results.keep:
+        from flexmb.engine.compile import compile_system
+        from flexmb.results import Columns, stored_columns
+
         scene = {"results": {"keep": model.results.keep}, **_reaction_scene(model)}
         stored_columns(Columns.of(compile_system(model, bodies).layout), scene, rigid)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from types import SimpleNamespace
 
+import psutil
 import pytest
 from femeshes import block
 
@@ -71,13 +72,9 @@ def test_control_groups_of_version_1_have_a_folder_for_memory(tmp_path):
 
 def test_the_free_memory_is_the_least_of_machine_and_control_groups(monkeypatch):
     monkeypatch.setattr(linear_solver, "_cgroups", lambda path, root: [3e9])
-    monkeypatch.setattr(
-        linear_solver.psutil, "virtual_memory", lambda: SimpleNamespace(available=4096)
-    )
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=4096))
     assert linear_solver.available_memory() == 4096.0
-    monkeypatch.setattr(
-        linear_solver.psutil, "virtual_memory", lambda: SimpleNamespace(available=5e9)
-    )
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=5e9))
     assert linear_solver.available_memory() == (3e9 if sys.platform == "linux" else 5e9)
 
 
