@@ -238,22 +238,21 @@ def _check_objects(file: h5py.File, size: int) -> None:
 def _read_alone(path: Path) -> int:
     """What the process of the first reading does; returns its exit code."""
     import h5py
+    import psutil
 
     size = path.stat().st_size
-    with suppress(ImportError, OSError, ValueError):  # Windows has no such limits
-        import resource
-
+    if hasattr(psutil, "RLIMIT_AS"):  # Linux
         limit = _MEMORY + 2 * size
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        psutil.Process().rlimit(psutil.RLIMIT_AS, (limit, limit))
     try:
         with h5py.File(path, "r", locking=False) as file:
             _check_objects(file, size)
     except ValueError as problem:
-        print(problem)
+        sys.stdout.write(str(problem))
         return _REFUSED
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as problem:
         text = " ".join(str(problem).split())
-        print(f"is a damaged HDF5 file ({text})")
+        sys.stdout.write(f"is a damaged HDF5 file ({text})")
         return _REFUSED
     return 0
 

@@ -256,7 +256,6 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
-    import h5py
 
     source = Path(path)
     try:

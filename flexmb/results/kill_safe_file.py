@@ -109,7 +109,11 @@ class DiskFile(io.RawIOBase):
         self._path = path
         self._part = path.with_name(path.name + ".part") if new else None
         try:
-            self._file = open(self._part or path, "w+b" if new else "r+b", buffering=0)  # noqa: SIM115
+            if self._part is not None:
+                self._part.touch()
+            self._file = open(self._part or path, "r+b", buffering=0)  # noqa: SIM115
+            if new:
+                self._file.truncate(0)
             begin_writing(self._part or path)
         except OSError:
             self._lock.release()

@@ -33,7 +33,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Final
 from uuid import uuid4
 
@@ -287,8 +287,23 @@ def _contents(file: h5py.File) -> Contents:
         scene=scene,
         extended=scene.get("dynamics", {}) != original,
         texts={name: data.asstr()[()] for name, data in file["texts"].items()},
-        flexbodies={name: data.asstr()[()] for name, data in file["flexbodies"].items()},
+        flexbodies=_read_file_names(file["flexbodies"]),
     )
+
+
+def _read_file_names(group: h5py.Group) -> dict[str, str]:
+    """Files of the flexible bodies: in the folder of the result, and nowhere else."""
+    files = {str(name): str(data.asstr()[()]) for name, data in group.items()}
+    for name, file in files.items():
+        if (
+            file in ("", "..")
+            or PurePosixPath(file).name != file
+            or PureWindowsPath(file).name != file
+        ):
+            raise ValueError(
+                f"the file of the flexible body {name} is not in this folder: {file!r}"
+            )
+    return files
 
 
 def _read_layout(group: h5py.Group) -> Columns:
