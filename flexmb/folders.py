@@ -77,3 +77,11 @@ def is_writable(folder: Path) -> bool:
     except OutputError:
         return False
     return True
+
+
+def relative_path(path: Path, folder: Path) -> str:
+    """The path as seen from a folder, with forward slashes; as it is on another drive."""
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
-from flexmb.analysis.assembly.rank import MAX_COORDINATES
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -39,9 +39,9 @@ from flexmb.analysis.singular_poses import (
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import analyse_kinematics, kinematics_units
-from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
+from flexmb.engine.time_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
 from flexmb.model.model import Model

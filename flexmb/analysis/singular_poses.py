@@ -14,16 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import WeightedJacobian, dense_jacobian
-from flexmb.analysis.assembly.rank import MAX_COORDINATES, Decomposition
+from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
+    Decomposition,
+    WeightedJacobian,
+    dense_jacobian,
+)
 from flexmb.analysis.dynamics.failure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import analyse_kinematics, sentence, worst_place
-from flexmb.engine.kinematics_loop import EVALUATE
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
+from flexmb.engine.time_loop import EVALUATE
 from flexmb.engine.work import new_run
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import Overrides, Scene, command, parse_pairs
+from flexmb.cli.app import FAILED_CHECK, Overrides, Scene, command, parse_pairs
 
 _DERIVED = ("count", "delta", "delta_without_drivers", "redundant", "singular")
 
@@ -122,6 +123,65 @@ def _report_json(report: Any) -> str:
     return json.dumps(data, indent=1)
 
 
+@command("check-all")
+def check_all(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of scenes, with its subfolders.", show_default=False)
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for everything that is written.")
+    ] = Path("out/check-all"),
+    workers: Annotated[int, typer.Option(help="Scenes that are run at the same time.")] = 2,
+) -> None:
+    """Run all scenes of a folder and compare them with their known answers ([[check]]).
+
+    Draws no pictures. Ends with exit code 3 if a check failed or a run did not finish.
+
+    Example: flexmb check-all cases
+    """
+    from flexmb import workflow
+
+    with screen.Bars() as progress:
+        scenes = workflow.check_all(folder, output=output, workers=workers, progress=progress)
+    rows = []
+    for scene in scenes:
+        path = scene.scene.relative_to(folder) if folder.is_dir() else Path(scene.scene.name)
+        name = path.with_suffix("").as_posix().removesuffix("/scene")
+        for o in scene.outcomes:
+            place = o.place(scene.time_unit)
+            rows.append((name, "ok" if o.passed else "FAILED", place, *_outcome_figures(o)))
+        if scene.failure or not scene.outcomes:
+            what = "the run failed" if scene.failure else "no [[check]]"
+            rows.append((name, "FAILED" if scene.failure else "", what, "", "", "", ""))
+    columns = ("scene", "check", "of", *_FIGURES)
+    screen.table(columns, rows, right=range(3, len(columns)), whole=True)
+    for scene in scenes:
+        if scene.failure:
+            screen.line(f"failed: {scene.scene}: {scene.failure}")
+        _show_failed(scene.outcomes, scene.time_unit, f"{scene.scene}: ")
+    outcomes = [o for scene in scenes for o in scene.outcomes]
+    passed = sum(o.passed for o in outcomes)
+    runs = sum(bool(scene.failure) for scene in scenes)
+    text = f"{_count(len(scenes), 'scene')}: {passed} of {_count(len(outcomes), 'check')} passed"
+    screen.line(text + (f", {_count(runs, 'run')} failed" if runs else ""))
+    if not all(scene.passed for scene in scenes):
+        raise typer.Exit(FAILED_CHECK)
+
+
+_FIGURES = ("value", "expected", "off by", "allowed")
+
+
+def _outcome_figures(o: Any) -> tuple[str, ...]:
+    error = f"{abs(o.value - o.expected):.2g}"
+    return f"{o.value:.12g}", f"{o.expected:.12g}", error, f"{o.tolerance:.2g}"
+
+
+def _show_failed(outcomes: Sequence[Any], unit: str, where: str = "") -> None:
+    for o in outcomes:
+        if not o.passed:
+            screen.line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
+
+
 def show_outcomes(outcomes: Sequence[Any], unit: str) -> None:
     """Show known answers of a scene with the computed values; times if any has one."""
     timed = any(o.time is not None for o in outcomes)
@@ -130,16 +190,11 @@ def show_outcomes(outcomes: Sequence[Any], unit: str) -> None:
             "ok" if o.passed else "FAILED",
             o.sensor,
             *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
-            f"{o.value:.12g}",
-            f"{o.expected:.12g}",
-            f"{abs(o.value - o.expected):.2g}",
-            f"{o.tolerance:.2g}",
+            *_outcome_figures(o),
         )
         for o in outcomes
     ]
     when = (f"t [{unit}]",) if timed else ()
-    columns = ("check", "of", *when, "value", "expected", "off by", "allowed")
+    columns = ("check", "of", *when, *_FIGURES)
     screen.table(columns, rows, right=range(2, len(columns)), whole=True)
-    for o in outcomes:
-        if not o.passed:
-            screen.line(f"failed: {o.place(unit)}; the expected value is from: {o.source}")
+    _show_failed(outcomes, unit)

@@ -73,6 +73,10 @@ def reduce(
         str | None,
         typer.Option(help="Where the file keeps stress: surface (by default), all nodes, or none."),
     ] = None,
+    residual: Annotated[
+        str | None,
+        typer.Option(help="inertia: add the static responses to the body's own inertia loads."),
+    ] = None,
     body: Annotated[
         str | None, typer.Option(help="Only this flexible body of the scene.", show_default=False)
     ] = None,
@@ -119,6 +123,7 @@ def reduce(
         "damping": damping,
         "plane": plane,
         "stress": stress,
+        "residual": residual,
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}
     quality: dict[str, Any] = {"report": report or up_to is not None, "up_to": up_to}
@@ -201,6 +206,11 @@ def show_body(body: Any) -> None:
         ("modal coordinates", str(body.m)),
         ("damping", "none" if not body.D.any() else "modal"),
     ]
+    if body.inertia_response is not None and body.m:
+        shares = body.inertia_response.missing_shares
+        motion = max(shares, key=shares.__getitem__, default="")
+        lacks = f"{100 * shares[motion]:.3g} % missing under {motion}" if motion else "no response"
+        rows += [("inertia loads", lacks)]
     rows += [(f"interface {i.name}", f"at {vector(i.position, 'm')}") for i in body.interfaces]
     rows += [("stress", _stress_text(body))]
     if body.section_forces is not None:

@@ -42,7 +42,7 @@ from numba.extending import (
 from numba.np import arrayobj
 
 from flexmb.engine import jit
-from flexmb.engine.records import Array, is_record, layout
+from flexmb.engine.jit import Array, is_record, layout
 from flexmb.engine.unit_cache import write_unit
 
 # `fastmath=True` would let the compiler assume that no NaN exists and make isfinite(nan) true;

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmb.engine import initial_conditions, kinematics_loop, time_loop
+from flexmb.engine import initial_conditions, time_loop
 from flexmb.engine.compile import Compiled
 from flexmb.engine.function import run_program
 from flexmb.engine.integrators import import_methods
-from flexmb.engine.jit import UNITS, Unit
+from flexmb.engine.jit import UNITS, Packed, Unit, units_in
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import (
     CURVE_END,
@@ -21,7 +21,6 @@ from flexmb.engine.method import (
     ZERO_LENGTH,
     Method,
 )
-from flexmb.engine.records import Packed, units_in
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.units import call, call_ready, prepare_units
@@ -118,7 +117,7 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
 
 def kinematics_units(system: System) -> list[Unit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
-    units = [kinematics_loop.kinematics_loop, initial_conditions.evaluate_rows]
+    units = [time_loop.kinematics_loop, initial_conditions.evaluate_rows]
     return [*units, *units_of(system)]
 
 
@@ -138,7 +137,7 @@ def analyse_kinematics(
     n : int
         Number of points.
     """
-    return float(call(kinematics_loop.kinematics_loop, run, path, settings, what, n))
+    return float(call(time_loop.kinematics_loop, run, path, settings, what, n))
 
 
 _WHAT = {

@@ -16,10 +16,9 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra import ldl
-from flexmb.engine.jit import call_matrix, call_stage, call_value, kernel, unit
+from flexmb.engine.jit import Vector, call_matrix, call_stage, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 

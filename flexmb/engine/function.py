@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import FunctionTable
 

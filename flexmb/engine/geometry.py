@@ -15,9 +15,8 @@ from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.body import RigidBodySpec
 from flexmb.model.forces.contact import PointsSide, nodes_of
-from flexmb.model.markers import MarkerSpec, PlacedMarker, place
+from flexmb.model.markers import MarkerSpec, PlacedMarker, place, rotation_matrix, triad
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix, triad
 from flexmb.model.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from importlib import import_module
 from pkgutil import iter_modules
 
@@ -20,15 +19,13 @@ from flexmb.engine.sensors.feedback import FEEDBACK
 from flexmb.engine.sensors.joint_coordinate import JOINT_ANGLES
 from flexmb.engine.sensors.marker_motion import TURNING_ANGLES
 
-
-def _force_kinds() -> Iterator[Kind]:
-    """All kinds of forces: those that the modules of `engine.forces` define."""
-    for module in iter_modules(forces.__path__, f"{forces.__name__}."):
-        for value in vars(import_module(module.name)).values():
-            if isinstance(value, Kind):
-                yield value
-
-
+FORCE_KINDS = [
+    value
+    for module in iter_modules(forces.__path__, f"{forces.__name__}.")
+    for value in vars(import_module(module.name)).values()
+    if isinstance(value, Kind)
+]
+"""All kinds of forces: those that the modules of `engine.forces` define."""
 KINDS: tuple[Kind, ...] = (
     TIME_FUNCTIONS,
     COORDINATES,
@@ -42,7 +39,7 @@ KINDS: tuple[Kind, ...] = (
     JOINTS,
     CONSTRAINT_ROWS,
     POINT_JOINTS,
-    *_force_kinds(),
+    *FORCE_KINDS,
     JOINT_ANGLES,
     TURNING_ANGLES,
     FEEDBACK,

@@ -35,7 +35,7 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, Vector, array_of, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import (
     FINE,
@@ -49,7 +49,6 @@ from flexmb.engine.method import (
     UNLIKE_RATES,
 )
 from flexmb.engine.projection import depends_on_solution
-from flexmb.engine.records import Matrix, Vector, array_of
 from flexmb.engine.state import Run
 
 #: Memory of a kinematic analysis, from point to point.

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.records import Records, Units
+from flexmb.engine.jit import Records, Units, kernel
 
 
 class Method(NamedTuple):
@@ -58,6 +58,17 @@ class Settings(NamedTuple):
     works: int  # 1: something does work (drivers, dampers, applied forces)
     stiff: int  # 1: springs, flexible bodies or other stiffness
     determined: int  # 1: the constraints alone fix the motion (no free coordinate)
+
+
+ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
+
+
+@kernel
+def round_off(settings):
+    """Times that differ by less are the same [s]."""
+    if settings.step > 0.0:
+        return ROUND_OFF * settings.step
+    return 1e-12 * (settings.end - settings.start)
 
 
 # Status codes of the kernels; `entries` turns them into sentences.

@@ -28,10 +28,9 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
-from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 _ROUNDS = 3

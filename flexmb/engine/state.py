@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.jit import Complexes, Integers, Matrix, Records, Units, Vector, array_of
 from flexmb.engine.method import COUNTERS, INTEGRATOR_MEMORY, Method, Settings
-from flexmb.engine.records import Complexes, Integers, Matrix, Records, Units, Vector, array_of
 from flexmb.engine.tables import System
 
 _F = "f8"

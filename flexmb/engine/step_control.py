@@ -21,7 +21,9 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import (
     FINE,
     REPEAT,
+    ROUND_OFF,
     TOO_SMALL,
+    round_off,
 )
 from flexmb.engine.state import Run
 
@@ -42,7 +44,6 @@ _SHORTER = 1.5  # times, at least, for errors to be compared
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
 _LONGEST_SHARE = 0.1
-_ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
 _SAFETY = 0.9
 _LEAST, _MOST = 0.2, 5.0
 # Where a change of the step is dear: most that it grows, and what is not worth a change.
@@ -83,14 +84,6 @@ def at_end(settings, plan, st):
     if settings.refinement > 0.0:
         return plan.used[0] == 0 or st.t[0] >= plan.knots[plan.used[0] - 1]
     return st.t[0] >= settings.end - round_off(settings)
-
-
-@kernel
-def round_off(settings):
-    """Times that differ by less are the same [s]."""
-    if settings.step > 0.0:
-        return _ROUND_OFF * settings.step
-    return 1e-12 * (settings.end - settings.start)
 
 
 @kernel
@@ -226,10 +219,7 @@ def _ratio(settings, error, patience):
 @kernel
 def exact_time(settings, plan, time_events, st, h):
     """Time after the step: grid points, kinks and the end without the round-off of a sum."""
-    if (
-        settings.step > 0.0
-        and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - _ROUND_OFF
-    ):
+    if settings.step > 0.0 and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - ROUND_OFF:
         return settings.start + (st.count[0]["fixed_steps"] + 1) * settings.step
     if settings.step == 0.0:
         end = next_end(time_events, st.t[0], settings.end)
@@ -258,7 +248,7 @@ def accepted(method, settings, st, error, h):
         memory["rejected_step"], memory["has_kink"] = 0.0, 0.0
     if settings.step > 0.0:
         memory["step_fraction"] += h / settings.step
-        if memory["step_fraction"] >= 1.0 - _ROUND_OFF:
+        if memory["step_fraction"] >= 1.0 - ROUND_OFF:
             memory["step_fraction"] = 0.0
             memory["next_step"] = settings.step
             count["fixed_steps"] += 1

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.records import Integers, Matrix, Vector, array_of
+from flexmb.engine.jit import Integers, Matrix, Vector, array_of
 
 if TYPE_CHECKING:
     from flexmb.model.functions.expression import Expression, Ops

@@ -20,8 +20,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from flexmb.engine.compiler_pool import compile_units
-from flexmb.engine.jit import UNITS, Unit, reached
-from flexmb.engine.records import Packed, array_ndim, pack, units_in
+from flexmb.engine.jit import UNITS, Packed, Unit, array_ndim, pack, reached, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.engine.jit import Unit
+from flexmb.engine.jit import Unit, units_in
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
@@ -17,7 +17,6 @@ from flexmb.engine.method import (
     Method,
     Settings,
 )
-from flexmb.engine.records import units_in
 from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,

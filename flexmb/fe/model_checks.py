@@ -423,28 +423,3 @@ def check_mode_count(
     if count is not None and count > free:
         what = f"{count} requested, but the model has only {free}"
         raise ReductionError.from_problems([Problem("modes", what)])
-
-
-def coordinates_text(
-    freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Mapping[str, Any]
-) -> str:
-    """Kept coordinates, in words; loads add at most that many residual vectors."""
-    if reduction == "user":
-        return "those of the given modes"
-    selection = read_modes(modes)
-    count = 0 if reduction == "guyan" else selection.count
-    static = freedoms * interfaces
-    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
-    more *= 2 if interfaces and reduction != "free-interface" else 1
-    extra = f" + up to {more} for loads" if more else ""
-    if count is None:
-        by = "frequency" if selection.frequency is not None else "effective mass"
-        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
-    if not interfaces:
-        return f"{count} free modes{extra}"
-    text = f"{freedoms}*{interfaces} interfaces + {count} modes"
-    if reduction == "free-interface":
-        return f"up to {static + count + more} = {text}{extra}"
-    least = static + count - freedoms
-    most = f" to {least + more}" if more else ""
-    return f"{least}{most} = {text} - {freedoms}{extra}"

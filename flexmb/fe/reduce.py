@@ -20,7 +20,7 @@ import numpy as np
 from skfem import CellBasis
 from skfem import Mesh as SkfemMesh
 
-from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError
+from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem
 from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
 from flexmb.fe.assembly.interfaces import (
     InterfaceLike,
@@ -37,15 +37,21 @@ from flexmb.fe.model_checks import (
     Survey,
     check_mode_count,
     check_releases,
-    coordinates_text,
     mass_sentence,
     model_findings,
     nominal_mass,
     point_mass,
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
-from flexmb.fe.reduction.inertia_relief import require_stresses, with_geometric_stiffening
-from flexmb.fe.reduction.methods import mesh_hash, reduce_model, reduction_key, requested_modes
+from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
+from flexmb.fe.reduction.inertia_loads import inertia_response
+from flexmb.fe.reduction.methods import (
+    check_options,
+    coordinates_text,
+    mesh_hash,
+    reduce_model,
+    reduction_key,
+)
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     ReducedModes,
@@ -93,6 +99,7 @@ def reduce(
     plane: str | None = None,
     stress: bool | str = True,
     geometric_stiffening: bool = False,
+    residual: str = "none",
     stiffness: Any = None,
     mass: Any = None,
     inspect: Callable[..., None] | None = None,
@@ -142,6 +149,10 @@ def reduce(
     geometric_stiffening : bool
         Whether forces and rotation stiffen or soften the body, and its ends approach each other
         when it bends; needs an interface; three static solutions for each, and six more.
+    residual : str
+        ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
+        twelve: then stress and growth under acceleration and spin are exact in the static limit.
+        ``"none"`` by default.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
         for stress alone.
@@ -157,7 +168,7 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested, where = _check_options(reduction, modes, damping), stress_option(stress)
+    requested, where = check_options(reduction, modes, damping, residual), stress_option(stress)
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
@@ -194,8 +205,9 @@ def reduce(
     if reduction == "user":
         requested = read_user_modes(requested, scale)
     reduced = reduce_model(
-        fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns
-    )
+        fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
+        residual=residual,
+    )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
@@ -208,7 +220,7 @@ def reduce(
     options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
-    options["geometric_stiffening"] = geometric_stiffening
+    options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
     made = sections_from(sections)
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
@@ -277,6 +289,7 @@ def survey(
     modes: Any = 20,
     reduction: str = "craig-bampton",
     plane: str | None = None,
+    residual: str = "none",
     **others: Any,
 ) -> Survey:
     """A reduction up to its assembly: all problems, and what the body will have.
@@ -306,7 +319,9 @@ def survey(
         findings,
         counts,
         model.numbering.n,
-        coordinates_text(6 if plane is None else 3, len(ends), modes, reduction, loads or {}),
+        coordinates_text(
+            6 if plane is None else 3, len(ends), modes, reduction, loads or {}, residual
+        ),
         mass,
         {part.name: part.position for part in ends},
         model.mesh.points,
@@ -375,23 +390,8 @@ def make_body(
             LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
             for load in reduced.loads
         ),
+        inertia_response=inertia_response(fe, reduced, elastic),
     )
-
-
-def _check_options(reduction: str, modes: Any, damping: float) -> Any:
-    """The modes that are requested."""
-    problems: list[Problem] = []
-    requested = None
-    try:
-        requested = requested_modes(reduction, modes)
-    except ReductionError as error:
-        problems += error.problems
-    if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
-        what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
-        problems.append(Problem("damping", what))
-    if problems:
-        raise ReductionError.from_problems(problems)
-    return requested
 
 
 def _provenance(

@@ -7,6 +7,7 @@ from flexmb.flexbody.body_file import load, save
 from flexmb.flexbody.parts import (
     SECTION_FORCES,
     STRESS,
+    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -22,6 +23,7 @@ __all__ = [
     "SECTION_FORCES",
     "STRESS",
     "FlexBody",
+    "InertiaResponse",
     "Interface",
     "LoadVector",
     "ModeInfo",

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.parts import (
+    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -82,6 +83,8 @@ class FlexBody:
     centrifugal_stiffness : (3, 3, m, m) float, optional
         Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
         interfaces the geometric stiffening of the body. None: left out.
+    inertia_response : InertiaResponse, optional
+        What the modes lack of the static response to the body's own inertia.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class FlexBody:
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
+    inertia_response: InertiaResponse | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")

@@ -25,6 +25,7 @@ import numpy as np
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import (
+    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -102,6 +103,9 @@ TABLE = (
     Dataset("section_forces/elements", "i8", ("b", 2), "mesh nodes of the beams", True),
     Dataset("section_forces/axes", "f8", ("b", 3, 3), "local axes as columns", True),
     Dataset("section_forces/modes", "f8", ("b", 2, 6, "m"), "N Vy Vz T My Mz [N, N m]", True),
+    Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
+    Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
+    Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -115,6 +119,7 @@ _PARTS = {  # groups that hold one part of a body, by the field that has it
     "nodes": "nodes",
     "stress_recovery": "stress",
     "section_forces": "section_forces",
+    "inertia_response": "inertia_response",
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
@@ -178,6 +183,9 @@ def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBo
             SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
         ),
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
+        inertia_response=(
+            InertiaResponse(**group["inertia_response"]) if group["inertia_response"] else None
+        ),
         provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
     )
 

@@ -220,6 +220,11 @@ REDUCTIONS = {
 """What each reduction method keeps."""
 MASS_MATRICES = ("consistent", "hrz")
 """Ways to build the mass matrix."""
+RESIDUALS = {
+    "none": "the modes alone",
+    "inertia": "and the static responses to the body's own inertia loads, up to 12",
+}
+"""What residual vectors a reduction adds to its modes."""
 STRESS_OPTIONS = ("surface", "all", "none")
 """Where stress is recovered."""
 

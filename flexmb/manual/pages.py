@@ -29,6 +29,7 @@ PAGES = (
     "elements",
     "reduction",
     "accuracy",
+    "audit",
     "results",
     "errors",
     "design",

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, nearest
-from flexmb.model.markers import Marker
+from flexmb.model.markers import Marker, Orientation
 from flexmb.model.option_specs import Inertia, MaterialField
-from flexmb.model.orientation import Orientation
 from flexmb.model.quantities import (
     AngularVelocity,
     Position,

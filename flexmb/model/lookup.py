@@ -22,9 +22,16 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model.body import BodySpec, FlexbodySpec, RigidBodySpec
-from flexmb.model.markers import GroundSpec, MarkerSpec, PlacedMarker, place
+from flexmb.model.markers import (
+    GroundSpec,
+    MarkerSpec,
+    PlacedMarker,
+    place,
+    rotation_matrices,
+    rotation_matrix,
+    triad,
+)
 from flexmb.model.mesh_body import MeshBodySpec
-from flexmb.model.orientation import rotation_matrices, rotation_matrix, triad
 from flexmb.model.reading import GROUND, ReadContext, Spec, split_reference
 from flexmb.units import UnitSystem
 

@@ -1,28 +1,284 @@
-"""Markers: the points and axes of a body through which everything acts on it.
+"""Markers, the points and axes of a body through which everything acts on it, and orientations.
 
-In: a place on a body in the body frame of the undeformed body. Out: :class:`PlacedMarker`, what the
-engine needs of it. On a flexible body a marker is carried by an interface or a mesh node; where
-``position`` differs from the node's, the arm between them turns with the node.
+A marker is a place on a body in the body frame of the undeformed body; :class:`PlacedMarker` is
+what the engine needs of it. On a flexible body a marker is carried by an interface or a mesh node;
+where ``position`` differs from the node's, the arm between them turns with the node.
+
+An orientation is a quaternion [w, x, y, z] (Euler parameters, scaled to unit length), a 3x3 matrix
+(columns: the body's axes in global components), or one of the tables ``{axis, angle}``;
+``{x_along, y_towards}`` (any two of the axes: the first exactly along, the second turned about it
+towards a direction); ``{euler, angles}`` (a sequence such as "zxz": turns about body-fixed axes,
+each about the axis as the turns before have left it). It is read as a unit quaternion p, scalar
+first, w >= 0, with A(p) taking body components to global ones. SciPy's Rotation would take 0.1 s to
+load at each start and is not exact where axes are; these few formulas are. Source: Shabana,
+Dynamics of Multibody Systems, ch. 2.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Self
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from flexmb.errors import Problem, SceneError
-from flexmb.model.orientation import Orientation, rotation_matrix
-from flexmb.model.quantities import Integer, Position, Text
-from flexmb.model.reading import Entry, Spec, fail
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.quantities import Integer, Position, Text, read_axis, read_number, unit_vector
+from flexmb.model.reading import (
+    NUMBER,
+    Entry,
+    Names,
+    ReadContext,
+    Reader,
+    Spec,
+    context_of,
+    fail,
+    list_form,
+    quote,
+    under,
+    unknown_key,
+)
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
+
 Array = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
+_ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
+_PARALLEL = 1e-9  # sine of the angle below which two directions are one
+_AXIS_ANGLE = ("axis", "angle")
+_EULER = ("euler", "angles")
+_DIRECTIONS = tuple(f"{axis}_{how}" for axis in "xyz" for how in ("along", "towards"))
+_FORMS = "{axis, angle}, {x_along, y_towards} or {euler, angles}"
+
+EULER_SEQUENCES = tuple(f"{a}{b}{c}" for a, b, c in product("xyz", repeat=3) if b not in (a, c))
+"""The twelve sequences of axes that reach every orientation."""
+
+
+def rotation_matrix(p: Any) -> Array:
+    """Direction-cosine matrix A (3, 3), body to global, of a unit quaternion p = [w, x, y, z]."""
+    return np.array(_cosines(*map(float, p))).reshape(3, 3)
+
+
+def rotation_matrices(p: Array) -> Array:
+    """The same of many (n, 4): (n, 3, 3)."""
+    return np.stack(_cosines(*p.T), axis=1).reshape(-1, 3, 3)
+
+
+def _cosines(w: Any, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The nine direction cosines of a quaternion, row by row."""
+    return (
+        w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z,
+    )  # fmt: skip
+
+
+def quaternion_from_axis(axis: Any, angle: float) -> Quaternion:
+    """Unit quaternion of a rotation about a unit axis by an angle [rad]."""
+    s = math.sin(angle / 2)
+    x, y, z = (float(c) for c in axis)
+    return _unit([math.cos(angle / 2), s * x, s * y, s * z])
+
+
+def quaternion_from_matrix(A: Any) -> Quaternion:
+    """Unit quaternion of a rotation matrix (Shepperd, J. Guidance and Control 1 (1978) 223)."""
+    A = np.asarray(A, dtype=float)
+    K = np.array(
+        [
+            [A[0, 0] + A[1, 1] + A[2, 2], A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]],
+            [0, A[0, 0] - A[1, 1] - A[2, 2], A[0, 1] + A[1, 0], A[0, 2] + A[2, 0]],
+            [0, 0, A[1, 1] - A[0, 0] - A[2, 2], A[1, 2] + A[2, 1]],
+            [0, 0, 0, A[2, 2] - A[0, 0] - A[1, 1]],
+        ]
+    )
+    K = K + np.triu(K, 1).T
+    largest = int(np.argmax(np.diag(K)))
+    column = K[:, largest].copy()
+    column[largest] += 1.0  # 4 p_i p_k = K_ik + delta_ik
+    return _unit(column)
+
+
+def triad(axis: Any) -> Array:
+    """Rotation matrix (3, 3) whose z axis is the unit vector: the shortest turn that takes z there.
+
+    For directions below the xy plane the shortest turn after a half turn about x, which is exact
+    near -z, where the shortest turn is not unique.
+    """
+    x, y, z = (float(c) for c in axis)
+    below = z < 0
+    if below:
+        y, z = -y, -z
+    c = 1 / (1 + z)
+    R = np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])
+    return np.diag([1.0, -1.0, -1.0]) @ R if below else R
+
+
+def quaternion_from_euler(sequence: str, angles: Iterable[float]) -> Quaternion:
+    """Unit quaternion of turns [rad] about the body's own axes, one after the other.
+
+    A = R_1(angle 1) R_2(angle 2) R_3(angle 3); "zxz" are the classical Euler angles, "xyz" Cardan's
+    (Shabana, Dynamics of Multibody Systems, ch. 2; Goldstein, Classical Mechanics, app. A).
+    """
+    p = [1.0, 0.0, 0.0, 0.0]
+    for letter, angle in zip(sequence, angles, strict=True):
+        c, s = math.cos(angle / 2), math.sin(angle / 2)
+        turned = [c * value for value in p]
+        i = 1 + "xyz".index(letter)
+        j, k = 1 + i % 3, 1 + (i + 1) % 3
+        turned[0] -= s * p[i]
+        turned[i] += s * p[0]
+        turned[j] += s * p[k]
+        turned[k] -= s * p[j]
+        p = turned
+    return _unit(p)
+
+
+def _unit(p: Any) -> Quaternion:
+    w, x, y, z = unit_vector(float(c) for c in p)
+    if w < 0:
+        w, x, y, z = -w, -x, -y, -z
+    return (w + 0.0, x + 0.0, y + 0.0, z + 0.0)
+
+
+def read_orientation(value: Any, names: Names) -> Quaternion:
+    """A unit quaternion from any of the ways to say an orientation.
+
+    Raises
+    ------
+    SceneError
+        None of them, several at once, or numbers that are no orientation.
+    """
+    value = value.tolist() if hasattr(value, "tolist") else value
+    names = ReadContext.of(names)
+    if isinstance(value, Mapping):
+        return _from_table(value, names)
+    if isinstance(value, list | tuple) and len(value) == 4:
+        p = [read_number(item, names) for item in value]
+        if not any(p):
+            raise SceneError("a quaternion must not be zero")
+        return _unit(p)
+    if isinstance(value, list | tuple) and len(value) == 3:
+        return _from_rows(value, names)
+    raise SceneError(
+        f"an orientation is a quaternion [w, x, y, z], a 3x3 matrix or a table {_FORMS}, "
+        f"given {quote(value)}"
+    )
+
+
+def _from_table(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
+    forms = [keys for keys in (_AXIS_ANGLE, _EULER, _DIRECTIONS) if set(keys) & set(table)]
+    if len(forms) > 1:
+        keys = ", ".join(f'"{key}"' for key in table)
+        raise SceneError(f"an orientation is given in one way, {_FORMS}; given {keys}")
+    if not forms:
+        allowed = (*_AXIS_ANGLE, *_EULER, *_DIRECTIONS)
+        wrong = [unknown_key(key, allowed) for key in table]
+        raise SceneError.from_problems(
+            wrong or [Problem("", f"an orientation is a table {_FORMS}, given an empty one")]
+        )
+    if forms[0] is _DIRECTIONS:
+        return _from_directions(table, names)
+    readers: dict[str, Callable[[Any, ReadContext], Any]] = (
+        {"axis": read_axis, "angle": _read_angle}
+        if forms[0] is _AXIS_ANGLE
+        else {"euler": _read_sequence, "angles": _read_angles}
+    )
+    missing = [Problem(key, "is missing") for key in readers if key not in table]
+    values = _values(table, readers, names, missing)
+    if forms[0] is _AXIS_ANGLE:
+        return quaternion_from_axis(values["axis"], values["angle"])
+    return quaternion_from_euler(values["euler"], values["angles"])
+
+
+def _from_directions(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
+    """One axis along a direction exactly, another one towards a second direction."""
+    along = [key for key in table if key in _DIRECTIONS and key.endswith("_along")]
+    towards = [key for key in table if key in _DIRECTIONS and key.endswith("_towards")]
+    if len(along) != 1 or len(towards) != 1 or along[0][0] == towards[0][0]:
+        keys = ", ".join(f'"{key}"' for key in table)
+        what = 'give one axis "along" a direction and another one "towards" one, such as '
+        raise SceneError(what + f"{{x_along = ..., y_towards = ...}}; given {keys}")
+    readers = {along[0]: read_axis, towards[0]: read_axis}
+    values = _values(table, readers, names, [])
+    first = np.array(values[along[0]])
+    second = np.array(values[towards[0]])
+    across = second - (second @ first) * first
+    if np.linalg.norm(across) < _PARALLEL:
+        raise SceneError(f"the directions of {along[0]} and {towards[0]} are parallel")
+    i, j = "xyz".index(along[0][0]), "xyz".index(towards[0][0])
+    A = np.zeros((3, 3))
+    A[:, i] = first
+    A[:, j] = across / np.linalg.norm(across)
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    A[:, 3 - i - j] = sign * np.cross(A[:, i], A[:, j])
+    return quaternion_from_matrix(A)
+
+
+def _values(
+    table: Mapping[str, Any],
+    readers: Mapping[str, Callable[[Any, ReadContext], Any]],
+    names: ReadContext,
+    problems: list[Problem],
+) -> dict[str, Any]:
+    """The entries of a table, each read by its reader; all that is wrong with them at once."""
+    problems = [unknown_key(key, tuple(readers)) for key in table if key not in readers] + problems
+    values: dict[str, Any] = {}
+    for key, read in readers.items():
+        try:
+            values[key] = read(table[key], names) if key in table else None
+        except SceneError as error:
+            problems += under(key, error.problems)
+    if problems:
+        raise SceneError.from_problems(problems)
+    return values
+
+
+def _read_angle(value: Any, names: ReadContext) -> float:
+    return read_number(value, names, "rad")
+
+
+def _read_angles(value: Any, names: ReadContext) -> tuple[float, ...]:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise SceneError(f"three angles are expected, given {quote(value)}")
+    return tuple(read_number(item, names, "rad") for item in value)
+
+
+def _read_sequence(value: Any, names: ReadContext) -> str:
+    if isinstance(value, str) and value in EULER_SEQUENCES:
+        return value
+    near = nearest(str(value), EULER_SEQUENCES)
+    what = f"unknown sequence of axes {quote(value)}"
+    raise SceneError.from_problems([Problem("", what, EULER_SEQUENCES, near)])
+
+
+def _from_rows(rows: Any, names: ReadContext) -> Quaternion:
+    if not all(isinstance(row, list | tuple) and len(row) == 3 for row in rows):
+        raise SceneError(f"a 3x3 matrix has three rows of three numbers, given {quote(rows)}")
+    A = np.array([[read_number(item, names) for item in row] for row in rows])
+    with np.errstate(all="ignore"):
+        error = float(np.abs(A.T @ A - np.eye(3)).max())
+    if not error <= _ORTHOGONAL:
+        raise SceneError(
+            "the matrix is no rotation: its columns are not orthogonal unit vectors, "
+            f"by {error:.2g}"
+        )
+    if np.linalg.det(A) < 0:
+        raise SceneError("the matrix is no rotation but a reflection: its determinant is -1")
+    return quaternion_from_matrix(A)
+
+
+_ROWS = list_form(list_form(NUMBER, 3), 3)
+_FORM = {"anyOf": [list_form(NUMBER, 4), _ROWS, {"type": "object"}]}
+Orientation = Annotated[
+    Quaternion, Reader(lambda value, info: read_orientation(value, context_of(info)), form=_FORM)
+]
 
 
 class MarkerSpec(Spec):

@@ -19,6 +19,7 @@ from flexmb.flexbody.mesh_options import (
     MASS_MATRICES,
     MESHES,
     REDUCTIONS,
+    RESIDUALS,
     STRESS_OPTIONS,
     InterfaceOptions,
     MassOptions,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     Method: TypeAlias = str
     MassMatrix: TypeAlias = str
     StressOption: TypeAlias = str
+    Residual: TypeAlias = str
 else:
     Ties = dict[str, Annotated[spec_of(TieOptions), Entry()]]
     Masses = dict[str, Annotated[spec_of(MassOptions), Entry()]]
@@ -65,6 +67,7 @@ else:
     Method = Literal[*REDUCTIONS]
     MassMatrix = Literal[MASS_MATRICES]
     StressOption = Literal[STRESS_OPTIONS]
+    Residual = Literal["auto", *RESIDUALS]
 MeshLoads = dict[str, Annotated[Any, Variant("load type", lambda: LOAD_TYPES)]]
 """Loads on a mesh by name."""
 
@@ -168,7 +171,7 @@ def mode_count(modes: Any, default: int = 20) -> int:
 
 _OPTIONS = (
     "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
-    "geometric_stiffening",
+    "geometric_stiffening", "residual",
 )  # fmt: skip
 
 
@@ -177,7 +180,9 @@ class MeshBodySpec(BodySpec):
 
     `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
-    With `geometric_stiffening` forces and rotation stiffen or soften the body.
+    With `geometric_stiffening` forces and rotation stiffen or soften the body. `residual =
+    "inertia"` adds the static responses to its own inertia loads, so that it grows and is stressed
+    as it turns; `"auto"` does where an initial angular velocity or a driver turns it round.
     """
 
     mesh: MeshSource
@@ -195,6 +200,7 @@ class MeshBodySpec(BodySpec):
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
     geometric_stiffening: StrictBool = False
+    residual: Residual = "auto"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

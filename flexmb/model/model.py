@@ -119,6 +119,7 @@ class Model:
         self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
+        self.budget = 0.01
         self.source: Source | None = None
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import Bodies, ModelData, Scope
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import quote
 
 Array = NDArray[np.float64]

@@ -19,13 +19,16 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.results.channels import (
     CHANNEL_KINDS,
+    NOT_UNIQUE,
     Channel,
     HistoryTable,
+    Reaction,
     all_channels,
+    find_side,
     list_channels,
+    marker_pairs,
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
-from flexmb.results.reactions import NOT_UNIQUE, Reaction, find_side, marker_pairs
 from flexmb.results.recovery import Recovery, StressChannel
 
 Array = NDArray[np.float64]

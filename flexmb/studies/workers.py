@@ -17,7 +17,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import FlexmbError
+from flexmb.workflow.processes import process_pool
 
 if TYPE_CHECKING:
     from flexmb.model import Model
@@ -40,7 +40,6 @@ _FORMAT = 1
 _RECORD = "run.json"
 _SOURCES = ("analysis", "engine", "fe", "flexbody", "model", "results", "workflow")
 _DIGITS = 16
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _GIVEN_UP = "given up"  # how the reason begins of a run that took longer than its limit
 _DIED = "its process ended abruptly: it was killed, or memory ran out"
 _GUARD = (
@@ -183,13 +182,13 @@ class Workers:
         if not jobs:
             return
         if self._pool is None:
-            self._pool = _new_pool(self.count)
+            self._pool = process_pool(self.count)
         futures: dict[Future[Record], Job] = {self._pool.submit(do_job, job): job for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
     def _run_alone(self, job: Job) -> Record:
-        with _new_pool(1) as pool:
+        with process_pool(1) as pool:
             try:
                 return pool.submit(do_job, job).result()
             except BrokenProcessPool:
@@ -216,21 +215,6 @@ def open_workers(count: int, fresh: bool) -> Iterator[Workers]:
         raise
     finally:
         workers.close()
-
-
-def _new_pool(count: int) -> ProcessPoolExecutor:
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_prepare_process)
-
-
-def _prepare_process() -> None:
-    """Ctrl-C is handled by the parent, and one run uses one core."""
-    from threadpoolctl import threadpool_limits
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1)
-    for name in _THREADS:  # for libraries that are loaded later
-        os.environ.setdefault(name, "1")
 
 
 def do_job(job: Job) -> Record:

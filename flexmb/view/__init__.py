@@ -1,7 +1,4 @@
-"""Pictures of mechanisms and plots of time histories; VTK and matplotlib are loaded when needed.
-
-Plots of error against wall time, which only studies draw, are in `work_precision`.
-"""
+"""Pictures of mechanisms and plots of time histories; VTK and matplotlib are loaded when needed."""
 
 from __future__ import annotations
 

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.natural_modes import natural_modes
-from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera
-from flexmb.view.mechanism import size_of
+from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera, size_of
 from flexmb.view.picture import check_exaggeration, check_size, draw_panels
-from flexmb.view.style import BODIES, writable_file
+from flexmb.view.plot import BODIES, writable_file
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.view.content import Content
+from flexmb.view.plot import COLORMAP, GHOST, INK, JOINT, PAPER
 from flexmb.view.shapes import sphere
-from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
 
 Array = NDArray[np.float64]
 

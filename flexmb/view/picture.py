@@ -18,17 +18,26 @@ from flexmb.errors import ViewError
 from flexmb.model.reading import GROUND
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
-from flexmb.view.content import Content, Deformed, Scale, Solid, Triangles, mechanism_camera
-from flexmb.view.mechanism import Mechanism, size_of
+from flexmb.view.content import (
+    Content,
+    Deformed,
+    Mechanism,
+    Scale,
+    Solid,
+    Triangles,
+    mechanism_camera,
+    size_of,
+)
+from flexmb.view.plot import BODIES, GHOST, writable_file
+from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
     body_shape,
     curve_shapes,
     ground_shapes,
     joint_points,
+    line_shapes,
     own_shape,
 )
-from flexmb.view.style import BODIES, writable_file
-from flexmb.view.style import GROUND as GROUND_COLOR
 
 Array = NDArray[np.float64]
 
@@ -133,6 +142,7 @@ def compose(
     solids += [
         Solid(GROUND, shape, GROUND_COLOR) for shape in ground_shapes(mechanism, size, camera)
     ]
+    solids += [Solid("", shape, GHOST) for shape in line_shapes(mechanism, size)]
     scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,

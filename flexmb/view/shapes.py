@@ -2,8 +2,9 @@
 
 In: a :class:`Mechanism` and its size [m]. Out: :class:`Triangles`, outward oriented, in global
 axes. Bodies without a shape are drawn as links between the markers that joints use; a cam is a
-plate, an open curve a wire, a roller a disk, a flat a pad; ground is a pedestal under what turns on
-it and a rail along what slides on it.
+plate, an open curve a wire, a roller a disk, a flat a pad; a driven distance is a cylinder with its
+rod, a massless link a rod, a spring a coil; ground is a pedestal under what turns on it and a rail
+along what slides on it.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ from flexmb.model.joints.curve import curve_shape
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import joint_frames
 from flexmb.model.reading import GROUND, split_reference
-from flexmb.view.content import Camera, Triangles
-from flexmb.view.mechanism import Mechanism
+from flexmb.view.content import Camera, Mechanism, Triangles
 
 Array = NDArray[np.float64]
 
+_COILED = ("spring-damper", "line-force")
 _AROUND = 48  # corners of a drawn circle
 _CURVE_POINTS = 90
+_COILS = 8  # of a drawn spring
+_BARREL = 0.6  # share of a driven distance that the cylinder's barrel covers
 # as shares of the mechanism's size
 _LINK = 0.012  # radius of a link
+_ROD, _WINDING = 0.006, 0.02  # radius of a line between two markers, of a spring's coils
 _CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
 _RAIL, _RAIL_END = 0.005, 0.08  # radius, length beyond the travel
 _BEHIND = 0.08  # distance of a pedestal behind its cam
@@ -175,6 +179,25 @@ def ground_shapes(mechanism: Mechanism, size: float, camera: Camera) -> list[Tri
     return shapes
 
 
+def line_shapes(mechanism: Mechanism, size: float) -> list[Triangles]:
+    """What lies between two markers and is no body: cylinders, massless links, springs."""
+    model, shapes = mechanism.model, []
+    for parts in (model.joints, model.forces, model.drivers):
+        for spec in parts.values():
+            kind = getattr(spec, "type", "cylinder")
+            between = getattr(spec, "between", None)
+            if between is None or kind not in ("cylinder", "distance", *_COILED):
+                continue
+            a, b = (mechanism.point(reference) for reference in between)
+            if kind in _COILED:
+                shapes.append(_coil(a, b, size))
+            else:
+                shapes.append(tube(a, b, _ROD * size))
+            if kind == "cylinder":
+                shapes.append(tube(a, a + _BARREL * (b - a), 2.5 * _ROD * size))
+    return shapes
+
+
 def is_ground(reference: str) -> bool:
     """Whether a marker is on ground."""
     return split_reference(reference)[0] == GROUND
@@ -217,6 +240,18 @@ def _pedestal(point: Array, size: float, camera: Camera) -> Triangles:
     post = box(np.array([0.03, 0.07, 0.03]) * size).moved([0, -0.035 * size, 0], np.eye(3))
     foot = box(np.array([0.14, 0.012, 0.09]) * size).moved([0, -0.076 * size, 0], np.eye(3))
     return joined([post, foot]).moved(point, axes)
+
+
+def _coil(a: Array, b: Array, size: float) -> Triangles:
+    """A helix of thin tubes from point to point, straight at its ends."""
+    axis = _unit(b - a)
+    e1 = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
+    turns = np.linspace(0, 2 * np.pi * _COILS, 12 * _COILS + 1)[:, None]
+    ring = _WINDING * size * (np.cos(turns) * e1 + np.sin(turns) * np.cross(axis, e1))
+    wound = a + np.linspace(0.12, 0.88, len(turns))[:, None] * (b - a)
+    points = [a, wound[0], *(wound + ring), wound[-1], b]
+    pairs = zip(points[:-1], points[1:], strict=True)
+    return joined([tube(p, q, 0.5 * _ROD * size) for p, q in pairs])
 
 
 def _distinct(points: list[Array], size: float) -> list[Array]:

@@ -26,8 +26,8 @@ import numpy as np
 
 from flexmb.folders import cache_root, is_writable
 from flexmb.view.content import Content, Deformed, Solid
+from flexmb.view.plot import COLORMAP, GHOST, INK, JOINT, PAPER
 from flexmb.view.shapes import joined, sphere
-from flexmb.view.style import COLORMAP, GHOST, INK, JOINT, PAPER
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _EGL = "vtkEGLRenderWindow"

@@ -3,7 +3,9 @@
 The command line and the Python API use the same functions.
 """
 
+from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
+from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -25,14 +27,19 @@ from flexmb.workflow.run_report import CheckOutcome, RunReport
 
 __all__ = [
     "TOPICS",
+    "Audit",
     "CheckOutcome",
     "CheckReport",
+    "EffectOutcome",
     "Installation",
     "Listing",
     "ReducedBody",
     "ReducedScene",
     "RunReport",
+    "SceneChecks",
     "Warmup",
+    "audit",
+    "check_all",
     "check_scene",
     "examine_installation",
     "flexible_bodies",

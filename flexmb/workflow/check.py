@@ -70,7 +70,7 @@ def check_scene(
     AssemblyError
         It cannot be assembled, or its drivers contradict each other or the joints.
     """
-    from flexmb.analysis.assembly.rank import MAX_COORDINATES
+    from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
     from flexmb.model import load_scene
     from flexmb.model.joints.joint import count
     from flexmb.workflow.model_tables import definition_tables
@@ -129,7 +129,7 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
     FlexmbError
         It has too many coordinates.
     """
-    from flexmb.analysis.assembly.rank import MAX_COORDINATES
+    from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
     from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
     from flexmb.engine.compile import compile_system
 

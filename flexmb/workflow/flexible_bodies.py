@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
+_SAMPLES = 201  # times at which the angle of a driver is looked at
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -225,11 +226,33 @@ def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
     options = spec.words() | {"name": name}
     if model.plane is not None:
         options["plane"] = plane_in_body(spec, model.plane)
+    if spec.residual == "auto" and spec.reduction != "user" and _turns_round(model, name):
+        options["residual"] = "inertia"
     if isinstance(spec.modes, str):
         options["modes"] = str(model.path(spec.modes))
     if isinstance(spec.mesh, str):
         return model.path(spec.mesh), options
     return spec.mesh.model_dump(exclude_none=True), options
+
+
+def _turns_round(model: Model, name: str) -> bool:
+    """Whether its initial angular velocity or a driver turns a body round during the run."""
+    spec = model.dynamics or model.kinematics
+    if spec is None:
+        return False
+    spins = (one.angular_velocity for one in model.bodies[name].initial_velocities.values())
+    turns = [spec.duration * float(np.linalg.norm(spin)) for spin in spins if spin is not None]
+    times = np.linspace(0.0, spec.duration, _SAMPLES)
+    for driver in model.drivers.values():
+        ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
+        if {end.partition(".")[0] for end in ends} == {"ground", name}:
+            for coordinate, function in driver.motions(model.plane):
+                if "angle" in coordinate and not function.expression.channels:
+                    values = np.array([next(iter(function.value(t))) for t in times])
+                    for _ in range(driver.order):
+                        values = np.cumsum(values) * (times[1] - times[0])
+                    turns.append(float(np.ptp(values)))
+    return max(turns, default=0.0) >= 2.0 * np.pi
 
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:

@@ -17,9 +17,8 @@ from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
-from flexmb.workflow.resume import PROVENANCE, provenance_text
+from flexmb.workflow.resume import PROVENANCE, StartState, match_start, provenance_text
 from flexmb.workflow.run_report import RunReport, report_run
-from flexmb.workflow.start_from import StartState, match_start
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink

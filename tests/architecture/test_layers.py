@@ -65,7 +65,7 @@ def test_kernels_import_numpy_the_tables_and_each_other(project: Path) -> None:
         "flexmb.engine.method",
         "flexmb.engine.kind",
         "flexmb.engine.lowering",
-        "flexmb.engine.records",
+        "flexmb.engine.jit",
         "flexmb.engine.jit",
     )
     rooms = ("algebra", "bodies", "joints", "forces", "sensors")

@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import flexmb
-from flexmb.analysis.dynamics.failure import n_closed, open_joint
+from flexmb.analysis.dynamics.dynamics import n_closed
+from flexmb.analysis.dynamics.failure import open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError

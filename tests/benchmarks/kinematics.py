@@ -11,7 +11,7 @@ from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import analyse_kinematics
-from flexmb.engine.kinematics_loop import POINTS
+from flexmb.engine.time_loop import POINTS
 from flexmb.engine.work import new_output, new_run
 from tests.quickreturn import quick_return
 

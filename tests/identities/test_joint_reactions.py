@@ -15,9 +15,9 @@ from generators import cloud, interface, random_rotation
 from jointfields import special_fields
 from rowmeasures import placed_markers
 
+from flexmb.analysis.assembly.gaps import signs_of_axes
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.engine.joints.joint import signs_of_axes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 

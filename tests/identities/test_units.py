@@ -11,7 +11,7 @@ from femeshes import block
 import flexmb
 from flexmb import fe
 from flexmb.model.lookup import global_position, place_marker
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 
 SCENE = Path(__file__).parents[2] / "cases" / "rigid_slider_crank" / "scene.toml"
 # The same scene in mm, kg and ms; angles stay in rad, so a check of the angle needs no change.

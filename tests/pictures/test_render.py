@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 import slidercrank
 
+from flexmb import simulate
 from flexmb.errors import ViewError
+from flexmb.model import Model
 from flexmb.results import Result
 from flexmb.view import render
+from flexmb.view.content import Mechanism
+from flexmb.view.shapes import line_shapes
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +69,18 @@ def test_a_relative_direction_or_option_that_cannot_be_is_refused(result, tmp_pa
         with pytest.raises(ViewError):
             render(result, **{"output": tmp_path / "a.png", **options})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_springs_massless_links_and_driven_distances_are_drawn_between_their_markers() -> None:
+    model = Model("lines")
+    model.add_marker("ground.up", position=[0, 2, 0])
+    for k, x in enumerate((1.0, 2.0, 3.0)):
+        model.add_body(f"b{k}", mass=1, inertia=[1, 1, 1], position=[x, 0, 0])
+    model.add_joint("link", "distance", between=["ground.up", "b0"])
+    model.add_driver("cylinder", between=["ground.up", "b1"], distance="sqrt(8) + 0.1*t")
+    model.add_force("spring", "spring-damper", between=["ground.up", "b2"], stiffness=1)
+    run = simulate(model, duration=0.1, step=0.01)
+    shapes = line_shapes(Mechanism(run, 0.0), 1.0)
+    assert len(shapes) == 4  # the cylinder's barrel and rod are two
+    ends = sorted(round(float(shape.points[:, 0].max())) for shape in shapes)
+    assert ends == [1, 1, 2, 3]

@@ -14,7 +14,7 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import StressModes, load, save
 from flexmb.results import Result
 from flexmb.view import render
-from flexmb.view.mechanism import Mechanism
+from flexmb.view.content import Mechanism
 from flexmb.view.picture import compose
 
 

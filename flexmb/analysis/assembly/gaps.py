@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.joints.curve import Pieces
-from flexmb.engine.joints.joint import signs_of_axes
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError, Problem
@@ -204,3 +203,10 @@ def _curve_points(
     turn[:2, :2] = [[c, -d], [d, c]]
     R = now["R"] @ turn.T  # of the marker that carries the curve
     return now["x"] + (points - here) @ R.T, float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def signs_of_axes(kind: str) -> tuple[int, ...]:
+    """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
+    if kind in ("fixed", "prismatic", "orientation"):
+        return (0, 1, 2)
+    return (2,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()

@@ -23,8 +23,12 @@ from flexmb.analysis.assembly.gaps import (
     gap_problems,
     moved_bodies,
 )
-from flexmb.analysis.assembly.jacobian import ConstraintPose, ConstraintRows, column_scales
-from flexmb.analysis.assembly.rank import null_space
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    ConstraintRows,
+    column_scales,
+    null_space,
+)
 from flexmb.engine.compile import Compiled, compile_system
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL

@@ -24,8 +24,8 @@ from flexmb.engine.tables import MARKER, Pool, System
 from flexmb.engine.work import new_work
 from flexmb.model import lookup
 from flexmb.model.body import InitialVelocity
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 
 Array = NDArray[np.float64]
 

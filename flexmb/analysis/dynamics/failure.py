@@ -25,10 +25,6 @@ from flexmb.model.functions.function import Function
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
-# Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
-# mechanism has come apart.
-_OPEN = 1e-3
-
 _WORDS = ("value", "first derivative", "second derivative")
 
 
@@ -84,12 +80,6 @@ def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> st
             text = function.expression.text
             return f'at t = {time:.6g} s {where}: "{text}" is {value:g} with {at}, not finite'
     return ""
-
-
-def n_closed(compiled: Compiled, rows: OutputBlock) -> int:
-    """How many of the first rows satisfy the constraints."""
-    apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))
-    return int(apart[0]) if len(apart) else len(rows.t)
 
 
 def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float64]:

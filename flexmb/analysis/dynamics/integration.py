@@ -10,8 +10,8 @@ import numpy as np
 from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
 from flexmb.engine.compile import Compiled
+from flexmb.engine.method import round_off
 from flexmb.engine.state import Plan, State, Work
-from flexmb.engine.step_control import round_off
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, kinds_of, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import ConstraintRows
-from flexmb.analysis.assembly.rank import MAX_COORDINATES
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody

@@ -23,6 +23,8 @@ from flexmb.analysis.assembly.jacobian import (
     ConstraintRows,
     element,
     joint_rows,
+    null_space,
+    one_blas_thread,
     plain_name,
 )
 from flexmb.analysis.assembly.positions import (
@@ -31,7 +33,6 @@ from flexmb.analysis.assembly.positions import (
     length_corrector,
     nearby_poses,
 )
-from flexmb.analysis.assembly.rank import null_space, one_blas_thread
 from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
     driver_reasons,
@@ -47,8 +48,8 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 from flexmb.model.reading import GROUND, split_reference
 
 Array = NDArray[np.float64]

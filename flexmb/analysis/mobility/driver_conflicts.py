@@ -15,19 +15,17 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
     ConstraintPose,
     ConstraintRows,
+    Decomposition,
+    circuits,
     joint_rows,
+    null_space,
+    one_blas_thread,
     plain_name,
 )
 from flexmb.analysis.assembly.positions import close_rows, nearby_poses
-from flexmb.analysis.assembly.rank import (
-    MAX_COORDINATES,
-    Decomposition,
-    circuits,
-    null_space,
-    one_blas_thread,
-)
 from flexmb.analysis.mobility.redundancy import (
     MACHINE_JOINTS,
     Exchange,

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
+    Decomposition,
     element,
+    null_space,
     plain_name,
     row_gradient,
 )
-from flexmb.analysis.assembly.rank import Decomposition, null_space
 from flexmb.engine.joints.joint import JOINT_ROWS
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model

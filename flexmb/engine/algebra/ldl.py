@@ -15,9 +15,8 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import dot
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import ComplexFactor, Factor, Run
 from flexmb.engine.tables import Kkt
 

@@ -50,10 +50,9 @@ from flexmb.engine.bodies.rigid_body import (
     rigid_energies,
     turn_bodies,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
 
 if TYPE_CHECKING:

@@ -45,10 +45,9 @@ from flexmb.engine.algebra.vector import (
     turned_by,
 )
 from flexmb.engine.bodies.wrench import pull_back
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import MARKER, Pool
 

@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import compose, cross, rotation_vector
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
 from flexmb.engine.state import Run
 from flexmb.engine.tables import Parts
 

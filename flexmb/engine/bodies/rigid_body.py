@@ -42,10 +42,9 @@ from flexmb.engine.algebra.vector import (
     turned,
     turned_back,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
 from flexmb.engine.state import GRAVITY_ENERGY, KINETIC_ENERGY, Point, Run
 
 if TYPE_CHECKING:

@@ -23,9 +23,8 @@ from flexmb.engine.algebra.vector import (
     turned,
     turned_back,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Now, Run
 from flexmb.engine.tables import Parts
 

@@ -26,10 +26,9 @@ from flexmb.engine.forces.relative_motion import (
     put_relative_motion,
     put_wrench_pair,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import array_of, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import array_of
 from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:

@@ -54,10 +54,9 @@ from flexmb.engine.forces.friction import (
     tangential,
     tangential_change,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from flexmb.engine.forces.spring_damper import (
     spring_resistance,
 )
 from flexmb.engine.function import FunctionTable, lower
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Integers, array_of, kernel, unit
 from flexmb.engine.joints.point_joint import (
     distance_gradient,
     distance_tangent,
@@ -42,7 +42,6 @@ from flexmb.engine.joints.point_joint import (
 from flexmb.engine.joints.row import rate, separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
-from flexmb.engine.records import Integers, array_of
 from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:

@@ -24,12 +24,11 @@ from flexmb.engine.forces.friction import (
     along,
     friction_parameters,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
 from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, Point, Run
 
 if TYPE_CHECKING:

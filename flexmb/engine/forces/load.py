@@ -20,11 +20,10 @@ from flexmb.engine.bodies.wrench import (
     marker_jacobian,
     put_product_block,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import array_of, kernel, unit
 from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import array_of
 from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:

@@ -32,11 +32,10 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.joints.point_joint import dot2_gradient, dot2_tangent
 from flexmb.engine.joints.row import dot_columns, separation
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
 # Below this φ² the series of e, in φ², has a remainder below round-off; above, the closed form of

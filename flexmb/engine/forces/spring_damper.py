@@ -15,11 +15,10 @@ import numpy as np
 from flexmb.engine.algebra.vector import clear
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms
 from flexmb.engine.function import FunctionTable, evaluate, run_program
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE, ZERO_LENGTH
-from flexmb.engine.records import Matrix, array_of
 from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:

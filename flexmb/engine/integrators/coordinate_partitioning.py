@@ -47,7 +47,7 @@ from flexmb.engine.integrators.runge_kutta import (
     put_slopes,
     tableau_of,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import (
     FINE,
@@ -57,7 +57,6 @@ from flexmb.engine.method import (
     Method,
 )
 from flexmb.engine.projection import NOTHING, accelerations
-from flexmb.engine.records import Vector
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:

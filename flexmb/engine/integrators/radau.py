@@ -44,13 +44,12 @@ from flexmb.engine.equations_of_motion import (
     residual,
     walk,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import (
     FINE,
     Method,
 )
 from flexmb.engine.projection import POSITIONS, accelerations
-from flexmb.engine.records import Matrix, Vector
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:

@@ -17,14 +17,13 @@ import numpy as np
 from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size
 from flexmb.engine.bodies.motion import motion_of_rate
 from flexmb.engine.equations_of_motion import constraint_stage, powers
-from flexmb.engine.jit import Unit, kernel
+from flexmb.engine.jit import Matrix, Unit, Vector, kernel
 from flexmb.engine.method import (
     FINE,
     NO_CONVERGENCE,
     NOT_FINITE,
     Method,
 )
-from flexmb.engine.records import Matrix, Vector
 
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec

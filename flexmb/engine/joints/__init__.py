@@ -5,21 +5,16 @@ from __future__ import annotations
 from flexmb.engine.joints import point_joint, row
 from flexmb.engine.kind import RowKind
 
-ROW_KINDS: list[RowKind] = []
+ROW_KINDS: tuple[RowKind, ...] = (
+    point_joint.POINT,
+    row.DOT1,
+    point_joint.DOT2,
+    point_joint.DISTANCE,
+    row.ANGLE,
+    row.TWIST,
+    row.RADIAL,
+    row.MOMENT,
+)
 """All kinds of rows, by number."""
 
-
-def _number(kind: RowKind) -> int:
-    """The number of one more kind."""
-    ROW_KINDS.append(kind)
-    return len(ROW_KINDS) - 1
-
-
-POINT = _number(point_joint.POINT)
-DOT1 = _number(row.DOT1)
-DOT2 = _number(point_joint.DOT2)
-DISTANCE = _number(point_joint.DISTANCE)
-ANGLE = _number(row.ANGLE)
-TWIST = _number(row.TWIST)
-RADIAL = _number(row.RADIAL)
-MOMENT = _number(row.MOMENT)
+POINT, DOT1, DOT2, DISTANCE, ANGLE, TWIST, RADIAL, MOMENT = range(len(ROW_KINDS))

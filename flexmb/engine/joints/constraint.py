@@ -11,7 +11,7 @@ from typing import NamedTuple
 from flexmb.engine.algebra.ldl import put_jacobian_row, row_compliance
 from flexmb.engine.algebra.vector import clear, put, transform_back, wrapped
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
-from flexmb.engine.jit import call_stage, kernel, unit
+from flexmb.engine.jit import Integers, Vector, call_stage, kernel, unit
 from flexmb.engine.joints.row import (
     add_row_tangent,
     put_row_gradient,
@@ -21,7 +21,6 @@ from flexmb.engine.joints.row import (
 )
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers, Vector
 from flexmb.engine.state import DRIVER_POWER, Point, Run
 
 _REGULARISATION = 1e-9

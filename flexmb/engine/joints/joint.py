@@ -42,9 +42,8 @@ from flexmb.model.functions.antiderivatives import antiderivative
 from flexmb.model.functions.expression import Expression
 from flexmb.model.joints.driver import DriverSpec, Start, closing_problem
 from flexmb.model.joints.joint import JointSpec
-from flexmb.model.markers import PlacedMarker
+from flexmb.model.markers import PlacedMarker, rotation_matrix
 from flexmb.model.model import Model
-from flexmb.model.orientation import rotation_matrix
 from flexmb.model.plane import across, in_plane_triad, plane_axes
 from flexmb.model.reading import GROUND
 from flexmb.model.sensor import JointSensorSpec
@@ -170,13 +169,6 @@ def row_constant(
 def _round_off(*points: Array) -> float:
     """A length that round-off of these points may leave [m]."""
     return _ROUND_OFF * max(float(np.linalg.norm(point)) for point in points)
-
-
-def signs_of_axes(kind: str) -> tuple[int, ...]:
-    """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
-    if kind in ("fixed", "prismatic", "orientation"):
-        return (X, Y, Z)
-    return (Z,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()
 
 
 _PLANE_ANGLE = (ANGLE, X, X, False)

@@ -28,7 +28,7 @@ from flexmb.engine.algebra.vector import (
     times,
     transform_back,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints.row import (
     add_distance,
     add_dot2,
@@ -40,7 +40,6 @@ from flexmb.engine.joints.row import (
 )
 from flexmb.engine.kind import Kind, RowKind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
 from flexmb.engine.state import Point, RowWork, Run
 
 

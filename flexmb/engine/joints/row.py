@@ -33,10 +33,9 @@ from flexmb.engine.algebra.vector import (
     times,
     triple,
 )
-from flexmb.engine.jit import call_row, call_row_tangent, call_row_value, kernel, unit
+from flexmb.engine.jit import Matrix, call_row, call_row_tangent, call_row_value, kernel, unit
 from flexmb.engine.kind import RowKind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Matrix
 from flexmb.engine.state import RowWork
 
 # `row` below is a row of constraints, or a term of a sensor that measures as one does.

@@ -26,10 +26,9 @@ from flexmb.engine.bodies import wrench
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.equations_of_motion import bias_stage, velocity_stage
 from flexmb.engine.function import run_program
-from flexmb.engine.jit import call_channel, kernel, unit
+from flexmb.engine.jit import Integers, array_of, call_channel, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers, array_of
 from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.sensors.sensor import channel_value
 from flexmb.engine.state import Point, Run

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.algebra.vector import clear, wrapped
 from flexmb.engine.bodies.wrench import marker_jacobian
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DISTANCE, ROW_KINDS
 from flexmb.engine.joints.row import (
     add_row_tangent,
@@ -21,7 +21,6 @@ from flexmb.engine.joints.row import (
 )
 from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Integers
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
 

@@ -17,10 +17,9 @@ from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.flexible_body import body_energy
 from flexmb.engine.equations_of_motion import walk
 from flexmb.engine.function import lower, run_program
-from flexmb.engine.jit import call_channel, kernel, unit
+from flexmb.engine.jit import Vector, call_channel, kernel, unit
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
-from flexmb.engine.records import Vector
 from flexmb.engine.state import (
     BRISTLE_ENERGY,
     GRAVITY_ENERGY,

@@ -10,6 +10,7 @@ they would have no mass where all are equal.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -81,17 +82,26 @@ SHELL_ADVICE = dict.fromkeys(
 """What to do about surface elements that cannot be used with a shell section."""
 
 
+@dataclass(frozen=True)
 class Shell:
     """Flat shells with k corners as a family."""
+
+    kind: str
+    about: str
 
     dimension = 2
     rotations = True
     warning = ""
 
-    def __init__(self, kind: str, about: str) -> None:
-        self.kind, self.about = kind, about
-        self.edges = EDGES[kind]
-        self.faces = (tuple(range(len(self.edges))),)
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """Corners at the ends of each side."""
+        return EDGES[self.kind]
+
+    @property
+    def faces(self) -> tuple[tuple[int, ...], ...]:
+        """Corners of the one face."""
+        return (tuple(range(len(self.edges))),)
 
     def measure(self, x: FloatArray, section: Any) -> FloatArray:
         """(ne,) areas [m^2], of the projections on the mean planes."""

@@ -48,12 +48,14 @@ from flexmb.fe.reduction.fixed_interface import (
     select_modes,
     statically_determinate,
 )
+from flexmb.fe.reduction.inertia_loads import inertia_loads, inertia_responses
 from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
     deforming_responses,
     fixed_interface_responses,
     free_body_responses,
     load_columns,
+    residual_kind,
     residual_vectors,
 )
 from flexmb.fe.reduction.reduced_basis import (
@@ -77,6 +79,7 @@ def craig_bampton(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """Reduce a model with at least one interface.
 
@@ -95,6 +98,8 @@ def craig_bampton(
         Keep what is symmetric about its plane alone.
     loads : tuple of LoadPattern
         Loads of the body; those with ``residual`` add their static responses.
+    residual : str
+        ``"inertia"`` adds the static responses to the body's own inertia loads.
 
     Raises
     ------
@@ -122,7 +127,12 @@ def craig_bampton(
     omega2, V = omega2[numbers], np.zeros((fe.numbering.n, len(numbers)))
     V[fixed.dofs] = inner[:, numbers]
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    stiff, U = residual_vectors(fe, fixed_interface_responses(fixed, relief, loads), V)
+    inertia = fixed.solve(inertia_loads(fe, mirror))
+    responses = fixed_interface_responses(fixed, relief, loads)
+    if residual == "inertia":
+        responses = np.concatenate([responses, inertia_responses(fe, inertia, mirror)], axis=1)
+    stiff, U = residual_vectors(fe, responses, V)
+    kind = residual_kind(loads, residual)
     progress("modes", 1.0)
     basis = np.concatenate([fixed.modes, V, U], axis=1)
     M = basis.T @ (fe.M @ basis)
@@ -140,11 +150,12 @@ def craig_bampton(
         (
             *interface_labels(interfaces, directions),
             *(f"fixed-interface {number + 1}" for number in numbers),
-            *(f"load residual {number + 1}" for number in range(len(stiff))),
+            *(f"{kind} residual {number + 1}" for number in range(len(stiff))),
         ),
-        ("constraint",) * c + ("fixed-interface",) * len(omega2) + ("load",) * len(stiff),
+        ("constraint",) * c + ("fixed-interface",) * len(omega2) + (kind,) * len(stiff),
         directions,
         loads,
+        inertia,
     )
 
 
@@ -155,6 +166,7 @@ def guyan(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """Static reduction: the constraint modes alone; arguments as for :func:`craig_bampton`.
 
@@ -165,7 +177,7 @@ def guyan(
     """
     if read_modes(modes) != ModesOptions(count=0):
         raise ReductionError('modes: a static reduction ("guyan") has none; leave them out, or 0')
-    return craig_bampton(fe, interfaces, 0, progress, mirror, loads)
+    return craig_bampton(fe, interfaces, 0, progress, mirror, loads, residual)
 
 
 def _distinct_modes(
@@ -203,6 +215,7 @@ def free_interface(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """Reduce a model with at least one interface; the body has modes + residual coordinates.
 
@@ -233,9 +246,16 @@ def free_interface(
     )
     omega2, V = omega2[rows], V[:, rows]
     F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
-    stiff, U = residual_vectors(fe, free_body_responses(fixed, relief, F), V)
+    inertia = fixed.solve(inertia_loads(fe, mirror))
+    responses = free_body_responses(fixed, relief, F)
+    if residual == "inertia":
+        further = inertia_responses(fe, relief.fields(inertia), mirror)
+        responses = np.concatenate([responses, further], axis=1)
+    stiff, U = residual_vectors(fe, responses, V)
     progress("modes", 1.0)
-    return free_basis(fe, interfaces, directions, (omega2, V), (stiff, U), loads)
+    return free_basis(
+        fe, interfaces, directions, (omega2, V), (stiff, U), loads, inertia, "attachment"
+    )
 
 
 def free_basis(
@@ -245,8 +265,10 @@ def free_basis(
     modes: Modes,
     residual: Modes,
     loads: tuple[LoadPattern, ...],
+    inertia: FloatArray,
+    kind: str,
 ) -> ReducedBasis:
-    """The basis of rigid motions, free modes and residual vectors, of interfaces or else loads."""
+    """The basis of rigid motions, free modes and residual vectors of a kind."""
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)
     M = basis.T @ (fe.M @ basis)
@@ -255,7 +277,7 @@ def free_basis(
     motion = np.zeros((len(interfaces), 6, r + m + k))
     for number, interface in enumerate(interfaces):
         motion[number, directions] = interface.motion(basis)[list(directions)]
-    kind, name = ("attachment", "residual attachment") if interfaces else ("load", "load residual")
+    name = "residual attachment" if interfaces else f"{kind} residual"
     return ReducedBasis(
         basis,
         block_diag(np.zeros((r, r)), 0.5 * (K + K.T), np.diag(residual[0])),
@@ -269,6 +291,7 @@ def free_basis(
         ("rigid",) * r + ("free",) * m + (kind,) * k,
         directions,
         loads,
+        inertia,
     )
 
 
@@ -332,6 +355,7 @@ def free_modes(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """Six rigid motions and the lowest elastic modes of the free body.
 
@@ -378,9 +402,13 @@ def free_modes(
     V = relief.fields(V)
     F = load_columns(fe, loads)
     responses = deforming_responses(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
+    inertia = inverse(inertia_loads(fe, mirror, rigid=False))
+    if residual == "inertia":
+        further = inertia_responses(fe, relief.fields(inertia), mirror)
+        responses = np.concatenate([responses, further], axis=1)
     progress("modes", 1.0)
-    residual = residual_vectors(fe, responses, V)
-    return free_basis(fe, (), directions, (omega2, V), residual, loads)
+    vectors, kind = residual_vectors(fe, responses, V), residual_kind(loads, residual)
+    return free_basis(fe, (), directions, (omega2, V), vectors, loads, inertia, kind)
 
 
 def relieved_inverse(

@@ -1,4 +1,4 @@
-"""Inertia relief, and what follows from it: residual vectors and geometric stiffening.
+"""Inertia relief and residual vectors.
 
 A free body under a load accelerates as a whole; it is deformed by the load less the inertia of that
 acceleration, P f with P = I - M R (R^T M R)^-1 R^T, and its deformation about mean axes is P^T u.
@@ -7,35 +7,20 @@ Residual vectors are static responses that the kept modes leave out. They comple
 the static response to each load is exact; they have diagonal mass and stiffness among themselves
 and are orthogonal to the kept modes. Sources: Rose (1991), Using residual vectors in MSC/NASTRAN
 dynamic analysis; Craig, Chang (1977), AIAA/ASME 18th SDM conference (residual attachment modes).
-
-Geometric stiffening is what stresses do to the stiffness of the modes: the reduced geometric
-stiffness of the six centrifugal loads per mass (e_a s_b + e_b s_a)/2 and of a unit force at each
-interface along each axis. The stress is that of the free body under a load and the inertia of the
-acceleration that it causes. Uniform and angular accelerations leave no load at all. With all of
-them every inertia and interface load of a motion is covered; the centrifugal loads alone would be
-wrong. Sources: Wallrapp & Schwertassek, Representation of geometric stiffening in multibody system
-simulation, Int. J. Numer. Meth. Engng 32 (1991) 1833; Wallrapp, Standardization of flexible body
-modeling in multibody system codes, Mech. Struct. & Mach. 22 (1994) 283.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import eigh, solve_triangular
 from scipy.linalg.lapack import dpstrf
 from scipy.sparse import csr_array
 
-from flexmb.errors import Problem, ReductionError
-from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
-from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.eigenmodes import Modes
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.flexbody.arrays import FloatArray, is_nonzero, skew
-from flexmb.flexbody.body import FlexBody
-from flexmb.progress import Progress, silent
+from flexmb.flexbody.arrays import FloatArray, is_nonzero
 
 
 class InertiaRelief:
@@ -140,91 +125,9 @@ def load_columns(fe: FEMatrices, loads: tuple[LoadPattern, ...]) -> FloatArray:
     return np.stack(columns, axis=1) if columns else np.zeros((fe.numbering.n, 0))
 
 
-_ALL = tuple(range(6))  # motions of a body, and of an interface
-
-
-def with_geometric_stiffening(
-    body: FlexBody,
-    fe: FEMatrices,
-    Phi: FloatArray,
-    interfaces: tuple[ModelInterface, ...],
-    progress: Progress = silent,
-) -> FlexBody:
-    """The body with the geometric stiffness of its loads.
-
-    Parameters
-    ----------
-    body : FlexBody
-        The reduced body, with the interfaces in their order.
-    fe : FEMatrices
-        Its model.
-    Phi : (n, m) float
-        Its modes.
-    interfaces : tuple of RigidInterface or WeightedInterface
-        At least one.
-    progress : Progress
-        Told the phase ``"stiffening"``.
-    """
-    fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
-    fields = _centrifugal_fields(fe)
-    loads = [np.asarray(fe.M @ w) for w, _ in fields]
-    forces = fixed.loads()
-    loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
-    gradients = [G for _, G in fields] + [np.zeros((3, 3))] * (3 * len(interfaces))
-    forms = np.zeros((len(loads), body.m, body.m))
-    for number, (load, gradient) in enumerate(zip(loads, gradients, strict=True)):
-        progress("stiffening", number / len(loads))
-        u = fixed.free(relief.loads(load))
-        per_mass = _force_per_mass(fe, gradient, relief.acceleration(load))
-        form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
-        forms[number] = 0.5 * (form + form.T)
-    progress("stiffening", 1.0)
-    centrifugal = np.zeros((3, 3, body.m, body.m))
-    for (a, b), form in zip(_PAIRS, forms, strict=False):
-        centrifugal[a, b] = centrifugal[b, a] = form
-    bends = forms[len(_PAIRS) :].reshape(len(interfaces), 3, body.m, body.m)
-    return replace(
-        body,
-        centrifugal_stiffness=centrifugal,
-        interfaces=tuple(
-            replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
-        ),
+def residual_kind(loads: tuple[LoadPattern, ...], residual: str) -> str:
+    """What residual vectors are static responses to."""
+    kinds = ("load",) * any(load.residual for load in loads) + ("inertia",) * (
+        residual == "inertia"
     )
-
-
-def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> None:
-    """Refuse a model whose geometric stiffness is not known.
-
-    Raises
-    ------
-    ReductionError
-        There is no interface, or no element.
-    """
-    what = ""
-    if not interfaces:
-        what = "needs at least one interface, where the forces act that stiffen the body"
-    elif not fe.blocks:
-        what = "needs the stress in the elements, of which given matrices tell nothing"
-    if what:
-        raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
-
-
-_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
-
-
-def _centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, FloatArray]]:
-    """The fields G s of the six symmetric G: at the degrees of freedom (n,), and G (3, 3)."""
-    arms, axes = fe.dof_points - fe.center, fe.rigid[:, :3]
-    fields = []
-    for a, b in _PAIRS:
-        G = np.zeros((3, 3))
-        G[a, b] += 0.5
-        G[b, a] += 0.5
-        fields.append((np.sum(axes * (arms @ G), axis=1), G))
-    return fields
-
-
-def _force_per_mass(fe: FEMatrices, G: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """[G, g] (3, 4) of a load per mass G (s - c) less the rigid acceleration that it causes."""
-    G = G - skew(acceleration[3:])
-    return np.column_stack([G, -acceleration[:3] - G @ fe.center])
+    return " and ".join(kinds)

@@ -31,7 +31,7 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
-from flexmb.flexbody.mesh_options import ModesOptions
+from flexmb.flexbody.mesh_options import RESIDUALS, ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
@@ -48,6 +48,7 @@ class Method(Protocol):
         progress: Progress = silent,
         mirror: SymmetryPlane | None = None,
         loads: tuple[LoadPattern, ...] = (),
+        residual: str = "none",
     ) -> ReducedBasis: ...
 
 
@@ -91,6 +92,7 @@ def reduce_model(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """Reduce a model by a method.
 
@@ -106,7 +108,7 @@ def reduce_model(
         What the method takes: a number, ``{"frequency": ...}``, ``{"effective_mass": ...}``, and
         for ``"user"`` an array or the path of an .npz file. By default 20, and none for
         ``"guyan"``.
-    progress, mirror, loads
+    progress, mirror, loads, residual
         As for :func:`flexmb.fe.craig_bampton`.
 
     Raises
@@ -117,19 +119,74 @@ def reduce_model(
     """
     modes = requested_modes(method, modes)
     if interfaces or method == "user":
-        return METHODS[method](fe, interfaces, modes, progress, mirror, loads)
+        return METHODS[method](fe, interfaces, modes, progress, mirror, loads, residual)
     if method == "guyan":
         what = "a static reduction needs interfaces: without them the body is rigid"
         raise ReductionError.from_problems([Problem("reduction", what)])
-    return free_modes(fe, (), modes, progress, mirror, loads)
+    return free_modes(fe, (), modes, progress, mirror, loads, residual)
 
 
-_METHOD = 4  # raise it whenever the same input gives another body
+def coordinates_text(
+    freedoms: int,
+    interfaces: int,
+    modes: Any,
+    reduction: str,
+    loads: Mapping[str, Any],
+    residual: str = "none",
+) -> str:
+    """Kept coordinates, in words; loads and inertia add at most that many residual vectors."""
+    if reduction == "user":
+        return "those of the given modes"
+    selection = read_modes(modes)
+    count = 0 if reduction == "guyan" else selection.count
+    static = freedoms * interfaces
+    more = sum(load.get("residual", load.get("type") != "gravity") for load in loads.values())
+    more *= 2 if interfaces and reduction != "free-interface" else 1
+    extra = f" + up to {more} for loads" if more else ""
+    if residual == "inertia":
+        inertia = (12 if freedoms == 6 else 7) if interfaces else (6 if freedoms == 6 else 4)
+        inertia -= freedoms * (interfaces > 0 and reduction == "free-interface")
+        extra, more = f"{extra} + up to {inertia} for inertia", more + inertia
+    if count is None:
+        by = "frequency" if selection.frequency is not None else "effective mass"
+        return f"{static} of {interfaces} interfaces + modes by {by} - {freedoms}{extra}"
+    if not interfaces:
+        return f"{count} free modes{extra}"
+    text = f"{freedoms}*{interfaces} interfaces + {count} modes"
+    if reduction == "free-interface":
+        return f"up to {static + count + more} = {text}{extra}"
+    least = static + count - freedoms
+    most = f" to {least + more}" if more else ""
+    return f"{least}{most} = {text} - {freedoms}{extra}"
+
+
+def check_options(reduction: str, modes: Any, damping: float, residual: str) -> Any:
+    """The modes that are requested."""
+    problems: list[Problem] = []
+    requested = None
+    try:
+        requested = requested_modes(reduction, modes)
+    except ReductionError as error:
+        problems += error.problems
+    if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
+        what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
+        problems.append(Problem("damping", what))
+    if residual not in RESIDUALS:
+        names = tuple(RESIDUALS)
+        what = f'unknown "{residual}"'
+        problems.append(Problem("residual", what, names, nearest(str(residual), names)))
+    if problems:
+        raise ReductionError.from_problems(problems)
+    return requested
+
+
+_METHOD = 5  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
     "geometric_stiffening": False,
+    "residual": "none",
 }
 _NO_VALUES = ("name", "source")  # of materials
 

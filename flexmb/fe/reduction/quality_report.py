@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from flexmb.fe.reduction.component_modes import (
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.inertia_loads import inertia_response
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.quality import (
     EffectiveMass,
@@ -146,6 +147,8 @@ class QualityReport:
         Mass matrix against integrals.
     phases : tuple of Phase
         Time and memory of the reduction, where it was measured, and of this report.
+    inertia_missing : dict of str to float
+        Share of the strain energy under the body's own inertia that the modes lack, by motion.
     """
 
     coordinates: int
@@ -155,6 +158,7 @@ class QualityReport:
     static: StaticCheck
     inertia: InertiaCheck
     phases: tuple[Phase, ...]
+    inertia_missing: dict[str, float] = field(default_factory=dict)
 
 
 def quality_report(
@@ -212,6 +216,7 @@ def quality_report(
     Mab = fe.reduced_mass(elastic.Phi) if body is None else body.Mab
     effective = effective_masses(basis, fixed) if fixed is not None and has_fixed else None
     shares = energy_shares(basis, elastic, Mab)
+    response = inertia_response(fe, basis, elastic) if body is None else body.inertia_response
     watch("compare", 1.0)
     spent = [Phase(f"report: {part.name}", part.wall, part.cpu, part.peak) for part in watch.phases]
     return QualityReport(
@@ -222,6 +227,7 @@ def quality_report(
         StaticCheck(error, tuple(load.name for load in patterns), missing),
         _inertia_check(fe),
         (*phases, *spent),
+        {} if response is None else response.missing_shares,
     )
 
 
@@ -321,7 +327,10 @@ def _summary_table(report: QualityReport) -> ReportTable:
         rows.append(("error of interface compliance", f"{report.static.interfaces:.1e}"))
     missing = report.static.missing[np.isfinite(report.static.missing)]
     if len(missing):
-        rows.append(("largest share of compliance missing", _share_text(missing.max())))
+        rows += [("largest share of compliance missing", _share_text(missing.max()))]
+    if report.inertia_missing:
+        motion, share = max(report.inertia_missing.items(), key=lambda item: item[1])
+        rows.append(("inertia loads not answered", f"{_share_text(share)} under {motion}"))
     rows.append(("mass matrix against integrals", f"{report.inertia.error:.1e}"))
     return ReportTable("In short", ("what", "value"), tuple(rows))
 
@@ -347,14 +356,14 @@ def _mac_table(report: QualityReport) -> ReportTable:
     rows = tuple(
         (str(k + 1), *("." if v < 0.005 else f"{v:.2f}" for v in row)) for k, row in enumerate(mac)
     )
-    note = f"Share of kinetic energy in common; the first {_MAC} modes, a point is below 0.005."
+    note = f"Share of kinetic energy in common; the first {_MAC} modes; a point: below 0.005."
     return ReportTable("Modal assurance criterion", columns, rows, note)
 
 
 def _effective_mass_table(report: QualityReport) -> ReportTable:
     masses = report.effective
     assert masses is not None
-    axes = DIRECTIONS if masses.share.shape[1] == 6 else ("1", "2", "3")
+    columns = ("mode", "Hz", *(DIRECTIONS if masses.share.shape[1] == 6 else "123"), "interface")
     rows = [
         (label, f"{f:.6g}", *(_share_text(v) for v in row), _share_text(part))
         for label, f, row, part in zip(
@@ -369,7 +378,6 @@ def _effective_mass_table(report: QualityReport) -> ReportTable:
         "Effective mass over the body's own as all interfaces move together, and share in the "
         "effective interface mass, of which all modes together have 1."
     )
-    columns = ("mode", "Hz", *axes, "interface")
     return ReportTable("Effective masses", columns, tuple(rows), note)
 
 
@@ -382,10 +390,7 @@ def _share_table(report: QualityReport) -> ReportTable:
         (str(j), f"{f:.6g}", *(_share_text(v) for v in row))
         for j, (f, row) in enumerate(zip(report.frequencies.reduced, both, strict=True))
     )
-    note = (
-        "Kinetic energy by direction; strain energy, and kinetic as well, by kind of column of the "
-        "basis."
-    )
+    note = "Kinetic energy by direction; strain energy, and kinetic too, by kind of column."
     return ReportTable("Energy shares", columns, rows, note)
 
 
@@ -398,26 +403,26 @@ def _static_table(report: QualityReport) -> ReportTable:
         (label, _share_text(value) if np.isfinite(value) else "does not deform the free body")
         for label, value in zip(static.labels, static.missing, strict=True)
     ]
-    note = "Share of each load's own compliance that the modes lack; the free body, relieved."
+    rows += [(motion, _share_text(share)) for motion, share in report.inertia_missing.items()]
+    note = (
+        "What the modes lack: of compliance, free and relieved; of inertia's strain energy, held."
+    )
     return ReportTable("Static compliance", ("load", "missing"), tuple(rows), note)
 
 
 def _inertia_table(report: QualityReport) -> ReportTable:
-    check = report.inertia
-    rows = tuple(
-        (name, f"{a:.9g}", f"{b:.9g}")
-        for name, a, b in zip(_INERTIA, check.matrix, check.integrals, strict=True)
-    )
+    values = zip(_INERTIA, report.inertia.matrix, report.inertia.integrals, strict=True)
+    rows = tuple((name, f"{a:.9g}", f"{b:.9g}") for name, a, b in values)
     note = "Inertia about the centre of mass, kg m^2."
     return ReportTable("Mass and inertia", ("", "mass matrix", "integrals"), rows, note)
 
 
 def _phase_table(report: QualityReport) -> ReportTable:
+    columns = ("phase", "wall s", "processor s", "peak GiB")
     rows = tuple(
         (p.name, f"{p.wall:.2f}", f"{p.cpu:.2f}", f"{p.peak / 2**30:.2f}" if p.peak else "-")
         for p in report.phases
     )
-    columns = ("phase", "wall s", "processor s", "peak GiB")
     note = "Peak memory of the process until the phase ended."
     return ReportTable("Time and memory", columns, rows, note)
 

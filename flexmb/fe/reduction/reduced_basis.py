@@ -47,11 +47,14 @@ class ReducedBasis:
         The interfaces.
     labels, kinds : tuple of str
         Name of each column, and what it is: ``"rigid"``, ``"constraint"``, ``"fixed-interface"``,
-        ``"free"``, ``"attachment"``, ``"load"`` or ``"user"``.
+        ``"free"``, ``"attachment"``, ``"load"``, ``"inertia"``, ``"load and inertia"`` or
+        ``"user"``.
     directions : tuple of int
         Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
     loads : tuple of LoadPattern
         Loads the body shall know.
+    inertia : (n, 12) float, optional
+        Static responses of the full model to the body's own inertia loads.
     """
 
     basis: FloatArray
@@ -64,6 +67,7 @@ class ReducedBasis:
     kinds: tuple[str, ...]
     directions: tuple[int, ...] = SPATIAL
     loads: tuple[LoadPattern, ...] = ()
+    inertia: FloatArray | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

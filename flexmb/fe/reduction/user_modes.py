@@ -69,6 +69,7 @@ def user_modes(
     progress: Progress = silent,
     mirror: SymmetryPlane | None = None,
     loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
 ) -> ReducedBasis:
     """A basis of the rigid motions and given modes.
 
@@ -87,6 +88,8 @@ def user_modes(
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
         Loads of the body, none with ``residual``: such vectors come with the other methods.
+    residual : str
+        ``"none"``.
 
     Raises
     ------
@@ -97,6 +100,9 @@ def user_modes(
         names = ", ".join(load.name for load in loads if load.residual)
         what = f"user modes take no residual vectors ({names}): say residual = false"
         raise ReductionError.from_problems([Problem("loads", what)])
+    if residual != "none":
+        what = f'user modes take no residual vectors: leave out "{residual}", or add them to modes'
+        raise ReductionError.from_problems([Problem("residual", what)])
     V = _over_dofs(fe, read_user_modes(modes))
     directions = directions_of(mirror)
     R = fe.rigid[:, directions]

@@ -285,30 +285,6 @@ def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
         yield Problem(f"{where}.relative_to", what)
 
 
-def twice_driven(scope: Scope) -> Iterator[Problem]:
-    """Coordinates that two drivers of a model prescribe."""
-    driven: dict[tuple[str, ...], str] = {}
-    for name, spec in scope.model.drivers.items():
-        for coordinate, _ in spec.motions(scope.model.plane):
-            target, key = _key(spec, coordinate)
-            if key in driven:
-                what = f'the {coordinate} {target} is driven by "{driven[key]}" already'
-                yield Problem(f"drivers.{name}", what)
-            driven.setdefault(key, name)
-
-
-def _key(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
-    """What is driven, in words and so that equal coordinates have equal keys."""
-    if spec.joint is not None:
-        return f'of joint "{spec.joint}"', ("joint", spec.joint, coordinate)
-    if spec.between is not None:
-        first, second = sorted(spec.between)
-        return f'between "{first}" and "{second}"', ("between", first, second)
-    first, second = spec.ends
-    frame = f' relative to "{first}"' if spec.relative_to else ""
-    return f'of marker "{second}"{frame}', ("marker", first, second, coordinate)
-
-
 def closing_problem(model: ModelData, distance: Expression) -> str | None:
     """The sentence for a distance that does not stay above zero over the run, as far as seen."""
     end, units = model.dynamics.duration if model.dynamics is not None else 0.0, model.units

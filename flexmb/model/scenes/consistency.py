@@ -20,7 +20,7 @@ from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_prob
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
-from flexmb.model.joints.driver import twice_driven
+from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.lookup import Bodies, Broken, ModelData, Scope
 from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.mesh_body import MeshBodySpec
@@ -40,7 +40,7 @@ def model_problems(
     problems = list(body_problems(scope))
     for section in ("joints", "couplers", "drivers", "forces", "sensors", "curves"):
         problems += _section_problems(scope, section)
-    for part in (twice_driven, channel_problems, _assembly_problems, _channel_names):
+    for part in (_twice_driven, channel_problems, _assembly_problems, _channel_names):
         problems += part(scope)
     problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
     if not problems:  # what is in the plane is known of entries that hold together
@@ -287,3 +287,27 @@ def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
                     f"bodies.{body}.markers.{name}: lies {away} from the nearest node of a body "
                     f"about {long} long, as on a rigid arm; positions are in the scene's units"
                 )
+
+
+def _twice_driven(scope: Scope) -> Iterator[Problem]:
+    """Coordinates that two drivers of a model prescribe."""
+    driven: dict[tuple[str, ...], str] = {}
+    for name, spec in scope.model.drivers.items():
+        for coordinate, _ in spec.motions(scope.model.plane):
+            target, key = _driven_coordinate(spec, coordinate)
+            if key in driven:
+                what = f'the {coordinate} {target} is driven by "{driven[key]}" already'
+                yield Problem(f"drivers.{name}", what)
+            driven.setdefault(key, name)
+
+
+def _driven_coordinate(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
+    """What is driven, in words and so that equal coordinates have equal keys."""
+    if spec.joint is not None:
+        return f'of joint "{spec.joint}"', ("joint", spec.joint, coordinate)
+    if spec.between is not None:
+        first, second = sorted(spec.between)
+        return f'between "{first}" and "{second}"', ("between", first, second)
+    first, second = spec.ends
+    frame = f' relative to "{first}"' if spec.relative_to else ""
+    return f'of marker "{second}"{frame}', ("marker", first, second, coordinate)

@@ -10,7 +10,6 @@ Parameters are names for numbers, in terms of each other, in any order; a cycle 
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.folders import relative_path
 from flexmb.model.body import BodySpec, FlexbodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
@@ -366,12 +366,5 @@ def _body(
         del table["units"]  # of mesh files
     for key in ("mesh", "flexbody", "modes"):
         if isinstance(table.get(key), str) and folder is not None:
-            table[key] = _relative(model.path(table[key]), Path(folder))
+            table[key] = relative_path(model.path(table[key]), Path(folder))
     return table
-
-
-def _relative(path: Path, folder: Path) -> str:
-    try:
-        return Path(os.path.relpath(path, folder.resolve())).as_posix()
-    except ValueError:  # another drive
-        return path.as_posix()

@@ -12,11 +12,13 @@ import flexmb
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import (
     ConstraintRows,
+    Decomposition,
     WeightedJacobian,
     constraint_rank,
     n_free,
+    null_space,
+    numerical_rank,
 )
-from flexmb.analysis.assembly.rank import Decomposition, null_space, numerical_rank
 from flexmb.engine.compile import compile_system
 from flexmb.flexbody import Interface
 from flexmb.model import Model

@@ -11,7 +11,7 @@ from flexmb.errors import FlexmbWarning, SceneError
 from flexmb.flexbody import FlexBody, Interface, NodeModes, rigid_body
 from flexmb.model import Model
 from flexmb.model.lookup import frames, place_marker, pose
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 
 
 @pytest.fixture

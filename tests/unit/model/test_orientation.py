@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.errors import SceneError
-from flexmb.model.orientation import (
+from flexmb.model.markers import (
     EULER_SEQUENCES,
     quaternion_from_euler,
     quaternion_from_matrix,

@@ -14,10 +14,9 @@ from typer.testing import CliRunner
 import flexmb
 from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
-from flexmb.model.orientation import rotation_matrix
+from flexmb.model.markers import rotation_matrix
 from flexmb.results import NOT_UNIQUE, Result, ResultWriter
-from flexmb.results.channels import Columns
-from flexmb.results.reactions import marker_pairs
+from flexmb.results.channels import Columns, marker_pairs
 
 SCENE = {
     "title": "two names",

@@ -12,8 +12,7 @@ from resultfiles import writer
 from flexmb.errors import BodyFileError, ResultFileError, ViewError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
-from flexmb.view.content import Scale
-from flexmb.view.mechanism import Mechanism
+from flexmb.view.content import Mechanism, Scale
 from flexmb.view.picture import compose, round_exaggeration
 
 

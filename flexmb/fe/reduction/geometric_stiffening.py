@@ -1,0 +1,102 @@
+"""Geometric stiffening: what stresses do to the stiffness of the modes.
+
+It is the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b s_a)/2
+and of a unit force at each interface along each axis. The stress is that of the free body under a
+load and the inertia of the acceleration that it causes. Uniform and angular accelerations leave no
+load at all. With all of them every inertia and interface load of a motion is covered; the
+centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek, Representation of
+geometric stiffening in multibody system simulation, Int. J. Numer. Meth. Engng 32 (1991) 1833;
+Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech. Struct. & Mach.
+22 (1994) 283.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexmb.errors import Problem, ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
+from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.inertia_loads import centrifugal_fields
+from flexmb.fe.reduction.inertia_relief import InertiaRelief
+from flexmb.flexbody.arrays import FloatArray, skew
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import SYMMETRIC_PAIRS
+from flexmb.progress import Progress, silent
+
+_ALL = tuple(range(6))  # motions of a body, and of an interface
+
+
+def with_geometric_stiffening(
+    body: FlexBody,
+    fe: FEMatrices,
+    Phi: FloatArray,
+    interfaces: tuple[ModelInterface, ...],
+    progress: Progress = silent,
+) -> FlexBody:
+    """The body with the geometric stiffness of its loads.
+
+    Parameters
+    ----------
+    body : FlexBody
+        The reduced body, with the interfaces in their order.
+    fe : FEMatrices
+        Its model.
+    Phi : (n, m) float
+        Its modes.
+    interfaces : tuple of RigidInterface or WeightedInterface
+        At least one.
+    progress : Progress
+        Told the phase ``"stiffening"``.
+    """
+    fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
+    fields = centrifugal_fields(fe)
+    loads = [np.asarray(fe.M @ w) for w, _ in fields]
+    forces = fixed.loads()
+    loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
+    gradients = [G for _, G in fields] + [np.zeros((3, 3))] * (3 * len(interfaces))
+    forms = np.zeros((len(loads), body.m, body.m))
+    for number, (load, gradient) in enumerate(zip(loads, gradients, strict=True)):
+        progress("stiffening", number / len(loads))
+        u = fixed.free(relief.loads(load))
+        per_mass = _force_per_mass(fe, gradient, relief.acceleration(load))
+        form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
+        forms[number] = 0.5 * (form + form.T)
+    progress("stiffening", 1.0)
+    centrifugal = np.zeros((3, 3, body.m, body.m))
+    for (a, b), form in zip(SYMMETRIC_PAIRS, forms, strict=False):
+        centrifugal[a, b] = centrifugal[b, a] = form
+    bends = forms[len(SYMMETRIC_PAIRS) :].reshape(len(interfaces), 3, body.m, body.m)
+    return replace(
+        body,
+        centrifugal_stiffness=centrifugal,
+        interfaces=tuple(
+            replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
+        ),
+    )
+
+
+def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> None:
+    """Refuse a model whose geometric stiffness is not known.
+
+    Raises
+    ------
+    ReductionError
+        There is no interface, or no element.
+    """
+    what = ""
+    if not interfaces:
+        what = "needs at least one interface, where the forces act that stiffen the body"
+    elif not fe.blocks:
+        what = "needs the stress in the elements, of which given matrices tell nothing"
+    if what:
+        raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
+
+
+def _force_per_mass(fe: FEMatrices, G: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """[G, g] (3, 4) of a load per mass G (s - c) less the rigid acceleration that it causes."""
+    G = G - skew(acceleration[3:])
+    return np.column_stack([G, -acceleration[:3] - G @ fe.center])

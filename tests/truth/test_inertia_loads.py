@@ -1,0 +1,136 @@
+"""Growth and stress of bodies under their own inertia, with few modes, against closed forms.
+
+Timoshenko & Goodier, Theory of Elasticity, 3rd ed., §32: rotating discs; bars under their own
+centrifugal force by integrating σ' = −ρ Ω² r; beams under ρ A α x by integrating EI w'''' = p.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from femeshes import line
+from truthkit import run
+
+from flexmb.errors import ReductionError
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7850.0}
+E, NU, RHO = STEEL["E"], STEEL["nu"], STEEL["density"]
+NONE = np.zeros((1, 3))
+
+
+def equilibrium(body, alpha=NONE, omega=NONE):
+    """eta of a free body that turns steadily, or is turned about its origin ever faster."""
+    w, e = np.ravel(omega), np.ravel(alpha)
+    turn = np.cross(np.eye(3), -e) + np.outer(w, w) - w @ w * np.eye(3)
+    return np.linalg.solve(body.K, -np.einsum("bc,cbm->m", turn, body.P))
+
+
+def radial_growth(body, eta, radius):
+    x = body.nodes.position
+    r = np.hypot(x[:, 0], x[:, 1])
+    u = np.einsum("kbm,m->kb", body.nodes.Phi_t, eta)
+    return np.mean(np.sum(u * x, axis=1)[(there := np.isclose(r, radius))] / r[there])
+
+
+def disc(size=1.0, inner=0.1, elements="quad", **options):
+    mesh = {"type": "disk", "radius": 0.4 * size, "inner": inner * size, "elements": elements,
+            "divisions": [8, 48] if elements == "quad" else [6, 32, 1]}  # fmt: skip
+    if elements == "quad":
+        options["sections"] = {"all": {"type": "shell", "thickness": 0.01 * size}}
+    else:
+        mesh["thickness"] = 0.01 * size
+    return reduce(mesh, material=STEEL, residual="inertia", **options)
+
+
+@pytest.mark.parametrize("elements", ["quad", "hexahedron20"])
+@pytest.mark.parametrize(("modes", "size"), [(0, 1.0), (20, 1.0), (3, 1e-6)])
+def test_a_spinning_disc_grows_and_is_stressed(elements, modes, size):
+    speed, a, b = 300.0 / size, 0.1 * size, 0.4 * size
+    body = disc(size, elements=elements, modes=modes)
+    eta = equilibrium(body, omega=[[0, 0, speed]])
+
+    def growth(r):
+        c = a * a + b * b + (1 + NU) / (1 - NU) * (a * b / r) ** 2 - (1 + NU) / (3 + NU) * r * r
+        return (3 + NU) * (1 - NU) / (8 * E) * RHO * speed**2 * r * c
+
+    bore = (3 + NU) / 4 * RHO * speed**2 * (b * b + (1 - NU) / (3 + NU) * a * a)
+    stress = np.tensordot(body.stress.modes.astype(float), eta, axes=(2, 0))
+    polygon = 1e-2 if elements == "quad" else 2e-3  # of straight edges
+    assert radial_growth(body, eta, b) == pytest.approx(growth(b), rel=polygon)
+    assert radial_growth(body, eta, a) == pytest.approx(growth(a), rel=2e-2)
+    assert stress[:, :2].max() == pytest.approx(bore, rel=0.03)
+    assert max(body.inertia_response.missing_shares.values()) < 1e-6
+
+
+def bar(residual="inertia", modes=2, size=1.0, elements=10, reduction="craig-bampton", **options):
+    return reduce(
+        line(elements, end=(size, 0, 0)), material=STEEL, modes=modes, residual=residual,
+        interfaces={"root": "root"}, sections={"all": rectangle(0.02 * size, 0.02 * size)},
+        reduction=reduction, **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1000.0, -300.0, 500.0)])
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+@pytest.mark.parametrize("reduction", ["craig-bampton", "free-interface", "guyan"])
+def test_a_bar_on_a_hub_stretches(place, size, reduction):
+    """Both ends of the run: u(L) = ρ Ω² L³ / 3 E, N(0) = ρ A Ω² L² / 2; the hub is at its root."""
+    speed, L, A = 100.0 / size, size, (0.02 * size) ** 2
+    model = Model("bar")
+    model.add_marker("ground.hub", position=place)
+    body = bar(modes=0, size=size, reduction=reduction)
+    model.add_body("bar", body, position=place, angular_velocity=[0, 0, speed])
+    model.add_marker("bar.tip", node=10)
+    model.add_joint("hub", "revolute", between=["ground.hub", "bar.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle=f"{speed}*t")
+    model.add_sensor("tip", "position", of="bar.tip", relative_to="bar.root")
+    found = run(model, duration=0.01 * size, start="quasi-static", accuracy=1e-5, verify=False)
+    stretch = np.linalg.norm([found[f"tip.{axis}"][-1] for axis in "xyz"]) - L
+    rounding = 1e-9 * L + 4e-16 * np.linalg.norm(place)
+    wanted = RHO * speed**2 * L**3 / (3 * E)
+    assert stretch == pytest.approx(wanted, rel=3e-3, abs=rounding)
+    eta = found.q[-1, 7 : 7 + body.m]
+    force = body.section_forces.modes[0, 0, 0] @ eta  # of the first of ten elements
+    assert force == pytest.approx(RHO * A * speed**2 * L**2 / 2, rel=0.01)
+
+
+def test_a_beam_that_is_turned_ever_faster_bends():
+    """By 11 p L⁴ / 120 EI at its tip, under p = ρ A α x / L that rises from zero at the hub."""
+    L, height, alpha = 1.0, 0.02, 10.0
+    body = bar(modes=0)
+    root, tip = body.interface("root"), body.nodes.Phi_t[np.argmax(body.nodes.position[:, 0])]
+    load = np.einsum("bc,cbm->m", np.cross(np.eye(3), [0, 0, -alpha]), body.P)
+    # the root is held: six rows over the frame and eta, and the frame turns with alpha
+    arm = np.cross(np.eye(3), root.position)
+    G = np.block([[np.eye(3), arm, root.Phi_t], [np.zeros((3, 3)), np.eye(3), root.Phi_r]])
+    n = G.shape[1]
+    K = np.zeros((n + 6, n + 6))
+    K[6:n, 6:n], K[:n, n:], K[n:, :n] = body.K, G.T, G
+    c = body.center
+    moment = np.array([0, 0, alpha * (np.trace(body.S0) - body.S0[2, 2])])
+    right = np.concatenate([-body.mass * np.cross([0, 0, alpha], c), -moment, -load, np.zeros(6)])
+    x = np.linalg.solve(K, right)[:n]
+    moved = x[:3] + np.cross(x[3:6], [L, 0, 0]) + tip @ x[6:]
+    stiffness = E * height**4 / 12
+    wanted = -11 * RHO * height**2 * alpha * L * L**4 / (120 * stiffness)
+    shear = 1 + 5e-3
+    assert moved[1] == pytest.approx(wanted * shear, rel=5e-3)
+
+
+def test_without_them_the_report_says_that_the_body_cannot():
+    """A free disc of twenty modes has none in which it grows."""
+    mesh = {"type": "disk", "radius": 0.4, "inner": 0.1, "divisions": [6, 32]}
+    sections = {"all": {"type": "shell", "thickness": 0.01}}
+    for residual, share in (("none", 1.0), ("inertia", 0.0)):
+        body = reduce(mesh, material=STEEL, sections=sections, modes=20, residual=residual)
+        spin = body.inertia_response.missing_shares["spin about z"]
+        assert spin == pytest.approx(share, abs=1e-6)
+
+
+def test_words_that_are_none():
+    with pytest.raises(ReductionError, match='residual: unknown "inertial"'):
+        bar("inertial")
+    with pytest.raises(ReductionError, match="residual: user modes take no residual vectors"):
+        bar(modes=np.eye(66)[:, 30:31], reduction="user")
