@@ -45,7 +45,7 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.hdf5 import USER_BLOCK, open_hdf5
 from flexmb.results.channels import TABLES, Columns, widths
-from flexmb.results.kill_safe_file import DiskFile
+from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.output_request import StoredColumns
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
@@ -181,19 +181,24 @@ def store_text(path: Path, name: str, text: str) -> None:
     OutputError
         A run is writing the file, or it cannot be written.
     """
+    open_hdf5(path, ResultFileError, "a result of flexmb").close()
     try:
-        lock = WriteLock(path)
-        try:
-            with h5py.File(path, "r+", locking=False) as file:
-                if name in file["texts"]:
-                    del file["texts"][name]
-                _write_text(file["texts"], name, text)
-        finally:
-            lock.release()
+        disk = DiskFile(path)
     except BlockingIOError as error:
         raise OutputError(f"{path}: another run is writing it") from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    try:
+        disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
+        with uninterrupted(), h5py.File(disk, "r+") as file:
+            if name in file["texts"]:
+                del file["texts"][name]
+            _write_text(file["texts"], name, text)
+        disk.seal()
+    finally:
+        disk.close()
+    if disk.failure is not None:
+        raise OutputError(f"{path}: cannot be written ({disk.failure.strerror})")
 
 
 def file_format(path: str | Path) -> str | None:
