@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.channels import NOT_UNIQUE, Columns, Reaction
-from flexmb.results.output_request import row_bytes, stored_columns
+from flexmb.results.body_damping import DAMPING, BodyDamping, damping_text
+from flexmb.results.channels import Columns, row_bytes, stored_columns
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
-from flexmb.results.result import Pose, Result, load_result
+from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
+    "DAMPING",
     "NOT_UNIQUE",
     "BodyColumns",
+    "BodyDamping",
     "Columns",
     "OutputBlock",
     "PeakStress",
@@ -22,6 +24,7 @@ __all__ = [
     "ResultWriter",
     "SectionForces",
     "Stress",
+    "damping_text",
     "extend_file",
     "file_format",
     "load_result",

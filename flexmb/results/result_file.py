@@ -44,9 +44,8 @@ from numpy.typing import NDArray
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.hdf5 import USER_BLOCK, open_hdf5
-from flexmb.results.channels import TABLES, Columns, widths
+from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
-from flexmb.results.output_request import StoredColumns
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3

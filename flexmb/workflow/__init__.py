@@ -20,6 +20,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
+from flexmb.workflow.linearize import linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
@@ -44,6 +45,7 @@ __all__ = [
     "examine_installation",
     "flexible_bodies",
     "kinematics",
+    "linearize",
     "listing",
     "machine",
     "mobility",
@@ -55,6 +57,7 @@ __all__ = [
     "run_model",
     "run_scene",
     "simulate",
+    "sweep_modes",
     "templates",
     "warmup",
 ]
