@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 from femeshes import line
-from test_linear_modes import FAR, G, chain, pendulum
+from restscenes import FAR, G, chain, pendulum
 
 import flexmb
 from flexmb.errors import SceneError

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from femeshes import line
+from restscenes import FAR, G, pendulum
 from scipy.optimize import brentq
-from test_linear_modes import FAR, G, pendulum
 
 import flexmb
 from flexmb.errors import SolverError
