@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-ANALYSES = ("dynamics", "kinematics")
+ANALYSES = ("dynamics", "kinematics", "statics")
 
 
 @dataclass(frozen=True)
@@ -103,15 +103,21 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
     if name is not None and name not in ANALYSES:
         raise SceneError.unknown_name("analysis", name, ANALYSES)
     if not available and name is None:
-        raise SceneError("the scene has no [dynamics] and no [kinematics]: give its duration")
-    if name is not None and name not in available:
+        raise SceneError(
+            "the scene has no [dynamics] and no [kinematics]: give its duration, or [statics] for "
+            "an equilibrium"
+        )
+    if name not in (None, "statics", *available):
         raise SceneError(f"the scene has no [{name}]: give its duration")
     if name is None and len(available) > 1:
-        raise SceneError(
-            "the scene has [dynamics] and [kinematics]: say which one to run (--analysis dynamics "
-            "or --analysis kinematics)"
+        sections, words = (
+            " and ".join(f"[{one}]" for one in available),
+            " or ".join(f"--analysis {one}" for one in available),
         )
+        raise SceneError(f"the scene has {sections}: say which one to run ({words})")
     selected = name or available[0]
+    if selected == "statics" and starts_from_result:
+        raise SceneError("statics begins where the scene places the bodies: remove --from")
     if selected == "kinematics" and starts_from_result:
         raise SceneError(
             "a kinematic analysis begins where its drivers say, not where another run ended: "
@@ -138,12 +144,18 @@ def prepare_task(
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.analysis.statics import prepare_statics, run_statics
     from flexmb.results import DAMPING, damping_text
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)
         return Task(
             analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
+        )
+    if analysis == "statics":
+        found = prepare_statics(compiled, model, progress=progress)
+        return Task(
+            analysis, len(found.times), lambda sink: run_statics(found, sink, progress=progress)
         )
     begin = start.begin if start is not None else None
     prepared = prepare_dynamics(compiled, model, begin=begin, progress=progress)

@@ -41,7 +41,7 @@ def run_scene(
         Folder of the results; `out/<name of the scene's folder>` by default.
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
-    analysis : {"dynamics", "kinematics"}, optional
+    analysis : {"dynamics", "kinematics", "statics"}, optional
         Which one; that of the scene's section, if it has one of them only.
     start_from : Result or path, optional
         Another run whose last row this one begins with, bodies matched by name, at time 0.
@@ -81,8 +81,8 @@ def run_model(
     progress: Progress = silent,
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
-    auto = model.effects is not None and model.effects.choice == "auto"
-    run = run_with_selected_effects if auto and analysis != "kinematics" else run_single
+    auto = model.dynamics is not None and getattr(model.effects, "choice", "") == "auto"
+    run = run_with_selected_effects if auto and analysis in (None, "dynamics") else run_single
     return run(
         model, writable_folder(Path(output)), analysis=analysis, start_from=start_from, fresh=fresh,
         pictures=pictures, progress=progress,
@@ -167,6 +167,41 @@ def kinematics(
         model = copy.copy(model)
         model.set_kinematics(**{**present, **fields})
     return _run_and_open(model, "kinematics", output, None, progress)
+
+
+def statics(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
+) -> Result:
+    """Find the equilibrium of a model at rest, or a series of them, and open its result.
+
+    Rigid and flexible bodies under weight, springs, loads and drivers as they are at a time.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder of the files; as in :func:`simulate`.
+    progress : Progress
+        Called for every phase.
+    **fields
+        Fields of `[statics]`, such as `time=0.5`, or `duration=1.0, outputs=20`.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: no equilibrium, and what moves on.
+    """
+    if fields:
+        spec = model.statics
+        present = {} if spec is None else spec.model_dump(context=model.context)
+        model = copy.copy(model)
+        model.set_statics(**{**present, **fields})
+    return _run_and_open(model, "statics", output, None, progress)
 
 
 def _run_and_open(

@@ -42,7 +42,7 @@ from flexmb.model.reading import (
     unknown_key,
 )
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
 from flexmb.model.scenes.effects import EffectsSpec, effects_table
 from flexmb.model.scenes.sections import (
     SECTIONS,
@@ -179,7 +179,7 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
-    "assembly", "check", "dynamics", "kinematics", "results", "study", "view",
+    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -189,6 +189,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "effects": EffectsSpec,
     "kinematics": KinematicsSpec,
     "results": ResultsSpec,
+    "statics": StaticsSpec,
     "study": StudySpec,
 }
 """Tables of which a scene has one or none."""
@@ -271,10 +272,8 @@ class _Builder:
             self.problems += [Problem("ground.markers", what) for what in bad if what]
             self.model.ground = ground
         for key, kind in SINGLE_TABLES.items():
-            if key in self.scene:
+            if key in self.scene or (key == "effects" and "budget" in self.scene):
                 setattr(self.model, key, self.single(key, kind))
-        if "budget" in self.scene:
-            self.model.effects = self.single("effects", EffectsSpec)
         if self.model.study is not None:
             for name in self.model.study.vary:
                 problem = resolve_knob(self.scene, name)[1]
@@ -300,7 +299,7 @@ class _Builder:
     def single(self, key: str, cls: type[S]) -> S | None:
         data = effects_table(self.scene) if key == "effects" else self.scene.get(key, {})
         spec, problems = read_entry(cls, data, self.names)
-        self.problems += [one for one in under(key, problems) if one not in self.problems]
+        self.problems += under(key, problems)
         return spec
 
 

@@ -28,6 +28,7 @@ _MAKEABLE = (
     "effects",
     "kinematics",
     "results",
+    "statics",
     "view",
 )  # tables whose fields all have defaults or will be missed
 
