@@ -17,6 +17,7 @@ from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
 from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
 
@@ -138,7 +139,8 @@ def run_model(
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
-    return replace(report, resumable=analysis == "dynamics")
+    checks = [*report.checks, *check_modes(model, folder)]
+    return replace(report, checks=checks, resumable=analysis == "dynamics")
 
 
 def select_analysis(model: Model, name: str | None, starts_from_result: bool = False) -> str:
