@@ -31,7 +31,7 @@ from flexmb.flexbody.section_options import SECTIONS
 from flexmb.model.body import BodySpec, RigidBodySpec, UnitsName
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.quantities import Integer
 from flexmb.model.reading import (
     NAME,
     Entry,
@@ -197,7 +197,6 @@ class MeshBodySpec(FlexibleBodySpec):
     loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
-    damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
     residual: Residual = "auto"
@@ -240,7 +239,6 @@ class MeshBodySpec(FlexibleBodySpec):
             "units": units,
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
-            "damping": self.damping,
         }
         if self.reduction != "guyan":
             words["modes"] = 20 if self.modes is None else _plain(self.modes)

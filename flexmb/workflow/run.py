@@ -9,7 +9,7 @@ import copy
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,7 @@ class Task:
     rows: int
     run: Callable[[Sink], Outcome]
     notes: tuple[str, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)  # for the result
 
     def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
         """The scene for the result: without the sections of other analyses."""
@@ -123,6 +124,7 @@ def run_model(
     start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
     task = prepare_task(analysis, compiled, model, start, progress)
     texts = {"scene": model.source.text} if model.source is not None else {}
+    texts |= task.texts
     texts[PROVENANCE] = provenance_text(model, folder, bodies, start.source if start else None)
     with ResultWriter(
         folder / "result.h5",
@@ -190,6 +192,7 @@ def prepare_task(
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.results import DAMPING, damping_text
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)
@@ -207,6 +210,7 @@ def prepare_task(
         model.dynamics.n_rows,
         lambda sink: run_dynamics(prepared, sink, progress=progress),
         notes,
+        {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )
 
 
