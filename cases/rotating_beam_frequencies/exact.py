@@ -22,7 +22,7 @@ x, w = (nodes + 1) / 2, weights / 2
 
 
 def shapes(first):
-    """Polynomials with a factor x^first, orthonormal; values and two derivatives, and those at 1."""
+    """Orthonormal polynomials with a factor x^first: values, two derivatives, values at 1."""
     legendre = [np.polynomial.Legendre.basis(k) for k in range(COUNT)]
 
     def at(points):
