@@ -189,7 +189,7 @@ def show_result(result: Any) -> None:
     screen.table(("wall time by phase", "s", ""), time_rows(statistics), right=(1,))
     dampings = result.damping.values()
     if dampings:
-        table = [(one.body, one.words, one.summary()) for one in dampings]
+        table = [(one.body or "together", one.words, one.summary()) for one in dampings]
         screen.table(("damping of", "as the scene says", "as joined"), table)
     if rows:
         screen.table(
