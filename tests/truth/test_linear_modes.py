@@ -157,7 +157,7 @@ def test_blade_on_a_hub_that_turns(speed, place):
     blade = reduce(
         line(20, end=(1, 0, 0)), modes=10, interfaces={"root": "root", "tip": "tip"},
         material={"E": 12.0 / height**4, "nu": 0.3, "density": 1.0 / height**2},
-        sections={"all": rectangle(height, height)}, geometric_stiffening=True,
+        sections={"all": rectangle(height, height)}, geometric_stiffening="full",
     )  # fmt: skip
     made = Model("blade")
     made.add_marker("ground.axle", position=list(place))
@@ -195,7 +195,7 @@ def test_tangents_are_the_differences_of_the_residual():
 
     beam = reduce(
         line(6, end=(1, 0, 0)), modes=3, interfaces={"root": "root", "tip": "tip"},
-        material="steel", sections={"all": rectangle(0.02, 0.01)}, geometric_stiffening=True,
+        material="steel", sections={"all": rectangle(0.02, 0.01)}, geometric_stiffening="full",
     )  # fmt: skip
     model = Model("arm", gravity=[0, -G, 0])
     model.add_body("arm", beam)
