@@ -73,6 +73,7 @@ class ModelData(Protocol):
     dynamics: Any
     effects: Any
     kinematics: Any
+    statics: Any
     results: Any
     study: Any
     view: Any

@@ -174,7 +174,7 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, ground, bodies, ",
+        "parameters, effects, ground, bodies, ",
         id="unknown section",
     ),
     pytest.param(
@@ -189,7 +189,7 @@ ONE_LINE = [
             "[[check]]\nlinear_mode = 1\nparameters = { speeed = 2 }\nvalue = 1\n"
             'tolerance = 1\nsource = "none"\n[dynamics]',
         ),
-        "check[0].parameters.speeed: unknown parameter",
+        "check[0].parameters.speeed: unknown parameter; nearest: speed; allowed: r, speed",
         id="unknown parameter of a linearised mode",
     ),
     pytest.param(
