@@ -72,6 +72,7 @@ class ModelData(Protocol):
     dynamics: Any
     effects: Any
     kinematics: Any
+    statics: Any
     results: Any
     study: Any
     view: Any

@@ -35,7 +35,7 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
 from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CheckSpec,
@@ -119,6 +119,7 @@ class Model:
         self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
+        self.statics: StaticsSpec | None = None
         self.study: StudySpec | None = None
         self.view = ViewSpec()
         self.budget = 0.01
@@ -237,6 +238,11 @@ class Model:
         """Say how to run as a kinematic analysis: ``duration``, ``outputs``."""
         self.kinematics = self._single("kinematics", KinematicsSpec, fields)
         return self.kinematics
+
+    def set_statics(self, **fields: Any) -> StaticsSpec:
+        """Say of which times equilibria are sought: ``time``, or ``duration`` and ``outputs``."""
+        self.statics = self._single("statics", StaticsSpec, fields)
+        return self.statics
 
     def set_assembly(self, **fields: Any) -> AssemblySpec:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""

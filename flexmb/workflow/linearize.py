@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
     from flexmb.analysis.linear.linearization import Linearization
     from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.analysis.statics import Equilibrium
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -79,7 +80,7 @@ def _linearize(system: CompiledModel, time: float | None, about: str, frame: str
     return linearize_state(first.compiled, system.model, first.state, frame=frame)
 
 
-def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled:
+def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled | Equilibrium:
     """The state of a compiled model that is meant; see `linearize`."""
     from flexmb.analysis.assembly.initial_state import assemble
 
@@ -95,6 +96,10 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
         raise SceneError.from_problems([Problem("time", what)])
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
+    if about == "static":
+        from flexmb.analysis.statics import find_equilibrium
+
+        return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)
 
 
@@ -146,3 +151,41 @@ def sweep_modes(
         made.append(_linearize(system, None, about, frame))
     progress("modes", 1.0)
     return ModeSweep.of(parameter, values, made)
+
+
+def equilibria(
+    source: Model | str | Path,
+    *,
+    time: float = 0.0,
+    starts: int = 30,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> list[Equilibrium]:
+    """Equilibria of a model that are reached from many poses, of least energy first.
+
+    Parameters
+    ----------
+    source : Model or path
+        A model or a scene file (.toml).
+    time : float
+        At which functions and drivers are taken, in the scene's units.
+    starts : int
+        From how many poses: the placed one, and others at random along the free motions.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    list of Equilibrium
+        Stable and unstable ones, all different.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong; no equilibrium is reached from the placed pose.
+    """
+    from flexmb.analysis.statics import find_equilibria
+
+    system = compile_source(source, overrides=overrides, progress=progress)
+    scaled = time * system.model.units.scale("s")
+    return find_equilibria(system.compiled, system.model, time=scaled, starts=starts)

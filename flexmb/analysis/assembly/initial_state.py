@@ -23,6 +23,7 @@ from flexmb.analysis.assembly.positions import (
     mass_corrector,
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
+from flexmb.analysis.equilibrium import settle
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -93,9 +94,10 @@ def assemble(
         The compiled model.
     model : Model
         The model, for its initial velocities.
-    start : {"undeformed", "quasi-static"}
+    start : {"undeformed", "quasi-static", "static"}
         Whether flexible bodies start without deformation as far as the joints allow, or in elastic
-        equilibrium with weight, loads and the inertia forces of the first motion.
+        equilibrium with weight, loads and the inertia forces of the first motion; or the whole
+        machine in equilibrium at rest, before it gets its velocities.
     begin : StartValues, optional
         Positions and velocities to begin from, changed no more than joints and drivers need; then
         `start` is ignored.
@@ -136,6 +138,11 @@ def assemble(
     solve_stage(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
+    if start == "static" and begin is None:
+        _solve_accelerations(system, state, work)
+        settle(compiled, model, state)
+        velocities.set(state)
+        _set_states(compiled, state, work, None)
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(compiled, model, state.q)
     _solve_accelerations(damped.system, state, work)

@@ -131,7 +131,9 @@ def _frequency_problems(scope: Scope) -> Iterator[Problem]:
 
 def _time_problems(model: ModelData) -> Iterator[Problem]:
     """Times of known answers, pictures, outputs and tables that do not fit the run."""
-    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    specs = (model.dynamics, model.kinematics)
+    spans = [spec.duration for spec in specs if spec is not None]
+    spans += [model.statics.times[-1]] if model.statics is not None else []
     if spans:
         yield from _output_time_problems(model, max(spans))
         yield from _table_time_problems(model, max(spans))

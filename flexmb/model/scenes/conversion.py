@@ -42,7 +42,7 @@ from flexmb.model.reading import (
     unknown_key,
 )
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
 from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     SECTIONS,
@@ -179,7 +179,7 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "effects", "ground", *SECTIONS, "assembly",
-    "check", "dynamics", "kinematics", "results", "study", "view",
+    "check", "dynamics", "kinematics", "results", "statics", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -189,6 +189,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "effects": EffectsSpec,
     "kinematics": KinematicsSpec,
     "results": ResultsSpec,
+    "statics": StaticsSpec,
     "study": StudySpec,
 }
 """Tables of which a scene has one or none."""
