@@ -15,6 +15,7 @@ from flexmb.errors import SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
 from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
 
@@ -88,7 +89,8 @@ def run_single(
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
-    return replace(report, resumable=analysis == "dynamics")
+    checks = [*report.checks, *check_modes(model, folder)]
+    return replace(report, checks=checks, resumable=analysis == "dynamics")
 
 
 def select_analysis(model: Model, name: str | None, starts_from_result: bool = False) -> str:

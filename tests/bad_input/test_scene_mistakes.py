@@ -184,6 +184,15 @@ ONE_LINE = [
         id="unknown channel",
     ),
     pytest.param(
+        (
+            "[dynamics]",
+            "[[check]]\nlinear_mode = 1\nparameters = { speeed = 2 }\nvalue = 1\n"
+            'tolerance = 1\nsource = "none"\n[dynamics]',
+        ),
+        "check[0].parameters.speeed: unknown parameter; nearest: speed; allowed: r, speed",
+        id="unknown parameter of a linearised mode",
+    ),
+    pytest.param(
         ("[dynamics]", "[view]\ntime = 2\n[dynamics]"),
         "view.time: 2 s lies after the end of the run, 1 s",
         id="picture after the end",
