@@ -1,7 +1,7 @@
 """The quick-return in closed form, and its torque from the power of all masses at constant speed.
 
-Torque times speed is the rate of kinetic and potential energy. Velocities by complex steps, the rate
-of the energy by differences of order four. ``python exact.py torque.csv`` writes a turn of it.
+Torque times speed is the rate of kinetic and potential energy: velocities by complex steps, the
+rate by differences of order four. ``python exact.py torque.csv`` writes a turn of it.
 """
 
 import sys
