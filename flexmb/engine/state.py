@@ -318,6 +318,7 @@ class Stages(NamedTuple):
     axes: Stage
     feedback: Stage
     reaction: Stage
+    static: Stage
     wrench: Stage
     force: Stage
     matrix: Stage

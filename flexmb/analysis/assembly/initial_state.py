@@ -129,6 +129,8 @@ def assemble(
     solve_stage(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
+    if "static_modes" in system.kinds:
+        _settle_static_modes(system, state, work, close if begin is None else None)
     solve_stage(system, state, work, REMEMBER)
     _solve_accelerations(system, state, work)
     solve_stage(system, state, work, BEGIN)
@@ -173,6 +175,23 @@ def _equilibrate(
     raise AssemblyError(
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
         'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+    )
+
+
+def _settle_static_modes(
+    system: System, state: State, work: Work, close: Callable[[], None] | None
+) -> None:
+    """Static equilibrium of the quasi-static modes with the first motion, joints closed."""
+    for _ in range(_MAX_ROUNDS):
+        before = state.q.copy()
+        _solve_accelerations(system, state, work)
+        change = float(np.abs(state.q - before).max())
+        if close is None or change <= _EQUILIBRIUM:
+            return
+        close()
+    raise AssemblyError(
+        "the quasi-static modes find no equilibrium with the first motion: the bodies are too soft "
+        'for it; use deformation = "dynamic"'
     )
 
 

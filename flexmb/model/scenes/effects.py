@@ -13,6 +13,7 @@ from typing import TypeVar
 from pydantic import StrictBool
 
 from flexmb.errors import Problem
+from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.forces.stops import AnyStop
@@ -63,8 +64,18 @@ def active_model(model: M) -> M:
     return active
 
 
+_PLAIN = ("rigid", "dynamic")
+_BY_POSITIONS = ("coordinate-partitioning", "baumgarte")
+
+
 def effect_problems(model: ModelData) -> Iterator[Problem]:
-    """Sensors of forces that are switched off."""
+    """Sensors of forces that are switched off, methods that know no quasi-static modes."""
+    method = None if model.dynamics is None else model.dynamics.method
+    for name, body in model.bodies.items():
+        static = isinstance(body, FlexibleBodySpec) and body.deformation not in _PLAIN
+        if static and method in _BY_POSITIONS:
+            what = f"the method {method} knows no quasi-static modes: choose another method, or "
+            yield Problem(f"bodies.{name}.deformation", what + '"dynamic"')
     for word, kind in ({} if model.effects is None else model.effects.absent).items():
         for name, sensor in model.sensors.items():
             force = sensor.force if isinstance(sensor, ReactionSensorSpec) else None
