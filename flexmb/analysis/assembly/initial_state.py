@@ -260,7 +260,7 @@ def _weighted(system: System, weights: Array) -> System:
         m, at = int(body["m"]), int(body["flex"])
         forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
         pool[at : forms - 2 * m * m] *= weight
-        pool[forms : forms + (12 * m * m if body["coupling"] else 0)] *= weight
+        pool[forms : forms + (0, 9, 12)[int(body["coupling"])] * m * m] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 
