@@ -72,6 +72,7 @@ class Compiled:
     starts: tuple[Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
+    is_damped: bool = False  # whether its flexible bodies have the damping of their modes as joined
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:

@@ -162,17 +162,19 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = step_control.proposed(run.method, settings, run.plan, time_events, st, run.times, room)
+        h = step_control.propose_step(
+            run.method, settings, run.plan, time_events, st, run.times, room
+        )
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
-        verdict = step_control.rejected(run.method, settings, st, error, status, h)
+        verdict = step_control.judge_step(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:
                 continue
             run.work.trial.t[0] = step_control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
-            step_control.accepted(run.method, settings, st, error, h)
+            step_control.record_step(run.method, settings, st, error, h)
             accept_events(run, h)
             return FINE
         if verdict == TOO_SMALL:
@@ -182,7 +184,7 @@ def advance(run: Run, room: int) -> int:
 @kernel
 def _due(run):
     """Whether an output is due at or before the present time."""
-    return step_control.due(run.settings, run.times, run.state, run.state.t[0], 0)
+    return step_control.is_output_due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
 @kernel
@@ -289,7 +291,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
-    step_control.begin(run.system, settings, st)
+    step_control.begin_steps(run.system, settings, st)
     if settings.step == 0.0:
         step_control.follow_motion(run)
     begin_events(run)
@@ -301,9 +303,11 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
             status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]
-        if done == n_steps or step_control.at_end(settings, run.plan, st):
+        if done == n_steps or step_control.is_at_end(settings, run.plan, st):
             break
-        full = room < 3 or step_control.due(settings, run.times, st, st.t[0] + settings.step, room)
+        full = room < 3 or step_control.is_output_due(
+            settings, run.times, st, st.t[0] + settings.step, room
+        )
         if full and done > 0:
             break
         status = advance(run, room)

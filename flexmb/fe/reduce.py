@@ -64,8 +64,8 @@ from flexmb.fe.scikit_fem import (
     has_stress,
     mesh_from_skfem,
     model_from_basis,
+    refuse_matrices,
     refuse_mesh_options,
-    require_basis,
 )
 from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
@@ -87,7 +87,7 @@ def reduce(
     material: MaterialLike | None = None,
     interfaces: Mapping[str, InterfaceLike] | None = None,
     modes: Any = None,
-    damping: float = 0.0,
+    damping: Any = None,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     ties: Words | None = None,
@@ -125,8 +125,9 @@ def reduce(
         coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
         ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
         the mesh's unit of length.
-    damping : float
-        Damping ratio of every mode, 0 to 1. None by default.
+    damping : float, str or mapping
+        Damping ratio of every mode as a scene joins the body, 0 to 1, ``"adams"`` or a table of
+        :class:`flexmb.flexbody.damping.DampingOptions`, for scenes without damping of their own.
     name : str, optional
         Name of the body; the file's by default.
     sections : mapping of str to section or mapping, optional
@@ -168,7 +169,7 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested = check_options(reduction, modes, damping, residual, geometric_stiffening)
+    requested, ratios = check_options(reduction, modes, damping, residual, geometric_stiffening)
     where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
@@ -183,7 +184,8 @@ def reduce(
         findings = model_findings(fe, ends)
         where = where if has_stress(fe) else "none"
     else:
-        require_basis(stiffness, mass)
+        if stiffness is not None or mass is not None:
+            refuse_matrices(stiffness=stiffness, mass=mass)
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
         model, ends, findings = _prepare(
@@ -210,7 +212,7 @@ def reduce(
         residual=residual,
     )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
-    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
+    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
@@ -226,7 +228,7 @@ def reduce(
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
-    return replace(body, provenance=source)
+    return replace(body, provenance=source, damping=ratios)
 
 
 def _prepare(
@@ -351,7 +353,6 @@ def make_body(
     fe: FEMatrices,
     reduced: ReducedBasis,
     elastic: ReducedModes,
-    damping: float = 0.0,
     progress: Progress = silent,
 ) -> FlexBody:
     """Put the parts of a flexible body together.
@@ -362,8 +363,6 @@ def make_body(
         Name of the body.
     fe, reduced, elastic
         The model, its reduced basis and the modes made of it.
-    damping : float
-        Damping ratio of every mode.
     progress : Progress
         Called with the phases ``"integrals"`` and ``"recovery"``.
     """
@@ -379,7 +378,6 @@ def make_body(
         name,
         **vars(inertia),
         K=np.diag(elastic.omega2),
-        D=np.diag(2 * damping * np.sqrt(elastic.omega2)),
         interfaces=tuple(
             Interface(tie.name, tie.position, q[:3], q[3:])
             for tie, q in zip(ties, motion, strict=True)

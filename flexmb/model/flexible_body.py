@@ -17,6 +17,7 @@ from pydantic import ValidationInfo, model_validator
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.mesh_options import STIFFENINGS
 from flexmb.model.body import BodySpec
+from flexmb.model.option_specs import DampingField
 from flexmb.model.quantities import Integer, Quantity
 from flexmb.model.reading import (
     FieldType,
@@ -111,12 +112,17 @@ Stiffening = Annotated[str, Reader(_stiffening, form=choice(STIFFENINGS))]
 
 
 class FlexibleBodySpec(BodySpec):
-    """What all flexible bodies have: which effects of their deformation a run contains."""
+    """What all flexible bodies have: which effects of their deformation a run contains.
+
+    `damping` is a ratio of all modes as joined, the preset "adams", or a table; by default that of
+    the body's file, or none.
+    """
 
     deformation: Annotated[Any, _Deformation()] = "dynamic"
     inertia_coupling: Literal["constant", "partial", "full"] = "full"
     geometric_stiffening: Stiffening | None = None
     frame: Annotated[str, Reader(_frame, form=choice((MEAN_AXIS, "interface NAME")))] = MEAN_AXIS
+    damping: DampingField | None = None
 
     @model_validator(mode="after")
     def _frame_fits(self) -> Self:

@@ -31,7 +31,7 @@ from flexmb.flexbody.section_options import SECTIONS
 from flexmb.model.body import BodySpec, RigidBodySpec, UnitsName
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.quantities import Integer
 from flexmb.model.reading import (
     NAME,
     Entry,
@@ -176,6 +176,9 @@ _OPTIONS = (
 )  # fmt: skip
 
 
+_MOST_RESIDUALS = 12  # static responses to inertia loads that may join the modes
+
+
 class MeshBodySpec(FlexibleBodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
@@ -197,7 +200,6 @@ class MeshBodySpec(FlexibleBodySpec):
     loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
-    damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
     residual: Residual = "auto"
@@ -214,6 +216,13 @@ class MeshBodySpec(FlexibleBodySpec):
             what = what if not own else 'an .npz file goes with reduction = "user"'
             problems.append(Problem("modes", what))
         problems += self.frame_problems(tuple(self.interfaces))
+        if self.damping is not None and isinstance(self.modes, int | None):
+            most = (
+                6 * len(self.interfaces) + self.mode_count + _MOST_RESIDUALS + 2 * len(self.loads)
+            )
+            for number in (n for n in self.damping.modes or {} if int(n) > most):
+                what = f"there is no such mode: the body has at most {most}"
+                problems.append(Problem(f"damping.modes.{number}", what))
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
         if problems:
@@ -240,7 +249,6 @@ class MeshBodySpec(FlexibleBodySpec):
             "units": units,
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
-            "damping": self.damping,
         }
         if self.reduction != "guyan":
             words["modes"] = 20 if self.modes is None else _plain(self.modes)

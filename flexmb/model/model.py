@@ -280,8 +280,19 @@ class Model:
         sensed = tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
         return (*sensed, *self.states, *self.controllers)
 
+    def stress_channels(self) -> tuple[str, ...]:
+        """The largest von Mises stress of each flexible body that has stress in its file."""
+        flexible = (name for name, spec in self.bodies.items() if spec.flexible)
+        return tuple(
+            f"{name}.von_mises"
+            for name in flexible
+            if getattr(self.bodies[name], "stress", None) != "none"
+        )
+
     def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a channel; None where there is no such sensor, state or controller."""
+        """SI unit of a channel; None where there is no such sensor, state, controller or body."""
+        if channel in self.stress_channels():
+            return "Pa"
         sections: tuple[Mapping[str, Spec], ...] = (self.controllers, self.states, self.sensors)
         for name in (channel, channel.rpartition(".")[0]):
             for owners in sections:

@@ -244,16 +244,33 @@ def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
 
 
 def _turns_round(model: Model, name: str) -> bool:
-    """Whether its initial angular velocity or a driver turns a body round during the run."""
+    """Whether an initial angular velocity or a driver turns a body round during the run.
+
+    Those of bodies that fixed joints connect with it count as well.
+    """
     spec = model.dynamics or model.kinematics
     if spec is None:
         return False
-    spins = (one.angular_velocity for one in model.bodies[name].initial_velocities.values())
+    welds = [
+        {end.partition(".")[0] for end in joint.between}
+        for joint in model.joints.values()
+        if joint.type == "fixed"
+    ]
+    bodies, size = {name}, 0
+    while len(bodies) > size:
+        size = len(bodies)
+        bodies = bodies.union(*(weld for weld in welds if weld & bodies)) - {"ground"}
+    spins = (
+        one.angular_velocity
+        for body in bodies
+        for one in model.bodies[body].initial_velocities.values()
+    )
     turns = [spec.duration * float(np.linalg.norm(spin)) for spin in spins if spin is not None]
     times = np.linspace(0.0, spec.duration, _SAMPLES)
     for driver in model.drivers.values():
         ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
-        if {end.partition(".")[0] for end in ends} == {"ground", name}:
+        of = {end.partition(".")[0] for end in ends}
+        if "ground" in of and of & bodies:
             for coordinate, function in driver.motions(model.plane):
                 if "angle" in coordinate and not function.expression.channels:
                     values = np.array([next(iter(function.value(t))) for t in times])

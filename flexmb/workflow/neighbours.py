@@ -78,11 +78,13 @@ class Neighbours:
         from flexmb.analysis.effects.contribution import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.model import Model
+        from flexmb.workflow.compiled_model import damped_as_run
         from flexmb.workflow.resume import load_bodies
 
         model = Model.from_scene_dict(run.model, run.path.parent)
         bodies = load_bodies(run)
-        compiled, folder = compile_system(model, bodies), run.path.parent / "audit"
+        folder = run.path.parent / "audit"
+        compiled = damped_as_run(compile_system(model, bodies), model, run)
         made = cls(run, model, bodies, compiled, read_motion(run), folder, progress)
         made.motion = made._resolved(made.motion, most_rows)
         return made
@@ -252,9 +254,15 @@ class Neighbours:
         return model
 
     def _compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
+        """The model with the damping of its modes as they are joined in the first row."""
+        from flexmb.analysis.assembly.joined_damping import add_damping
         from flexmb.engine.compile import compile_system
 
-        return compile_system(model, bodies)
+        compiled = compile_system(model, bodies)
+        q = compiled.initial_q.copy()
+        for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
+            q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
+        return add_damping(compiled, model, q)[0]
 
     def _run(self, model: Model, name: str) -> Result:
         from flexmb.results import Result

@@ -9,7 +9,7 @@ import copy
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,7 @@ class Task:
     rows: int
     run: Callable[[Sink], Outcome]
     notes: tuple[str, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)  # for the result
 
     def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
         """The scene for the result: without the sections of other analyses."""
@@ -122,6 +123,7 @@ def run_model(
     start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
     task = prepare_task(analysis, compiled, model, start, progress)
     texts = {"scene": model.source.text} if model.source is not None else {}
+    texts |= task.texts
     texts[PROVENANCE] = provenance_text(model, folder, bodies, start.source if start else None)
     with ResultWriter(
         folder / "result.h5",
@@ -188,6 +190,7 @@ def prepare_task(
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.results import DAMPING, damping_text
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)
@@ -205,6 +208,7 @@ def prepare_task(
         model.dynamics.n_rows,
         lambda sink: run_dynamics(prepared, sink, progress=progress),
         notes,
+        {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )
 
 

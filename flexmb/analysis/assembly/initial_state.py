@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
@@ -32,8 +33,9 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
-from flexmb.model.forces.stops import JointStopSpec
+from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
+from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
 
@@ -58,11 +60,14 @@ _ACCELERATION_ERRORS = {
 
 @dataclass(frozen=True)
 class Assembled:
-    """The first state, the scratch it was computed with, and what the user should know."""
+    """The first state, the scratch it was computed with, what the user should know, the model with
+    the damping that its flexible bodies have there, and the ratios of their modes."""
 
     state: State
     work: Work
     notes: tuple[str, ...]
+    compiled: Compiled
+    dampings: list[BodyDamping]
 
 
 class StartValues(NamedTuple):
@@ -100,6 +105,8 @@ def assemble(
     AssemblyError
         Positions that cannot be closed (worst joints and gaps), a joint on its wrong branch, no
         elastic equilibrium, or accelerations that are not finite.
+    SceneError
+        Damping of modes that do not exist.
     """
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
@@ -132,9 +139,11 @@ def assemble(
     if "static_modes" in system.kinds:
         _settle_static_modes(system, state, work, close if begin is None else None)
     solve_stage(system, state, work, REMEMBER)
-    _solve_accelerations(system, state, work)
-    solve_stage(system, state, work, BEGIN)
-    return Assembled(state, work, (*notes, *_stop_notes(compiled, model, state, work)))
+    damped, dampings = add_damping(compiled, model, state.q)
+    _solve_accelerations(damped.system, state, work)
+    solve_stage(damped.system, state, work, BEGIN)
+    notes += _stop_notes(compiled, model, state, work)
+    return Assembled(state, work, tuple(notes), damped, dampings)
 
 
 def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues | None) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
 from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.dynamics.passes import (
@@ -35,7 +34,16 @@ from flexmb.analysis.monitors import (
     SingularOrientationMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import Ending, Outcome, Sink, assemble_first_state, run_chunks
+from flexmb.analysis.procedure import (
+    Ending,
+    Outcome,
+    Sink,
+    assemble_first_state,
+    failure_sentence,
+    gaps_at,
+    open_joint,
+    run_chunks,
+)
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units
@@ -103,6 +111,7 @@ def prepare_dynamics(
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
+    compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
@@ -112,7 +121,7 @@ def prepare_dynamics(
         notes.append(f"step shortened {change} to meet {end}")
     return prepared_run(
         compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
-        not_unique=not_unique,
+        not_unique=not_unique, dampings=tuple(assembled.dampings),
     )  # fmt: skip
 
 

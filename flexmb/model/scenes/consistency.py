@@ -92,7 +92,8 @@ def _assembly_problems(scope: Scope) -> Iterator[Problem]:
 
 def _channel_names(scope: Scope) -> Iterator[Problem]:
     """Channels of plots and of known answers."""
-    channels, broken = scope.model.channels(), broken_channels(scope)
+    channels = (*scope.model.channels(), *scope.model.stress_channels())
+    broken = broken_channels(scope)
     names = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
     names += [(f"check[{i}].sensor", check.sensor) for i, check in enumerate(scope.model.checks)]
     for where, name in names:
