@@ -17,6 +17,7 @@ from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
 from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-ANALYSES = ("dynamics", "kinematics")
+ANALYSES = ("dynamics", "kinematics", "statics")
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def run_scene(
         Folder of the results; `out/<name of the scene's folder>` by default.
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
-    analysis : {"dynamics", "kinematics"}, optional
+    analysis : {"dynamics", "kinematics", "statics"}, optional
         Which one; that of the scene's section, if it has one of them only.
     start_from : Result or path, optional
         Another run whose last row this one begins with, bodies matched by name, at time 0.
@@ -140,7 +141,8 @@ def run_model(
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
-    return replace(report, resumable=analysis == "dynamics")
+    checks = [*report.checks, *check_modes(model, folder)]
+    return replace(report, checks=checks, resumable=analysis == "dynamics")
 
 
 def select_analysis(model: Model, name: str | None, starts_from_result: bool = False) -> str:
@@ -155,15 +157,21 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
     if name is not None and name not in ANALYSES:
         raise SceneError.unknown_name("analysis", name, ANALYSES)
     if not available and name is None:
-        raise SceneError("the scene has no [dynamics] and no [kinematics]: give its duration")
-    if name is not None and name not in available:
+        raise SceneError(
+            "the scene has no [dynamics] and no [kinematics]: give its duration, or [statics] for "
+            "an equilibrium"
+        )
+    if name not in (None, "statics", *available):
         raise SceneError(f"the scene has no [{name}]: give its duration")
     if name is None and len(available) > 1:
-        raise SceneError(
-            "the scene has [dynamics] and [kinematics]: say which one to run (--analysis dynamics "
-            "or --analysis kinematics)"
+        sections, words = (
+            " and ".join(f"[{one}]" for one in available),
+            " or ".join(f"--analysis {one}" for one in available),
         )
+        raise SceneError(f"the scene has {sections}: say which one to run ({words})")
     selected = name or available[0]
+    if selected == "statics" and starts_from_result:
+        raise SceneError("statics begins where the scene places the bodies: remove --from")
     if selected == "kinematics" and starts_from_result:
         raise SceneError(
             "a kinematic analysis begins where its drivers say, not where another run ended: "
@@ -190,12 +198,18 @@ def prepare_task(
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.analysis.statics import prepare_statics, run_statics
     from flexmb.results import DAMPING, damping_text
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)
         return Task(
             analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
+        )
+    if analysis == "statics":
+        found = prepare_statics(compiled, model, progress=progress)
+        return Task(
+            analysis, len(found.times), lambda sink: run_statics(found, sink, progress=progress)
         )
     begin = start.begin if start is not None else None
     prepared = prepare_dynamics(compiled, model, begin=begin, progress=progress)
@@ -301,6 +315,41 @@ def kinematics(
         model = copy.copy(model)
         model.set_kinematics(**{**present, **fields})
     return _run_and_open(model, "kinematics", output, None, progress)
+
+
+def statics(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
+) -> Result:
+    """Find the equilibrium of a model at rest, or a series of them, and open its result.
+
+    Rigid and flexible bodies under weight, springs, loads and drivers as they are at a time.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder of the files; as in :func:`simulate`.
+    progress : Progress
+        Called for every phase.
+    **fields
+        Fields of `[statics]`, such as `time=0.5`, or `duration=1.0, outputs=20`.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: no equilibrium, and what moves on.
+    """
+    if fields:
+        spec = model.statics
+        present = {} if spec is None else spec.model_dump(context=model.context)
+        model = copy.copy(model)
+        model.set_statics(**{**present, **fields})
+    return _run_and_open(model, "statics", output, None, progress)
 
 
 def _run_and_open(

@@ -27,6 +27,7 @@ _MAKEABLE = (
     "dynamics",
     "kinematics",
     "results",
+    "statics",
     "view",
 )  # tables whose fields all have defaults or will be missed
 
