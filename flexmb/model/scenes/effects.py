@@ -96,11 +96,11 @@ def effect_problems(model: ModelData) -> Iterator[Problem]:
             what = f"the method {method} knows no quasi-static modes: choose another method, or "
             yield Problem(f"bodies.{name}.deformation", what + '"dynamic"')
     if model.effects is not None and model.effects.choice == "auto" and not model.channels():
-        body = next(iter(model.bodies), "body")
+        first = next(iter(model.bodies), "body")
         yield Problem(
             "effects",
             '"auto" needs a sensor to judge effects by; add one, such as [sensors.place] '
-            f'type = "position" of = "{body}"',
+            f'type = "position" of = "{first}"',
         )
     for word, kind in ({} if model.effects is None else model.effects.absent).items():
         for name, sensor in model.sensors.items():
