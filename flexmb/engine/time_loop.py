@@ -26,6 +26,7 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
+    bias_stage,
     complete_poses,
     constraint_stage,
     factorise_metric,
@@ -36,6 +37,7 @@ from flexmb.engine.equations_of_motion import (
     rate_stage,
     reaction_stage,
     remember,
+    residual,
     velocity_stage,
     walk,
 )
@@ -392,6 +394,25 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
     remember(run, at, st.history)
+    return _end_row(run, at, st)
+
+
+@unit
+def write_equilibrium(run: Run) -> int:
+    """Write the state at rest with its own multipliers; returns the status."""
+    st, at = run.state, run.state_point
+    begin_run(run, at)
+    status = residual(run, at)
+    if status != FINE:
+        return status
+    velocity_stage(run, at)
+    bias_stage(run, at)
+    complete_poses(run, at)
+    if st.count[0]["outputs"] == 0:
+        count_turns(run, at, st.angles)
+    count_turns(run, at, st.angles)
+    _write_motion(run, at, st, 0.0)
+    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
     return _end_row(run, at, st)
 
 

@@ -43,6 +43,7 @@ from flexmb.model.scenes.dynamics import (
     DynamicsSpec,
     GuessSpec,
     KinematicsSpec,
+    StaticsSpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensor import SENSOR_TYPES
@@ -343,6 +344,7 @@ TOPICS = {
         {
             "[dynamics]": DynamicsSpec,
             "[kinematics]": KinematicsSpec,
+            "[statics]": StaticsSpec,
             "[assembly]": AssemblySpec,
             "assembly.guess.joint": GuessSpec,
         },
