@@ -273,7 +273,7 @@ def thrown(damping, couple):
 
 
 def test_a_spinning_body_keeps_its_spin_and_its_momentum():
-    """Critically damped, after ten turns: of its 60 J the stretch is 1e-5, and nothing is lost."""
+    """Critically damped, after four turns: of its 60 J the stretch is 1e-5, and nothing is lost."""
     run = flexmb.simulate(
         thrown(1.0, False),
         duration=38.0,
