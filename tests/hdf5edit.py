@@ -6,7 +6,7 @@ from pathlib import Path
 
 import h5py
 
-from flexmb.hdf5 import seal
+from flexmb.untrusted import seal
 
 
 @contextmanager

@@ -156,6 +156,8 @@ def _show_run(report: Any) -> None:
 
     result = Result(report.result)
     show_result(result)
+    for columns, rows in report.tables:
+        screen.table(columns, rows, whole=True)
     for note in report.notes:
         screen.line(f"note: {note}")
     if report.checks:

@@ -44,7 +44,7 @@ from flexmb.fe.model_checks import (
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
-from flexmb.fe.reduction.inertia_loads import inertia_response
+from flexmb.fe.reduction.inertia_relief import inertia_response
 from flexmb.fe.reduction.methods import (
     check_options,
     coordinates_text,

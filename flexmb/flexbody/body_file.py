@@ -36,7 +36,7 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
-from flexmb.hdf5 import USER_BLOCK, open_hdf5, seal
+from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
     import h5py

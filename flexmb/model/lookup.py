@@ -68,6 +68,7 @@ class ModelData(Protocol):
     controllers: dict[str, Any]
     checks: list[Any]
     frequency_checks: list[Any]
+    mode_checks: list[Any]
     assembly: Any
     dynamics: Any
     effects: Any

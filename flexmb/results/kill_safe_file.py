@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from flexmb.hdf5 import begin_writing, end_writing, seal
+from flexmb.untrusted import begin_writing, end_writing, seal
 
 _PAGE = 1 << 16  # bytes of a page in memory
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk

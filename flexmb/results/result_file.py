@@ -43,9 +43,9 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.hdf5 import USER_BLOCK, open_hdf5
 from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.untrusted import USER_BLOCK, open_hdf5
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3

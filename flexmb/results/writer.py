@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.hdf5 import USER_BLOCK
 from flexmb.results.channels import (
     TABLES,
     Columns,
@@ -40,6 +39,7 @@ from flexmb.results.result_file import (
     report_text,
     state_bytes,
 )
+from flexmb.untrusted import USER_BLOCK
 
 Array = NDArray[np.float64]
 

@@ -24,14 +24,8 @@ from flexmb.workflow.installation import (
 from flexmb.workflow.linearize import equilibria, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
-from flexmb.workflow.run import (
-    kinematics,
-    run_model,
-    run_scene,
-    simulate,
-    statics,
-)
 from flexmb.workflow.run_report import CheckOutcome, RunReport
+from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
 
 __all__ = [
     "TOPICS",

@@ -6,14 +6,18 @@ what Campbell diagrams and root loci are drawn from.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
+from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
@@ -151,6 +155,39 @@ def sweep_modes(
         made.append(_linearize(system, None, about, frame))
     progress("modes", 1.0)
     return ModeSweep.of(parameter, values, made)
+
+
+def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
+    """One outcome for each known linearised mode of a scene file; a missing mode gives NaN.
+
+    Each set of parameters is a model of its own, its flexible bodies in a folder of their own.
+    """
+    frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
+    outcomes = []
+    source = model.source
+    for check in model.mode_checks if source is not None else ():
+        assert source is not None
+        key = tuple(check.parameters.items())
+        if key not in frequencies:
+            changes = {**source.overrides, **{name: repr(value) for name, value in key}}
+            bodies = folder / "linear_modes"
+            system = compile_source(source.path, overrides=changes, output=bodies)
+            vibrations = _linearize(system, None, STARTS[0], "auto").frequencies
+            frequencies[key] = np.sort(vibrations[vibrations > 0.0])
+        modes = frequencies[key]
+        value = float(modes[check.linear_mode - 1]) if check.linear_mode <= len(modes) else math.nan
+        values = "".join(f", {name} = {value:g}" for name, value in key)
+        outcomes.append(
+            CheckOutcome(
+                f"linear mode {check.linear_mode}{values}",
+                None,
+                model.units.written(value, "Hz"),
+                model.units.written(check.value, "Hz"),
+                model.units.written(check.tolerance, "Hz"),
+                check.source,
+            )
+        )
+    return outcomes
 
 
 def equilibria(

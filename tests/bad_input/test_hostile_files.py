@@ -16,8 +16,16 @@ import pytest
 from hdf5edit import edit_hdf5, seal_again
 from resultfiles import block, writer
 
-from flexmb import hdf5
-from flexmb.errors import BodyFileError, FlexmbError, ResultFileError, SceneError, printable
+from flexmb import untrusted
+from flexmb.errors import (
+    BodyFileError,
+    FlexmbError,
+    MeshError,
+    ResultFileError,
+    SceneError,
+    printable,
+)
+from flexmb.fe.meshes.mesh import read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
 from flexmb.results import Result
@@ -32,7 +40,7 @@ def body(tmp_path: Path) -> Path:
 
 def from_elsewhere(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give the file the right checksum and the tag of another user."""
-    monkeypatch.setattr(hdf5, "_tag", lambda _: "0" * 64)
+    monkeypatch.setattr(untrusted, "_tag", lambda _: "0" * 64)
     seal_again(path)
     monkeypatch.undo()
 
@@ -139,7 +147,7 @@ def test_each_flipped_bit_is_noticed(tmp_path: Path, body: Path, kind: str) -> N
     path = body if kind == "body" else write_result(tmp_path / "result.h5")
     whole = path.read_bytes()
     rng = np.random.default_rng(7)
-    for place in rng.integers(hdf5.USER_BLOCK, len(whole), 40):
+    for place in rng.integers(untrusted.USER_BLOCK, len(whole), 40):
         damaged = bytearray(whole)
         damaged[place] ^= 1 << int(rng.integers(8))
         path.write_bytes(damaged)
@@ -152,7 +160,7 @@ def test_damaged_files_of_other_users_end_in_a_sentence(body: Path, monkeypatch)
     begun = time.perf_counter()
     for number in range(6):
         damaged = bytearray(whole)
-        for place in rng.integers(hdf5.USER_BLOCK, min(len(whole), 6000), 30):
+        for place in rng.integers(untrusted.USER_BLOCK, min(len(whole), 6000), 30):
             damaged[place] = int(rng.integers(256))
         path = body.with_name(f"{number}.h5")
         path.write_bytes(damaged)
@@ -164,8 +172,8 @@ def test_damaged_files_of_other_users_end_in_a_sentence(body: Path, monkeypatch)
 
 def test_reading_that_never_ends_is_cut_off(body: Path, monkeypatch) -> None:
     from_elsewhere(body, monkeypatch)
-    monkeypatch.setattr(hdf5, "_SECONDS", 0.0)
-    monkeypatch.setattr(hdf5, "_BYTES_A_SECOND", 1e12)
+    monkeypatch.setattr(untrusted, "_SECONDS", 0.0)
+    monkeypatch.setattr(untrusted, "_BYTES_A_SECOND", 1e12)
     with pytest.raises(BodyFileError, match="cannot be read to its end within 0 s"):
         load(body)
 
@@ -197,3 +205,39 @@ def test_messages_on_tables_quote_no_text_of_other_files(tmp_path: Path, secret:
     with pytest.raises(SceneError) as caught:
         read_columns(tmp_path / "motion.csv", columns, SI, "m")
     assert "hunter2" not in str(caught.value) and "salt" not in str(caught.value)
+
+
+MESHES = {  # what loops or takes memory in the parsers of meshio 5.3
+    "cut.off": "OFF\n8 6 12\n0 0 0\n1 0 0\n",
+    "cut.ply": "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\n",
+    "cut.node": "8 3 0 0\n1 0 0 0\n",
+    "cut.dat": "TITLE = x\nVARIABLES = X, Y, Z\nZONE N=8, E=1, F=FEPOINT, ET=TETRAHEDRON\n0 0 0\n",
+    "nodes.msh": (
+        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 900000000 900000000\n"
+        "3 1 0 1\n900000000\n0 0 0\n$EndNodes\n$Elements\n1 1 1 1\n3 1 4 1\n"
+        "1 900000000 900000000 900000000 900000000\n$EndElements\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_cut_and_lying_meshes_end_in_a_sentence(tmp_path: Path, monkeypatch, name: str) -> None:
+    monkeypatch.setattr(untrusted, "_SECONDS", 5.0)
+    (tmp_path / name).write_text(MESHES[name])
+    with pytest.raises(MeshError, match=f"{name}: the mesh file"):
+        read_mesh(tmp_path / name)
+
+
+def test_a_mesh_is_read_apart_once(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "one.msh"
+    path.write_text(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n"
+        "$EndNodes\n$Elements\n1\n1 4 2 1 1 1 2 3 4\n$EndElements\n"
+    )
+    assert len(read_mesh(path).points) == 4
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: "is read apart again")
+    assert len(read_mesh(path).points) == 4
+    path.write_text(path.read_text() + "\n")
+    with pytest.raises(MeshError, match="is read apart again"):
+        read_mesh(path)

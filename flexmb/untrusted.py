@@ -1,4 +1,7 @@
-"""HDF5 files that may come from elsewhere: sealed when they are written, checked before use.
+"""Files that may come from elsewhere: read at first in a process with little time and memory.
+
+Parsers of meshes may loop in a damaged file, or make room for as many nodes as 20 bytes state;
+`check_reading` finds that out in a process of its own, once for each content.
 
 HDF5 follows links and external storage into any file of the user, takes the sizes that a file
 states on trust, and may loop in damaged data. So a file is opened in three steps:
@@ -6,8 +9,8 @@ states on trust, and may loop in damaged data. So a file is opened in three step
 1. The **seal**, a line in the first 512 bytes (the user block of HDF5), states the SHA-256 of all
    that follows. A file that does not match is refused. The tag behind it is an HMAC with a key in
    the cache folder: it tells that flexmb wrote the file here, for this user.
-2. A file without such a tag is read once by a process of its own, which has little time and
-   memory. It refuses links, external storage, filters and sizes beyond the length of the file.
+2. A file without such a tag is read once by a process of its own, which refuses links, external
+   storage, filters and sizes beyond the length of the file.
 3. The file is opened for reading, without lock.
 """
 
@@ -19,10 +22,10 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
 
 from flexmb.errors import FlexmbError
 from flexmb.folders import cache_root
@@ -34,7 +37,7 @@ USER_BLOCK: Final = 512  # bytes before the HDF5 data: room for the seal
 _SEAL: Final = b"flexmb seal 1 "
 _PIECE = 1 << 20
 _SECONDS, _BYTES_A_SECOND = 10.0, 2e7  # time of the first reading
-_MEMORY = 1 << 30  # bytes that reading may take beside the file
+_MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
 _DEPTH = 8  # groups inside groups
 _OBJECTS = 100_000  # groups and datasets
 _KIND = "<kind>"  # in a sentence: what the file should be
@@ -130,7 +133,7 @@ def _problem(path: Path) -> str | None:
             "does not match its checksum: it was damaged, or changed after it was written; take a "
             "copy that is whole, or make it again"
         )
-    problem = None if known else _first_reading(path, state.st_size)
+    problem = None if known else _first_reading(path, "flexmb.untrusted")
     if problem is None:
         _checked.add(written if head.startswith(_SEAL) else unsealed)
     return problem
@@ -179,19 +182,66 @@ def _identity(state: os.stat_result) -> tuple[int, ...]:
     return state.st_dev, state.st_ino
 
 
-def _first_reading(path: Path, size: int) -> str | None:
-    """Read the file in a process of its own; None if that ended well, else what it met."""
-    command = [sys.executable, "-P", "-m", "flexmb.hdf5", str(path.absolute())]
-    seconds = _SECONDS + size / _BYTES_A_SECOND
+def check_reading(path: Path, module: str) -> str | None:
+    """Let `module` read a file in a process of its own, unless it has read that content before.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    module : str
+        A module that calls `serve_reading` when it is run.
+
+    Returns
+    -------
+    str or None
+        What is wrong with the file; None if it can be read.
+    """
+    with path.open("rb") as file:
+        mark = cache_root() / "files" / f"{module}-{_digest(file)}"
+    if mark.exists():
+        return None
+    problem = _first_reading(path, module)
+    if problem is None:
+        with suppress(OSError):  # then it is read apart the next time as well
+            mark.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            mark.touch()
+    return problem
+
+
+def serve_reading(read: Callable[[Path], object]) -> NoReturn:
+    """Read the file that the command line names, with limits; the exit code tells how that went."""
+    import psutil
+
+    path = Path(sys.argv[1])
+    if hasattr(psutil, "RLIMIT_AS"):  # Linux
+        process = psutil.Process()
+        limit = process.memory_info().vms + _MEMORY + _MEMORY_A_BYTE * path.stat().st_size
+        process.rlimit(psutil.RLIMIT_AS, (limit, limit))
     try:
-        child = subprocess.run(command, capture_output=True, timeout=seconds, check=False)
+        read(path)
+    except ValueError as problem:
+        sys.stdout.write(str(problem))
+        sys.exit(_REFUSED)
+    sys.exit(0)
+
+
+def _first_reading(path: Path, module: str) -> str | None:
+    """Read the file in a process of its own; None if that ended well, else what it met."""
+    command = [sys.executable, "-P", "-m", module, str(path.absolute())]
+    seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    try:
+        child = subprocess.run(
+            command, capture_output=True, timeout=seconds, check=False, env=os.environ | threads
+        )
     except subprocess.TimeoutExpired:
-        return f"cannot be read to its end within {seconds:.0f} s: a damaged HDF5 file"
+        return f"is damaged: it cannot be read to its end within {seconds:.0f} s"
     if child.returncode == 0:
         return None
     if child.returncode == _REFUSED:
         return child.stdout.decode(errors="replace").strip()
-    return "is a damaged HDF5 file: reading it ends the process or takes too much memory"
+    return "is damaged: reading it ends the process or takes too much memory"
 
 
 def _objects(group: h5py.Group, depth: int = 0) -> Iterator[tuple[str, Any]]:
@@ -235,27 +285,17 @@ def _check_objects(file: h5py.File, size: int) -> None:
                 item[()]
 
 
-def _read_alone(path: Path) -> int:
-    """What the process of the first reading does; returns its exit code."""
+def _read_hdf5(path: Path) -> None:
+    """What the process of the first reading does."""
     import h5py
-    import psutil
 
-    size = path.stat().st_size
-    if hasattr(psutil, "RLIMIT_AS"):  # Linux
-        limit = _MEMORY + 2 * size
-        psutil.Process().rlimit(psutil.RLIMIT_AS, (limit, limit))
     try:
         with h5py.File(path, "r", locking=False) as file:
-            _check_objects(file, size)
-    except ValueError as problem:
-        sys.stdout.write(str(problem))
-        return _REFUSED
+            _check_objects(file, path.stat().st_size)
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as problem:
         text = " ".join(str(problem).split())
-        sys.stdout.write(f"is a damaged HDF5 file ({text})")
-        return _REFUSED
-    return 0
+        raise ValueError(f"is a damaged HDF5 file ({text})") from None
 
 
 if __name__ == "__main__":
-    sys.exit(_read_alone(Path(sys.argv[1])))
+    serve_reading(_read_hdf5)
