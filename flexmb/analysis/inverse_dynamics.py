@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import joint_rows
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import (
     ChunkRows,
@@ -170,7 +171,7 @@ class _Run:
         self._run = hand_over(
             new_run(pose.compiled.system, pose.state, pose.work, output=self.rows.output)
         )
-        self._quality = np.zeros(3)
+        self._quality, self._joints = np.zeros(3), joint_rows(pose.compiled)
         self._worst, self._singular = (0.0, 0.0), (1.0, 0.0)
 
     @property
@@ -190,6 +191,9 @@ class _Run:
             if status != method.FINE:
                 self.store_unread()
                 return Ending("failed", sentence(status, pose.compiled, pose.work, self.time))
+            # what drivers prescribe is not used
+            gaps = pose.work.con.C[self._joints]
+            self.rows.output.drift[self.rows.output.rows[0] - 1, 0] = np.abs(gaps).max(initial=0.0)
             left, largest, pivot = self._quality
             if left > self._worst[0] * max(largest, 1e-300):
                 self._worst = left / max(largest, 1e-300), self.time
