@@ -38,7 +38,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import statics_units
 from flexmb.engine.state import State
-from flexmb.engine.time_loop import write_equilibrium
+from flexmb.engine.state_rows import write_equilibrium
 from flexmb.engine.units import call
 from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError
