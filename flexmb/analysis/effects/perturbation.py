@@ -377,8 +377,8 @@ def _solve(
     x[0] -= np.concatenate([slow[0, 0], slow[1, 0] / omega])
     still = np.tile(fast, 2) if elastic is not None else np.zeros(2 * d, bool)
     x[0, still] = 0.0
-    middle = [0.5 * (C[1:] + C[:-1]) for C in (Mt, Dt, Kt)]  # symmetric as they are: no energy made
-    A, inverse = _first_order(*middle, omega, still)
+    M, D, K = (0.5 * (C[1:] + C[:-1]) for C in (Mt, Dt, Kt))  # symmetric: they make no energy
+    A, inverse = _first_order(M, D, K, omega, still)
     bounded = n
     for k in range(n - 1):
         h = t[k + 1] - t[k]
