@@ -20,6 +20,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
 )
 from flexmb.analysis.assembly.positions import close_rows
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.equilibrium import settle
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observed_equations import SeenEquations
@@ -178,7 +179,8 @@ def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = s
     statistics |= prepared.timer.seconds
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
-    notes = (*prepared.notes, *run.stability, *run.contact_loss.notes())
+    watched = [note for monitor in run.monitors for note in monitor.notes()]
+    notes = (*prepared.notes, *run.stability, *watched)
     return Outcome(ending.status, ending.message, statistics, notes)
 
 
@@ -192,7 +194,10 @@ class _Run:
         self.rows = ChunkRows(prepared.compiled, 1)
         self.done, self.steps = 0, 0
         self.stability: list[str] = []
-        self.contact_loss = ContactLossMonitor(prepared.compiled)
+        self.monitors = (
+            ContactLossMonitor(prepared.compiled),
+            LinearElasticityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+        )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system
         self._writer = new_run(system, prepared.state, work, output=self.rows.output)
@@ -225,7 +230,8 @@ class _Run:
     def store_unread(self) -> None:
         if self.rows.unread:
             rows = self.rows.read()
-            self.contact_loss.add(rows)
+            for monitor in self.monitors:
+                monitor.add(rows)
             self._sink.append(rows)
 
     def _note_stability(self, time: float) -> None:
