@@ -21,7 +21,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import equilibria, linearize, sweep_modes
+from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
@@ -46,6 +46,7 @@ __all__ = [
     "equilibria",
     "examine_installation",
     "flexible_bodies",
+    "free_lengths",
     "inverse_dynamics",
     "kinematics",
     "linearize",

@@ -8,12 +8,15 @@ checked by the boundary value problem of the elastica, theta'' = -k cos(theta).
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from femeshes import line
 from scipy.integrate import quad, solve_bvp
 
 import flexmb
+from flexmb.errors import FlexmbWarning
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -82,3 +85,11 @@ def test_welded_bodies_converge_to_the_elastica(stiffening: str, order: float, l
 def test_a_bend_of_70_degrees_a_kilometre_away() -> None:
     place = (1000.0, -300.0, 50.0)
     np.testing.assert_allclose(tip(8, 5.0, "full", place), MATTIASSON[5.0], atol=2.5e-4)
+
+
+def test_a_body_alone_that_bends_too_far_is_named() -> None:
+    with pytest.warns(FlexmbWarning, match="bodies.b0 is deflected by 0.5[0-9]* of its length"):
+        tip(1, 2.0, "full", (0, 0, 0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FlexmbWarning)
+        tip(8, 2.0, "full", (0, 0, 0))

@@ -4,7 +4,8 @@ The words of a table, ``{type = "rectangle", y = 0.02}``, are the parameters of 
 ``SECTIONS``; ``material`` is a name, a table or a material. Dimensions of beams are in metres,
 along the section's axes y and z; with the default orientation z is up for a level beam. Words for
 all beams: ``shear`` (False: no shear deformation), ``ky`` and ``kz`` (instead of the shape's own),
-``orientation``, ``offset``, ``nonstructural``, ``material``, ``releases``, as in :class:`BeamSection`.
+``orientation``, ``offset``, ``nonstructural``, ``material``, ``releases``, as in
+:class:`BeamSection`.
 Sources: torsion of a rectangle, Timoshenko and Goodier, Theory of Elasticity, 3rd ed., section
 109; shear coefficients of rectangle, circle and tube, Cowper (1966), J. Appl. Mech. 33, with
 Poisson's ratio; thin walls in :mod:`flexmb.fe.sections.thin_walls`.
