@@ -1,7 +1,8 @@
 """The slider-crank with a bending rod in minimal coordinates, at three speeds.
 
 Crank prescribed, rod inextensible with sine modes between its pins, its chord shorter by half the
-integral of the slope squared. (J' m J) q" = -J' m b - K q, positions x(q, t) of mass points, J by complex steps, b what remains of x" without q" by differences of order four.
+integral of the slope squared. (J' m J) q" = -J' m b - K q, positions x(q, t) of mass points, J by
+complex steps, b what remains of x" without q" by differences of order four.
 """
 
 import numpy as np
