@@ -174,7 +174,7 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, effects, ground, bodies, ",
+        "parameters, effects, budget, ground, bodies, ",
         id="unknown section",
     ),
     pytest.param(

@@ -43,7 +43,7 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
-from flexmb.model.scenes.effects import EffectsSpec
+from flexmb.model.scenes.effects import EffectsSpec, effects_table
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     SECTIONS,
@@ -178,8 +178,8 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 
 TOP_KEYS = (
-    "title", "units", "plane", "gravity", "parameters", "effects", "ground", *SECTIONS, "assembly",
-    "check", "dynamics", "kinematics", "results", "statics", "study", "view",
+    "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
+    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -272,7 +272,7 @@ class _Builder:
             self.problems += [Problem("ground.markers", what) for what in bad if what]
             self.model.ground = ground
         for key, kind in SINGLE_TABLES.items():
-            if key in self.scene:
+            if key in self.scene or (key == "effects" and "budget" in self.scene):
                 setattr(self.model, key, self.single(key, kind))
         if self.model.study is not None:
             for name in self.model.study.vary:
@@ -296,7 +296,8 @@ class _Builder:
                 getattr(self.model, CHECK_LISTS[check]).append(spec)
 
     def single(self, key: str, cls: type[S]) -> S | None:
-        spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
+        data = effects_table(self.scene) if key == "effects" else self.scene.get(key, {})
+        spec, problems = read_entry(cls, data, self.names)
         self.problems += under(key, problems)
         return spec
 

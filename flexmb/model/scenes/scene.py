@@ -32,6 +32,7 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.model import Model, Source
 from flexmb.model.reading import NAME, NUMBER, Form, Spec, list_form, reference
 from flexmb.model.scenes.conversion import SINGLE_TABLES, TOP_KEYS, build
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     CONTROLLER_TYPES,
@@ -280,6 +281,8 @@ def _top_forms() -> dict[str, Form]:
         "controllers": _named(*CONTROLLER_TYPES.values()),
         "check": {"type": "array", "items": _one_of(tuple(CHECK_LISTS))},
         **{key: reference(spec) for key, spec in SINGLE_TABLES.items()},
+        "effects": {"anyOf": [{"enum": ["auto"]}, reference(EffectsSpec)]},
+        "budget": NUMBER,
         "view": reference(ViewSpec),
     }
 
