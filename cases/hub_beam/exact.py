@@ -41,9 +41,7 @@ def rate(t, y):
     q, speed, v = y[1 : COUNT + 1], y[COUNT + 1], y[COUNT + 2 :]
     torque = TORQUE * np.sin(np.pi * t / T) ** 2 if t < T else 0.0
     mass = np.block([[np.array([[J + q @ SOFTENING @ q]]), X[None]], [X[:, None], np.eye(COUNT)]])
-    force = np.append(
-        torque - 2 * speed * (q @ SOFTENING @ v), -K @ q + speed**2 * (SOFTENING @ q)
-    )
+    force = np.append(torque - 2 * speed * (q @ SOFTENING @ v), -K @ q + speed**2 * (SOFTENING @ q))
     return np.concatenate([y[COUNT + 1 :], np.linalg.solve(mass, force)])
 
 

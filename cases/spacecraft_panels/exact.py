@@ -16,8 +16,8 @@ L, B, H, A = 2.4, 0.8, 0.005, 0.5  # panels: length, width, thickness; where the
 YOUNG, RHO = 70e9, 2700.0
 RHO_A, EI = RHO * B * H, YOUNG * B * H**3 / 12
 J_WHEEL = 40 * 0.3**2 / 2
-J = 300 / 12 * (1.0**2 + 1.2**2) + J_WHEEL + 2 * RHO_A * (
-    ((A + L) ** 3 - A**3) / 3 + L * H**2 / 12
+J = (
+    300 / 12 * (1.0**2 + 1.2**2) + J_WHEEL + 2 * RHO_A * (((A + L) ** 3 - A**3) / 3 + L * H**2 / 12)
 )  # kg m^2, all of the craft
 TURNS, T = 22 * np.pi, 6.0  # rad of the wheel, s
 COUNT = 8

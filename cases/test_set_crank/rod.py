@@ -35,7 +35,9 @@ def point(name: str, x: float) -> Interface:
     """An interface on the line."""
     along, across, turn = shapes(np.array([x]))
     zero = 0 * turn
-    return Interface(name, [x, 0, 0], np.vstack([along, across, zero]), np.vstack([zero, zero, turn]))
+    return Interface(
+        name, [x, 0, 0], np.vstack([along, across, zero]), np.vstack([zero, zero, turn])
+    )
 
 
 def surface() -> Surface:
