@@ -152,7 +152,7 @@ def _show_modes(made: Any, count: int) -> None:
 
 def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | None) -> None:
     from flexmb.view import save_figure
-    from flexmb.view.mode_plots import campbell_figure, root_locus_figure
+    from flexmb.view.plot import campbell_figure, root_locus_figure
 
     n = min(count, sweep.eigenvalues.shape[1])
     screen.heading(f"frequencies [Hz] over {sweep.parameter}")
