@@ -1,10 +1,9 @@
-"""Plots, by matplotlib without its global state: histories, error against time, Campbell diagrams.
+"""Plots, drawn with matplotlib without its global state: time histories, error against wall time.
 
 Time histories have one pair of axes per unit, stacked over a common time axis, legends outside the
 data; units are the scene's, and those of SI get the prefix that suits the values. Work-precision
 plots are log-log, one pair of axes per quantity, the target as a line; errors below that of the
-reference itself are shaded. Campbell diagrams and root loci show a `ModeSweep`. Colours are those
-of all pictures.
+reference itself are shaded. Colours are those of all pictures.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ from flexmb.units import SI, UnitSystem
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from flexmb.analysis.linear.mode_sweep import ModeSweep
 
 
 PAPER: Final = "#fbfbf9"
@@ -385,47 +382,3 @@ def _legend(figure: Figure, grid: Sequence[Any]) -> None:
             list(named.values()), list(named), loc="outside right upper",
             frameon=False, labelcolor=INK, fontsize=8,
         )  # fmt: skip
-
-
-_ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
-_SHOWN = 12  # modes
-
-
-def campbell_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
-    """Frequencies over the parameter, with the multiples of the fastest rotation."""
-    figure = new_figure(9.6, 6.0, f"frequencies over {sweep.parameter}")
-    axes = figure.subplots()
-    frequencies = sweep.frequencies[:, :modes]
-    for k in range(frequencies.shape[1]):
-        color = LINES[k % len(LINES)]
-        axes.plot(sweep.values, frequencies[:, k], color=color, lw=1.6, marker="o", ms=3)
-    top = 1.1 * float(np.nanmax(frequencies, initial=0.0)) or 1.0
-    if sweep.speeds.any():
-        for n in _ORDERS:
-            line = n * sweep.speeds / (2.0 * np.pi)
-            axes.plot(sweep.values, line, color=INK, lw=0.8, ls=":")
-            inside = np.flatnonzero(line <= 0.97 * top)
-            if len(inside) and line[inside[-1]] > 0.0:
-                at = sweep.values[inside[-1]], line[inside[-1]]
-                axes.annotate(f"{n}x", at, color=INK, ha="right", va="bottom")
-    axes.set_ylim(0.0, top)
-    axes.set_xlabel(sweep.parameter, color=INK)
-    axes.set_ylabel("frequency [Hz]", color=INK)
-    style_axes(axes)
-    return figure
-
-
-def root_locus_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
-    """Eigenvalues in the complex plane: a circle at the first value, a dot at the last."""
-    figure = new_figure(9.6, 6.0, f"eigenvalues over {sweep.parameter}")
-    axes = figure.subplots()
-    for k in range(min(modes, sweep.eigenvalues.shape[1])):
-        color, line = LINES[k % len(LINES)], sweep.eigenvalues[:, k]
-        axes.plot(line.real, line.imag, color=color, lw=1.4, marker=".", ms=4)
-        axes.plot(line.real[:1], line.imag[:1], color=color, marker="o", ms=8, mfc="none", ls="")
-        axes.plot(line.real[-1:], line.imag[-1:], color=color, marker="o", ms=7, ls="")
-    axes.axvline(0.0, color=INK, lw=0.8)
-    axes.set_xlabel("Re λ [1/s]", color=INK)
-    axes.set_ylabel("Im λ [1/s]", color=INK)
-    style_axes(axes)
-    return figure
