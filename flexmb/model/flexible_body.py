@@ -135,9 +135,6 @@ class FlexibleBodySpec(BodySpec):
         if self.inertia_coupling == "partial":
             what = "partial coupling needs mean axes: take constant or full coupling, or leave it"
             problems.append(Problem("frame", what))
-        if self.deformation != "dynamic":
-            what = "quasi-static modes are those of mean axes: leave the frame out"
-            problems.append(Problem("frame", what))
         if problems:
             raise fail(*problems)
         return self
