@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.engine import initial_conditions, integrators, time_loop
+from flexmb.engine import initial_conditions, integrators, state_rows, time_loop
 from flexmb.engine.compile import Compiled
 from flexmb.engine.function import run_program
 from flexmb.engine.jit import UNITS, Packed, Unit, units_in
@@ -126,7 +126,7 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
 def statics_units(system: System) -> list[Unit]:
     """The units that equilibria call, and those that stand in its tables."""
     units = [initial_conditions.solve_stage, initial_conditions.evaluate_equations]
-    return [*units, time_loop.write_equilibrium, *units_of(system)]
+    return [*units, state_rows.write_equilibrium, *units_of(system)]
 
 
 def kinematics_units(system: System) -> list[Unit]:

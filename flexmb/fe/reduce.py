@@ -67,8 +67,7 @@ from flexmb.fe.scikit_fem import (
     refuse_matrices,
     refuse_mesh_options,
 )
-from flexmb.fe.sections.material import MaterialLike, resolve
-from flexmb.fe.sections.section_tables import sections_from
+from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import PointLoad

@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
+from flexmb.workflow.drive_forces import inverse_dynamics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -20,7 +21,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import equilibria, linearize, sweep_modes
+from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
@@ -45,6 +46,8 @@ __all__ = [
     "equilibria",
     "examine_installation",
     "flexible_bodies",
+    "free_lengths",
+    "inverse_dynamics",
     "kinematics",
     "linearize",
     "listing",

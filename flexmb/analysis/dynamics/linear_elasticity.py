@@ -77,7 +77,9 @@ class LinearElasticityMonitor:
             inertia = body.inertia_about_center
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
             deflection, turn = _deflections(body, _joined_interfaces(body, columns.name, model))
-            sizes = np.linalg.norm((deflection @ shapes).reshape(-1, 3, len(frequencies)), axis=1)
+            sizes = np.linalg.norm(
+                (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies)), axis=1
+            )
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
             stiffened = body.centrifugal_stiffness is not None
