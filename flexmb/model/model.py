@@ -35,7 +35,7 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
 from flexmb.model.scenes.sections import (
     CheckSpec,
     FrequencyCheckSpec,
@@ -118,6 +118,7 @@ class Model:
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
+        self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
         self.source: Source | None = None
 
@@ -234,6 +235,11 @@ class Model:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
         self.assembly = self._single("assembly", AssemblySpec, fields)
         return self.assembly
+
+    def set_validity(self, **fields: Any) -> ValiditySpec:
+        """Say how far flexible bodies may leave their equations: ``deflection``, ``speed``, ..."""
+        self.validity = self._single("validity", ValiditySpec, fields)
+        return self.validity
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""

@@ -43,6 +43,7 @@ from flexmb.model.scenes.dynamics import (
     DynamicsSpec,
     GuessSpec,
     KinematicsSpec,
+    ValiditySpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensor import SENSOR_TYPES
@@ -344,6 +345,7 @@ TOPICS = {
             "[kinematics]": KinematicsSpec,
             "[assembly]": AssemblySpec,
             "assembly.guess.joint": GuessSpec,
+            "[validity]": ValiditySpec,
         },
         "",
         lambda: Table(("method", "what it is"), [(str(k), v) for k, v in METHODS.items()]),

@@ -14,7 +14,11 @@ from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assem
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+from flexmb.analysis.dynamics.linear_elasticity import (
+    LinearElasticityMonitor,
+    loads_without_stiffening,
+)
+from flexmb.analysis.dynamics.missing_response import InertiaLoadMonitor
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -27,6 +31,7 @@ from flexmb.analysis.dynamics.passes import (
     stricter_tolerance,
     unstable_step,
 )
+from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -201,6 +206,9 @@ class _Pass:
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
         self._elasticity = LinearElasticityMonitor(compiled, model, prepared.first.q)
+        monitors = self._elasticity, InertiaLoadMonitor(compiled, model)
+        notes = loads_without_stiffening(compiled, model)
+        self._validity = ValidityMonitor(model, monitors, notes)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
 
@@ -220,6 +228,7 @@ class _Pass:
         if status == method.FINE:
             status, blocks = prepared.advance()
             apart = self._store(blocks)
+            apart = apart or self._validity.refusal()
             if apart or (self.growth.ends_run and self.growth.sentence):
                 return Ending("failed", apart)
         if status != method.FINE:
@@ -234,8 +243,9 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        monitors = (self._contact_loss, self._orientations, self._elasticity)
+        monitors = (self._contact_loss, self._orientations, self._validity)
         notes = [note for monitor in monitors for note in monitor.notes()]
+        notes = [note for note in notes if note not in ending.message]
         if self.growth.sentence and self.growth.sentence != ending.message:
             notes.append(self.growth.sentence)
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
@@ -262,7 +272,8 @@ class _Pass:
         return status
 
     def _append(self, rows: OutputBlock) -> None:
-        for monitor in (self._contact_loss, self._orientations, self._elasticity, self.growth):
+        rows = rows.part(0, self._validity.add(rows))
+        for monitor in (self._contact_loss, self._orientations, self.growth):
             monitor.add(rows)
         self._sink.append(rows)
 
@@ -288,7 +299,8 @@ class _Pass:
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
-        return Ending("failed", sentence)
+        cause = self._elasticity.diverging()
+        return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

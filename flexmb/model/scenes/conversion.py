@@ -41,7 +41,7 @@ from flexmb.model.reading import (
     unknown_key,
 )
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec
+from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
 from flexmb.model.scenes.sections import (
     SECTIONS,
     CheckSpec,
@@ -177,7 +177,7 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "assembly", "check",
-    "dynamics", "kinematics", "results", "study", "view",
+    "dynamics", "kinematics", "results", "study", "validity", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -187,6 +187,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "kinematics": KinematicsSpec,
     "results": ResultsSpec,
     "study": StudySpec,
+    "validity": ValiditySpec,
 }
 """Tables of which a scene has one or none."""
 

@@ -27,6 +27,7 @@ _MAKEABLE = (
     "dynamics",
     "kinematics",
     "results",
+    "validity",
     "view",
 )  # tables whose fields all have defaults or will be missed
 
@@ -105,7 +106,7 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 _SECTIONS = (
     "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
-    "controllers", "assembly", "dynamics",
+    "controllers", "assembly", "dynamics", "validity",
 )  # fmt: skip
 _TOP = ("gravity",)
 
