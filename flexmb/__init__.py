@@ -18,22 +18,26 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.studies import Study, study
     from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
     from flexmb.workflow import (
+        audit,
         check_scene,
         kinematics,
+        linearize,
         mobility,
         new_scene,
         resume,
         run_scene,
         simulate,
+        sweep_modes,
         warmup,
     )
 
 __version__ = "0.1.0"
 __all__ = [
-    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "check_scene",
-    "history_figure", "kinematics", "load_result", "load_scene", "mobility", "new_scene",
-    "plot_history", "reduce", "render", "render_modes", "resume", "rigid_body", "run_scene",
-    "save_figure", "scene_schema", "simulate", "study", "warmup",
+    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit",
+    "check_scene", "history_figure", "kinematics", "linearize", "load_result", "load_scene",
+    "mobility", "new_scene", "plot_history", "reduce", "render", "render_modes", "resume",
+    "rigid_body", "run_scene", "save_figure", "scene_schema", "simulate", "study", "sweep_modes",
+    "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -45,8 +49,8 @@ _HOMES = {
     "studies": ("Study", "study"),
     "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
     "workflow": (
-        "check_scene", "kinematics", "mobility", "new_scene", "resume", "run_scene", "simulate",
-        "warmup",
+        "audit", "check_scene", "kinematics", "linearize", "mobility", "new_scene", "resume",
+        "run_scene", "simulate", "sweep_modes", "warmup",
     ),
 }  # fmt: skip
 

@@ -29,6 +29,8 @@ PAGES = (
     "elements",
     "reduction",
     "accuracy",
+    "linearization",
+    "audit",
     "results",
     "errors",
     "design",

@@ -120,6 +120,7 @@ class Model:
         self.study: StudySpec | None = None
         self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
+        self.budget = 0.01
         self.source: Source | None = None
 
     def __repr__(self) -> str:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.channels import NOT_UNIQUE, Columns, Reaction
-from flexmb.results.output_request import row_bytes, stored_columns
+from flexmb.results.channels import Columns, row_bytes, stored_columns
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
-from flexmb.results.result import Pose, Result, load_result
-from flexmb.results.result_file import extend_file, file_format
+from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
+from flexmb.results.result_file import extend_file, file_format, store_text
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
@@ -26,5 +25,6 @@ __all__ = [
     "file_format",
     "load_result",
     "row_bytes",
+    "store_text",
     "stored_columns",
 ]

@@ -26,7 +26,9 @@ in those of their joints. What acts on the second angle of a universal joint is 
 axes that are turned by half a turn about y: z against the axis.
 
 `result_file` describes the other datasets. Of q, v, vd, lam, reactions, sensors and energy only the
-columns are stored that the scene requests (`output_request`).
+columns are stored that the scene requests by ``[results] keep``: a group of `GROUPS`, a body,
+joint, driver, sensor or energy, or a channel, each perhaps with the wildcards ``*``, ``?`` and
+``[...]``. Times and drift are always stored, and the channels that the scene plots or checks.
 
 Channels name the columns for users: ``slider.x`` (a sensor's), ``crank_pin.rod.force.x`` (what the
 joint does to that body), ``energy.kinetic``, ``drift.position``, ``rod.eta.0``.
@@ -34,30 +36,20 @@ joint does to that body), ``energy.kinetic``, ``drift.position``, ``rod.eta.0``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import translate
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns, Layout
-from flexmb.errors import ResultFileError
+from flexmb.errors import Problem, ResultFileError, SceneError, nearest
 from flexmb.model.sensor import channel_unit
 
 Array = NDArray[np.float64]
-NOT_UNIQUE = "reactions_not_unique"
-"""The statistic that names the joints and drivers whose reactions redundant equations share."""
-
-
-class Reaction(NamedTuple):
-    """What a joint or driver does to a body, over time, in the joint's axes there."""
-
-    force: Array  # (n, 3) on the marker
-    moment: Array  # (n, 3) about the marker
-    on: str  # the marker, such as "rod.big_end"
-    by: str  # the marker on the other side
-    unique: bool = True  # False: constraints are redundant, the minimum-norm reaction is reported
 
 
 class MarkerPair(NamedTuple):
@@ -95,35 +87,6 @@ def marker_pairs(layout: Layout, scene: Mapping[str, Any]) -> tuple[MarkerPair, 
         shown = path if name in joints and name in drivers else name
         pairs.append(MarkerPair(path, shown, str(between[0]), str(between[1])))
     return tuple(pairs)
-
-
-def find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, str, MarkerPair]:
-    """Number of the joint or driver, side ``"I"`` or ``"J"``, and its markers.
-
-    Parameters
-    ----------
-    pairs : tuple of MarkerPair
-        From `marker_pairs`.
-    name : str
-        A joint or driver: ``crank_pin`` or ``joints.crank_pin``.
-    on : str
-        ``"I"``, ``"J"``, a body, or a marker such as ``rod.big_end``.
-
-    Raises
-    ------
-    ResultFileError
-        No such joint or driver, or it is not on that body.
-    """
-    number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
-    if number is None:
-        what = f'the result has no reaction of "{name}"'
-        raise ResultFileError.unknown(what, name, [pair.name for pair in pairs])
-    pair = pairs[number]
-    for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):
-        if on in (side, marker, body):
-            return number, side, pair
-    allowed = dict.fromkeys((pair.body_I, pair.body_J, pair.I, pair.J, "I", "J"))
-    raise ResultFileError.unknown(f'{pair.path} does not act on "{on}"', on, allowed)
 
 
 DRIFT: Final = ("position", "velocity")
@@ -308,3 +271,156 @@ def _rates(
     names += [f"eta_{suffix}.{i}" for i in range(body.m)]
     for i, name in enumerate(names):
         yield Channel(f"{body.name}.{name}", table, body.iv + i, units[min(i // 3, 2)])
+
+
+StoredColumns = dict[str, NDArray[np.int64]]
+
+GROUPS = {
+    "sensors": "channels of sensors, states and controllers",
+    "poses": "positions and deformation of bodies: what pictures need",
+    "modal-coordinates": "deformation alone: what stress and section forces need",
+    "velocities": "of bodies and modal coordinates",
+    "coordinates": "poses and velocities: what another run needs to begin from the end of this one",
+    "accelerations": "of bodies and modal coordinates",
+    "reactions": "forces and moments of joints and drivers",
+    "multipliers": "of the constraint equations: what studies judge reactions by",
+    "energy": "energies and works",
+}
+"""Groups of columns, and what they hold."""
+
+_ALWAYS = ("time", "drift")
+_GROUPS_OF = {
+    "q": ("poses", "coordinates"),
+    "v": ("velocities", "coordinates"),
+    "vd": ("accelerations",),
+    "lam": ("multipliers",),
+    "reactions": ("reactions",),
+    "sensors": ("sensors",),
+    "energy": ("energy",),
+}
+_SECTIONS_OF = {"sensors": ("sensors", "states", "controllers"), "reactions": ()}
+_MODAL = re.compile(r"\.eta\.\d+$")
+
+
+class _Column(NamedTuple):
+    """One column with its groups and names."""
+
+    table: str
+    number: int
+    groups: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+def stored_columns(
+    columns: Columns, scene: Mapping[str, Any], unreduced: Collection[str] = ()
+) -> StoredColumns:
+    """Numbers of the stored columns by table.
+
+    Parameters
+    ----------
+    columns : Columns
+        All columns.
+    scene : mapping
+        The scene; without ``[results] keep`` everything is stored.
+    unreduced : collection of str
+        Bodies that are not reduced yet: names of their modal coordinates are accepted.
+
+    Raises
+    ------
+    SceneError
+        Names of nothing.
+    """
+    requested = tuple(scene.get("results", {}).get("keep", ()))
+    everything = {name: np.arange(width) for name, width in widths(columns).items()}
+    if not requested:
+        return everything
+    available, stored, problems = list(_columns(columns, scene)), set[tuple[str, int]](), []
+    for i, item in enumerate(requested):
+        matches = _matching(available, item)
+        body, _, rest = item.removeprefix("bodies.").partition(".")
+        if not matches and not (rest.startswith("eta") and body in unreduced):
+            problems.append(_unknown(f"results.keep[{i}]", item, available))
+        stored |= matches
+    if problems:
+        raise SceneError.from_problems(problems)
+    needed = {str(check["sensor"]) for check in scene.get("check", ()) if "sensor" in check}
+    needed |= set(scene.get("view", {}).get("history", ()))
+    stored |= {
+        (c.table, c.number) for c in available if c.table == "sensors" and needed & {*c.names}
+    }
+    return {
+        table: numbers
+        if table in _ALWAYS
+        else np.array(sorted(k for name, k in stored if name == table), np.int64)
+        for table, numbers in everything.items()
+    }
+
+
+def row_bytes(stored: StoredColumns) -> int:
+    """Bytes that one row takes in the file."""
+    return 8 * sum(len(numbers) for numbers in stored.values())
+
+
+def describe_missing(
+    columns: Columns, scene: Mapping[str, Any], table: str, missing: Iterable[int]
+) -> str:
+    """The sentence for columns that were not stored, with the request that stores them."""
+    wanted = set(missing)
+    lacking = [c for c in _columns(columns, scene) if c.table == table and c.number in wanted]
+    groups = set.intersection(*({*c.groups} for c in lacking)) if lacking else set()
+    narrow = "modal-coordinates" if "modal-coordinates" in groups else _GROUPS_OF[table][0]
+    name = lacking[0].names[0] if lacking and lacking[0].names else narrow
+    what = narrow if len(lacking) != 1 else name
+    return f'{name} was not kept by this run; keep = ["{what}"] in [results] keeps it'
+
+
+def _columns(columns: Columns, scene: Mapping[str, Any]) -> Iterator[_Column]:
+    """Every column that need not be stored."""
+    names: dict[tuple[str, int], list[str]] = {}
+    for group in ("sensors", "reactions", "energy", "coordinates", "accelerations"):
+        for channel in list_channels(columns, scene, group):
+            if channel.table in _GROUPS_OF:
+                names.setdefault((channel.table, channel.column), []).append(channel.name)
+    for k, row in enumerate(columns.rows):
+        names["lam", k] = [row]
+    bodies = {body.name for body in columns.bodies}
+    for table, width in widths(columns).items():
+        for k in range(width) if table in _GROUPS_OF else ():
+            own = names.get((table, k), [])
+            modal = table == "q" and any(_MODAL.search(name) for name in own)
+            groups = _GROUPS_OF[table] + (("modal-coordinates",) if modal else ())
+            paths = [
+                f"{section}.{name}" for name in own for section in _sections(table, name, bodies)
+            ]
+            if table == "reactions":
+                path = columns.reactions[k // 12]
+                paths.append(f"{path}.{own[0].partition('.')[2]}" if own else path)
+            yield _Column(table, k, groups, (*own, *paths))
+
+
+def _sections(table: str, name: str, bodies: Collection[str]) -> tuple[str, ...]:
+    """Sections of the scene that may stand before a name."""
+    if table in ("q", "v", "vd"):
+        return ("bodies",) if name.partition(".")[0] in bodies else ()
+    return _SECTIONS_OF.get(table, ())
+
+
+def _matching(available: Iterable[_Column], item: str) -> set[tuple[str, int]]:
+    """Columns that an item names: those of a group, of an owner, or of channels."""
+    if item in GROUPS:
+        return {(c.table, c.number) for c in available if item in c.groups}
+    whole = re.compile(translate(item)).match
+    owner = re.compile(translate(item + ".*")).match
+    return {
+        (c.table, c.number)
+        for c in available
+        if any(whole(name) or owner(name) for name in c.names)
+    }
+
+
+def _unknown(where: str, item: str, available: Iterable[_Column]) -> Problem:
+    full = dict.fromkeys(name for column in available for name in column.names[:1])
+    owners = dict.fromkeys(name.partition(".")[0] for name in full if ":" not in name)
+    allowed = (*GROUPS, *(name for name in owners if name not in GROUPS))
+    what = f'there is nothing of the name "{item}" to keep'
+    return Problem(where, what, allowed, nearest(item, (*allowed, *full)))

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
-from flexmb.results.channels import Columns, widths
-from flexmb.results.output_request import describe_missing, row_bytes
+from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
 

@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from flexmb.errors import Problem, ResultFileError, nearest
 from flexmb.results.channels import (
     CHANNEL_KINDS,
-    NOT_UNIQUE,
     Channel,
     HistoryTable,
-    Reaction,
+    MarkerPair,
     all_channels,
-    find_side,
     list_channels,
     marker_pairs,
 )
@@ -34,6 +32,20 @@ from flexmb.results.recovery import Recovery, StressChannel
 Array = NDArray[np.float64]
 _LINES = 3  # of the history that notebooks show
 _LISTED = 12  # names in the table that notebooks show
+
+
+NOT_UNIQUE = "reactions_not_unique"
+"""The statistic that names the joints and drivers whose reactions redundant equations share."""
+
+
+class Reaction(NamedTuple):
+    """What a joint or driver does to a body, over time, in the joint's axes there."""
+
+    force: Array  # (n, 3) on the marker
+    moment: Array  # (n, 3) about the marker
+    on: str  # the marker, such as "rod.big_end"
+    by: str  # the marker on the other side
+    unique: bool = True  # False: constraints are redundant, the minimum-norm reaction is reported
 
 
 class Pose(NamedTuple):
@@ -98,7 +110,7 @@ class Result(Recovery):
         ResultFileError
             No such joint or driver, or it does not act there.
         """
-        number, side, pair = find_side(marker_pairs(self.layout, self.model), name, on)
+        number, side, pair = _find_side(marker_pairs(self.layout, self.model), name, on)
         first = 12 * number + (0 if side == "J" else 6)
         table = self.part("reactions", slice(first, first + 6))
         markers = (pair.J, pair.I) if side == "J" else (pair.I, pair.J)
@@ -344,3 +356,32 @@ def load_result(path: str | Path) -> Result:
         No such file, not HDF5, not a flexmb result, another version, or damaged.
     """
     return Result(path)
+
+
+def _find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, str, MarkerPair]:
+    """Number of the joint or driver, side ``"I"`` or ``"J"``, and its markers.
+
+    Parameters
+    ----------
+    pairs : tuple of MarkerPair
+        From `marker_pairs`.
+    name : str
+        A joint or driver: ``crank_pin`` or ``joints.crank_pin``.
+    on : str
+        ``"I"``, ``"J"``, a body, or a marker such as ``rod.big_end``.
+
+    Raises
+    ------
+    ResultFileError
+        No such joint or driver, or it is not on that body.
+    """
+    number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
+    if number is None:
+        what = f'the result has no reaction of "{name}"'
+        raise ResultFileError.unknown(what, name, [pair.name for pair in pairs])
+    pair = pairs[number]
+    for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):
+        if on in (side, marker, body):
+            return number, side, pair
+    allowed = dict.fromkeys((pair.body_I, pair.body_J, pair.I, pair.J, "I", "J"))
+    raise ResultFileError.unknown(f'{pair.path} does not act on "{on}"', on, allowed)

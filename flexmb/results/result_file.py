@@ -44,9 +44,8 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.channels import TABLES, Columns, widths
+from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
 from flexmb.results.kill_safe_file import DiskFile, WriteLock
-from flexmb.results.output_request import StoredColumns
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3
@@ -178,6 +177,29 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
         raise OutputError(f"{path}: another run is writing it") from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be extended ({error.strerror or error})") from error
+
+
+def store_text(path: Path, name: str, text: str) -> None:
+    """Put a further text into a result that no run is writing, in place of one of that name.
+
+    Raises
+    ------
+    OutputError
+        A run is writing the file, or it cannot be written.
+    """
+    try:
+        lock = WriteLock(path)
+        try:
+            with h5py.File(path, "r+", locking=False) as file:
+                if name in file["texts"]:
+                    del file["texts"][name]
+                _write_text(file["texts"], name, text)
+        finally:
+            lock.release()
+    except BlockingIOError as error:
+        raise OutputError(f"{path}: another run is writing it") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def file_format(path: str | Path) -> str | None:

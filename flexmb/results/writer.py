@@ -20,9 +20,15 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results.channels import TABLES, Columns, count_finite_rows, describe_bad_row, widths
+from flexmb.results.channels import (
+    TABLES,
+    Columns,
+    count_finite_rows,
+    describe_bad_row,
+    stored_columns,
+    widths,
+)
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
-from flexmb.results.output_request import stored_columns
 from flexmb.results.result_file import (
     STATUS,
     arrays_text,

@@ -3,6 +3,7 @@
 The command line and the Python API use the same functions.
 """
 
+from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.flexible_bodies import (
@@ -19,6 +20,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
+from flexmb.workflow.linearize import linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
@@ -26,8 +28,10 @@ from flexmb.workflow.run_report import CheckOutcome, RunReport
 
 __all__ = [
     "TOPICS",
+    "Audit",
     "CheckOutcome",
     "CheckReport",
+    "EffectOutcome",
     "Installation",
     "Listing",
     "ReducedBody",
@@ -35,11 +39,13 @@ __all__ = [
     "RunReport",
     "SceneChecks",
     "Warmup",
+    "audit",
     "check_all",
     "check_scene",
     "examine_installation",
     "flexible_bodies",
     "kinematics",
+    "linearize",
     "listing",
     "machine",
     "mobility",
@@ -51,6 +57,7 @@ __all__ = [
     "run_model",
     "run_scene",
     "simulate",
+    "sweep_modes",
     "templates",
     "warmup",
 ]

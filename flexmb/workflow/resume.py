@@ -4,9 +4,6 @@ A run that was stopped or killed is resumed, one that has finished extended: the
 the rows of the uninterrupted run. The scene in the result and the flexible bodies in its folder
 define the run; the scene file is only compared.
 
-The provenance of a result is a text of JSON in it: version of flexmb, hash of the compiled code,
-the scene file with its overrides, a hash of every flexible body.
-
 A run that starts from the end of another one matches bodies by their names. Time starts again at 0.
 The joints and drivers of the new scene take precedence at that time; what they change of the other
 run's end is reported afterwards.
@@ -14,7 +11,6 @@ run's end is reported afterwards.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -35,9 +31,8 @@ from flexmb.errors import (
     ResultFileError,
     SceneError,
 )
-from flexmb.folders import relative_path
 from flexmb.progress import Progress, silent
-from flexmb.workflow.run_report import RunReport, report_run
+from flexmb.workflow.run_report import RunReport, body_hash, code_version, provenance, report_run
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import StartValues
@@ -50,54 +45,9 @@ if TYPE_CHECKING:
     from flexmb.units import UnitSystem
 
 
-PROVENANCE = "origin"  # name of the text in the result
 _MAX_CHANGES = 8  # in a message: a scene rewritten from scratch has too many to read
 _EXTENDED = ("dynamics.duration", "dynamics.outputs")
 _WHOLE_TOLERANCE = 1e-9  # of the number of output intervals in a duration
-
-
-def code_version() -> dict[str, str]:
-    """This version of flexmb and the hash of its compiled code."""
-    from flexmb import __version__
-    from flexmb.engine.unit_cache import engine_hash
-
-    return {"flexmb": __version__, "engine": engine_hash()}
-
-
-def provenance_text(
-    model: Model, folder: Path, bodies: Mapping[str, FlexBody], start_from: Path | None = None
-) -> str:
-    """The provenance of a result in `folder`."""
-    data: dict[str, Any] = code_version()
-    data["bodies"] = {
-        name: {"hash": body_hash(body), "key": body.provenance.get("key", "")}
-        for name, body in bodies.items()
-    }
-    if model.source is not None:
-        data["scene_file"] = relative_path(model.source.path, folder)
-        data["overrides"] = dict(model.source.overrides)
-    if start_from is not None:
-        data["from"] = str(start_from)
-    return json.dumps(data, default=str)
-
-
-def provenance(result: Result) -> dict[str, Any]:
-    """The provenance in a result; empty if there is none."""
-    data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))
-    return data
-
-
-def body_hash(body: FlexBody) -> str:
-    """Hash of all data of a flexible body but its provenance."""
-    from flexmb.flexbody.body_file import to_datasets
-
-    digest = hashlib.sha256(repr((body.name, body.mass)).encode())
-    for path, value in sorted(to_datasets(body).items()):
-        if not path.startswith("provenance/"):
-            digest.update(path.encode())
-            data = repr(value).encode() if isinstance(value, list) else np.asarray(value).tobytes()
-            digest.update(data)
-    return digest.hexdigest()
 
 
 def resume(
@@ -154,7 +104,7 @@ def resume_run(
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:
         _check_scene_file(run)
-    bodies = _load_bodies(run)
+    bodies = load_bodies(run)
     model = Model.from_scene_dict(run.model, run.path.parent)
     _set_duration(model, run, duration)
     if problems := model.problems():  # tables that end before the new duration
@@ -277,7 +227,7 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
     model.dynamics = spec.model_copy(update={"duration": outputs * interval, "outputs": outputs})
 
 
-def _load_bodies(run: Result) -> dict[str, FlexBody]:
+def load_bodies(run: Result) -> dict[str, FlexBody]:
     """The flexible bodies of the run, unchanged."""
     from flexmb.flexbody import load
 

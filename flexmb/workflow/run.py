@@ -17,8 +17,8 @@ from flexmb.errors import FlexmbWarning, SceneError, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
-from flexmb.workflow.resume import PROVENANCE, StartState, match_start, provenance_text
-from flexmb.workflow.run_report import RunReport, report_run
+from flexmb.workflow.resume import StartState, match_start
+from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink

@@ -1,7 +1,13 @@
-"""The report of a run: files, pictures, statistics, notes, known answers of the scene."""
+"""The report of a run: files, pictures, statistics, notes, known answers of the scene; provenance.
+
+The provenance of a result is a text of JSON in it: version of flexmb, hash of the compiled code,
+the scene file with its overrides, a hash of every flexible body.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import SolverError
+from flexmb.folders import relative_path
 from flexmb.progress import Progress
 
 if TYPE_CHECKING:
@@ -18,6 +25,8 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
+
+PROVENANCE = "origin"  # name of the text in the result
 
 
 @dataclass(frozen=True)
@@ -161,3 +170,47 @@ def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[Chec
             )
         )
     return outcomes
+
+
+def code_version() -> dict[str, str]:
+    """This version of flexmb and the hash of its compiled code."""
+    from flexmb import __version__
+    from flexmb.engine.unit_cache import engine_hash
+
+    return {"flexmb": __version__, "engine": engine_hash()}
+
+
+def provenance_text(
+    model: Model, folder: Path, bodies: Mapping[str, FlexBody], start_from: Path | None = None
+) -> str:
+    """The provenance of a result in `folder`."""
+    data: dict[str, Any] = code_version()
+    data["bodies"] = {
+        name: {"hash": body_hash(body), "key": body.provenance.get("key", "")}
+        for name, body in bodies.items()
+    }
+    if model.source is not None:
+        data["scene_file"] = relative_path(model.source.path, folder)
+        data["overrides"] = dict(model.source.overrides)
+    if start_from is not None:
+        data["from"] = str(start_from)
+    return json.dumps(data, default=str)
+
+
+def provenance(result: Result) -> dict[str, Any]:
+    """The provenance in a result; empty if there is none."""
+    data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))
+    return data
+
+
+def body_hash(body: FlexBody) -> str:
+    """Hash of all data of a flexible body but its provenance."""
+    from flexmb.flexbody.body_file import to_datasets
+
+    digest = hashlib.sha256(repr((body.name, body.mass)).encode())
+    for path, value in sorted(to_datasets(body).items()):
+        if not path.startswith("provenance/"):
+            digest.update(path.encode())
+            data = repr(value).encode() if isinstance(value, list) else np.asarray(value).tobytes()
+            digest.update(data)
+    return digest.hexdigest()

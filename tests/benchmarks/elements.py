@@ -17,7 +17,7 @@ import numpy as np
 from flexmb.errors import FlexmbWarning
 from flexmb.fe import assemble, reduce, resolve
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.sections.beam_shapes import rectangle
+from flexmb.fe.sections.section_tables import rectangle
 from flexmb.fe.sections.shell_section import shell
 from flexmb.flexbody.natural_modes import natural_modes
 from tests.solidkit import clamped_block

@@ -70,6 +70,7 @@ class StartValues(NamedTuple):
 
     q: Array  # (nq,)
     v: Array  # (nv,), NaN where the scene's own velocities hold
+    time: float = 0.0  # s
 
 
 def assemble(
@@ -104,6 +105,7 @@ def assemble(
     state = new_state(system, channels=len(compiled.layout.channels))
     work = new_work(system)
     state.q[:] = compiled.initial_q if begin is None else begin.q
+    state.t[0] = 0.0 if begin is None else begin.time
     period = _slowest_period(system)
     stiff = _stiffened(system, _RIGID * period)
     velocities = InitialVelocities(compiled, model, stiff)

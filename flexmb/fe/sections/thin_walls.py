@@ -251,7 +251,7 @@ def i_section(
     """I-section ``height`` along z, flanges ``width`` along y; thicknesses ``web``, ``flange`` [m].
 
     The flange at the bottom (-z) is as the one on top unless given. ``common`` words as in
-    :mod:`flexmb.fe.sections.beam_shapes`.
+    :mod:`flexmb.fe.sections.section_tables`.
     """
     lower = width if bottom_width is None else bottom_width
     thick = flange if bottom_flange is None else bottom_flange

@@ -29,7 +29,7 @@ from flexmb.flexbody import load, save
 from flexmb.model import Model
 from flexmb.results import Result, ResultWriter
 from flexmb.results.reader import TemporaryFolder
-from flexmb.workflow.resume import provenance_text
+from flexmb.workflow.run_report import provenance_text
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")

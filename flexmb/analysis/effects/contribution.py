@@ -1,0 +1,181 @@
+"""What an effect contributes to the sensors of a run: another model along the same motion.
+
+In: a run, its compiled model, and that of the same scene with one effect more or less. Out: per
+sensor the largest change, in its SI unit and over its largest peak-to-peak.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.initial_state import assemble
+from flexmb.analysis.effects.perturbation import Motion, Response, out_of_balance, respond
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.errors import FlexmbError
+from flexmb.model.model import Model
+from flexmb.model.sensor import channels_of
+from flexmb.results import Result
+
+Array = NDArray[np.float64]
+
+_STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
+_UNBOUNDED = 1e3  # a change this many times the motion is no number any more
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak."""
+
+    sensor: str
+    unit: str
+    value: float
+    share: float
+
+
+def read_motion(run: Result) -> Motion:
+    """The rows of a run."""
+    rows = slice(None)
+    tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
+    return Motion(run.time * run.units.scale("s"), *tables)
+
+
+def carry_motion(
+    motion: Motion, own: Compiled, other: Compiled, shapes: Mapping[str, Array]
+) -> tuple[Motion, Array]:
+    """A motion in the coordinates of another model, and what its rows leave out of balance there.
+
+    Bodies, rows and scalar coordinates are matched by name. `shapes` are by body the modal
+    coordinates (m of the other, m) of each of its own; none: those of the same number, else a body
+    is undeformed.
+    """
+    n, layout = len(motion.t), other.layout
+    q = np.tile(other.initial_q, (n, 1))
+    v, vd, balance = (np.zeros((n, layout.nv)) for _ in range(3))
+    residual = out_of_balance(own, motion)
+    mine = {body.name: body for body in own.layout.bodies}
+    for body in layout.bodies:
+        _carry_body(motion, residual, mine[body.name], body, shapes, (q, v, vd, balance))
+    names = own.layout.coordinates
+    for k, name in enumerate(layout.coordinates):
+        if name in names:
+            a = names.index(name) - len(names)
+            b = k - len(layout.coordinates)
+            q[:, b], v[:, b], vd[:, b] = motion.q[:, a], motion.v[:, a], motion.vd[:, a]
+            balance[:, b] = residual[:, a]
+    lam = np.zeros((n, layout.nc))
+    places = {name: k for k, name in enumerate(own.layout.rows)}
+    for k, name in enumerate(layout.rows):
+        if name in places:
+            lam[:, k] = motion.lam[:, places[name]]
+    return Motion(motion.t, q, v, vd, lam, motion.channels), balance
+
+
+def _carry_body(
+    motion: Motion, residual: Array, old: BodyColumns, new: BodyColumns,
+    shapes: Mapping[str, Array], into: tuple[Array, Array, Array, Array],
+) -> None:  # fmt: skip
+    q, v, vd, balance = into
+    q[:, new.iq : new.iq + 7] = motion.q[:, old.iq : old.iq + 7]
+    q[:, new.iq + 7 : new.iq + 7 + new.m] = 0.0
+    tables = ((motion.v, v), (motion.vd, vd), (residual, balance))
+    for have, put in tables:
+        put[:, new.iv : new.iv + 6] = have[:, old.iv : old.iv + 6]
+    shape = shapes.get(new.name)
+    if shape is None and new.m == old.m:
+        shape = np.eye(new.m)
+    if shape is not None:
+        back = np.linalg.pinv(shape)  # a force on the coordinates that the own ones are part of
+        q[:, new.iq + 7 : new.iq + 7 + new.m] = (
+            motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
+        )
+        for (have, put), T in zip(tables, (shape.T, shape.T, back), strict=True):
+            put[:, new.iv + 6 : new.iv + 6 + new.m] = have[:, old.iv + 6 : old.iv + 6 + old.m] @ T
+
+
+def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Array, Array] | None:
+    """Changes (nv,) of the first positions and velocities that another model begins with.
+
+    None if it cannot begin there.
+    """
+    from scipy.spatial.transform import Rotation
+
+    assert model.dynamics is not None
+    try:
+        state = assemble(compiled, model, start=model.dynamics.start).state
+    except FlexmbError:
+        return None
+    dq, dv = np.zeros(compiled.layout.nv), state.v - motion.v[0]
+    for body in compiled.layout.bodies:
+        a, b = (x[body.iq : body.iq + 7 + body.m] for x in (motion.q[0], state.q))
+        own = slice(body.iv, body.iv + 6 + body.m)
+        turn = Rotation.from_quat(np.roll(a[3:7], -1)).inv() * Rotation.from_quat(
+            np.roll(b[3:7], -1)
+        )
+        dq[own] = np.concatenate([b[:3] - a[:3], turn.as_rotvec(), b[7:] - a[7:]])
+    n = len(compiled.layout.coordinates)
+    if n:
+        dq[-n:] = state.q[-n:] - motion.q[0, -n:]
+    return dq, dv
+
+
+def contributions(
+    model: Model, before: Array, change: Array, names: tuple[str, ...]
+) -> list[Contribution]:
+    """The largest change of each sensor; of what stands still with the effect and without, none.
+
+    Parameters
+    ----------
+    model : Model
+        For its sensors and their units.
+    before, change : (n, k) array
+        Channels without the change, and their change.
+    names : tuple of str
+        Of the channels.
+    """
+    after = before + np.where(np.isfinite(change), change, 0.0)
+    sizes: dict[str, tuple[str, float, float]] = {}
+    largest: dict[str, float] = {}
+    owners = {**model.sensors, **model.states, **model.controllers}
+    for name, spec in owners.items():
+        columns = [names.index(channel) for channel in channels_of(name, spec)]
+        unit = model.channel_unit(channels_of(name, spec)[0]) or ""
+        size = max(np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in (before, after))
+        sizes[name] = unit, float(size), float(np.abs(change[:, columns]).max(initial=0.0))
+        largest[unit] = max(largest.get(unit, 0.0), float(size))
+    result = []
+    for name, (unit, size, value) in sizes.items():
+        moves = size > _STANDSTILL * largest[unit]
+        share = min(value / size, _UNBOUNDED) if moves else 0.0
+        result.append(Contribution(name, unit, value if moves else 0.0, share))
+    return result
+
+
+def estimate(
+    own: Compiled, other: Compiled, model: Model, motion: Motion, shapes: Mapping[str, Array],
+    *, begins_as_placed: bool = True, quasi_static: bool = False,
+) -> Response:  # fmt: skip
+    """How the sensors of a run change in another model, to first order.
+
+    Parameters
+    ----------
+    own, other : Compiled
+        The model of the run, and the other one.
+    model : Model
+        The other one's scene.
+    motion : Motion
+        The run.
+    shapes : mapping of str to array
+        As for `carry_motion`.
+    begins_as_placed : bool
+        Whether the scene says how the run began, and not another run.
+    quasi_static : bool
+        Leave out the inertia of vibrations.
+    """
+    carried, balance = carry_motion(motion, own, other, shapes)
+    start = first_change(other, model, carried) if begins_as_placed else None
+    return respond(other, carried, balance, start, quasi_static=quasi_static)

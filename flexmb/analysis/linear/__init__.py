@@ -1,0 +1,1 @@
+"""The linearised equations of motion at a state: matrices, modes, state space."""

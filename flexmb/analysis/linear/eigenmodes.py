@@ -1,0 +1,149 @@
+"""Modes of M ÿ + D ẏ + K y = 0, damped and gyroscopic: eigenvalues λ and shapes φ, y = φ e^{λt}.
+
+Without D, and with K symmetric, ω² of the pair (K, M); else of the first-order equations. Soft
+motions beside stiff modes keep their digits: coordinates in order of stiffness, so that a Cholesky
+factor of M does not carry stiffness into soft ones; low frequencies from the inverse problem; then
+Newton corrections of each λ with the matrices themselves. What is below the round-off of K is zero:
+a rigid motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import one_blas_thread
+from flexmb.errors import FlexmbError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_SYMMETRIC = 1e-9  # departure from symmetry that is round-off, over the matrix
+_WIDE = 1e6  # ratio of ω² from which the low half comes from the inverse problem
+_ROUND_OFF = 1e-13  # of a Rayleigh quotient, over the sum of its terms
+_SINGULAR = 1e-14
+_SAME_SHAPE = 1e-3
+
+
+@dataclass(frozen=True)
+class Eigenmodes:
+    """Eigenvalues (k,) 1/s in order of size, one of each complex pair, and shapes (n, k) of y."""
+
+    values: Complex
+    shapes: Complex
+
+
+@one_blas_thread()
+def eigenmodes(
+    M: Array, D: Array, K: Array, states: NDArray[np.bool_], rate: float = 0.0
+) -> Eigenmodes:
+    """Modes of the matrices (n, n); of coordinates in `states` only their rates exist.
+
+    `rate` is that of the motion [1/s], terms of which in K may cancel.
+
+    Raises
+    ------
+    FlexmbError
+        A motion without inertia.
+    """
+    n = len(M)
+    if n == 0:
+        return Eigenmodes(np.zeros(0, complex), np.zeros((0, 0), complex))
+    diagonal = np.diag(M)
+    if np.any(diagonal <= 0.0):
+        raise FlexmbError(
+            "a motion that the joints allow has no inertia, so it has no modes: give the body "
+            "there a mass and moments of inertia"
+        )
+    order = np.argsort(np.abs(np.diag(K)) / diagonal, kind="stable")
+    M, D, K = (matrix[np.ix_(order, order)] for matrix in (M, D, K))
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(0.5 * (M + M.T)))
+    except np.linalg.LinAlgError:
+        raise FlexmbError(
+            "the mass matrix of the free motions is not positive definite: a motion has no inertia"
+        ) from None
+    Ms, Ds, Ks = half @ M @ half.T, half @ D @ half.T, half @ K @ half.T
+    conservative = not states.any() and _is_small(D, K, M) and _is_symmetric(Ks)
+    if conservative and _is_symmetric(Ms):
+        values, shapes = _undamped(Ks)
+    else:
+        values, shapes = _damped(Ms, Ds, Ks, states[order])
+    shapes = half.T @ shapes
+    values = _without_noise(values, shapes, (M, D, K), rate)
+    out = np.zeros_like(shapes)
+    out[order] = shapes
+    by_size = _distinct(values, out, np.argsort(np.abs(values), kind="stable"))
+    return Eigenmodes(values[by_size], out[:, by_size])
+
+
+def _is_symmetric(A: Array) -> bool:
+    return bool(np.abs(A - A.T).max() <= _SYMMETRIC * np.abs(A).max(initial=1e-300))
+
+
+def _is_small(D: Array, K: Array, M: Array) -> bool:
+    """Whether D is round-off beside K and M."""
+    size = np.sqrt(np.outer(np.abs(np.diag(K)), np.diag(M)))
+    return bool(np.all(np.abs(D) <= _SINGULAR * np.maximum(size, size.max() * _SINGULAR)))
+
+
+def _undamped(K: Array) -> tuple[Complex, Complex]:
+    """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
+    K = 0.5 * (K + K.T)
+    squares, shapes = np.linalg.eigh(K)
+    if squares[0] > 0.0 and squares[-1] > _WIDE * squares[0]:
+        half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
+        inverse, low = np.linalg.eigh(half.T @ half)
+        below = squares < np.sqrt(squares[0] * squares[-1])
+        squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
+    return np.sqrt(-squares + 0j), shapes.astype(complex)
+
+
+def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Complex, Complex]:
+    """λ and shapes of the first-order equations; conjugates are left out."""
+    n = len(M)
+    lower = np.hstack([-K, -D])
+    if not _is_symmetric(M - np.eye(n)) or np.abs(M - np.eye(n)).max() > _SYMMETRIC:
+        lower = np.asarray(np.linalg.solve(M, lower), np.float64)
+    A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+    kept = np.concatenate([~states, np.ones(n, bool)])
+    values, vectors = np.linalg.eig(A[np.ix_(kept, kept)])
+    whole = np.zeros((2 * n, len(values)), complex)
+    whole[kept] = vectors
+    one = values.imag >= 0.0
+    values, whole = values[one].astype(complex), whole[:, one]
+    # the larger half of (φ, λφ) has the digits
+    upper, rate = whole[:n], whole[n:]
+    slow = np.abs(values) <= 1.0
+    shapes = np.where(slow, upper, rate)
+    shapes[states] = rate[states] if not slow.all() else rate[states]
+    return values, shapes
+
+
+def _without_noise(
+    values: Complex, shapes: Complex, of: tuple[Array, Array, Array], rate: float
+) -> Complex:
+    """Eigenvalues, those zero that are below the round-off of the matrices."""
+    size = np.abs(shapes)
+    mass, damping, stiffness = (np.einsum("ik,ik->k", size, np.abs(matrix) @ size) for matrix in of)
+    limit = _ROUND_OFF * (stiffness / mass + (damping / mass) ** 2 + 10.0 * rate**2)
+    values = np.where(np.abs(values) ** 2 <= limit, 0.0, values)
+    noise = np.abs(values.real) <= _SINGULAR * 100.0 * np.abs(values).max(initial=0.0)
+    return np.where(noise, 1j * values.imag, values)
+
+
+def _distinct(values: Complex, shapes: Complex, order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The order without second eigenvalues zero of the same rigid motion."""
+    kept: list[int] = []
+    basis = np.zeros((len(shapes), 0), complex)
+    for k in order:
+        if values[k] == 0.0:
+            shape = shapes[:, k] / np.linalg.norm(shapes[:, k])
+            rest = shape - basis @ (basis.conj().T @ shape)
+            if np.linalg.norm(rest) < _SAME_SHAPE:
+                continue
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+        kept.append(int(k))
+    return np.array(kept, np.int64)

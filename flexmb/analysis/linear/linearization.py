@@ -1,0 +1,311 @@
+"""The equations of motion linearised about a state: M ÿ + D ẏ + K y = f, modes, frequencies.
+
+In: a compiled model and a consistent state of it, at rest or moving, with any joints and drivers.
+Out: `Linearization`: matrices of all coordinates and of the independent ones, modes with damping
+and whirl, which state it is of and whether it is steady.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.initial_state import StartValues, assemble
+from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
+from flexmb.analysis.linear.observer import (
+    Coordinates,
+    Observer,
+    axes_of_motion,
+    body_axes,
+    fastest_rate,
+    in_axes_of,
+)
+from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.model.model import Model
+
+_REST = 1e-12  # 1/s, rate of change of a state at rest
+_STEADY = 1e-3  # change of the coefficients per radian up to which a state counts as steady
+_AHEAD = 0.01  # rad of the motion, or of the slowest mode, after which they are compared
+_MAX_OBSERVERS = 8
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """A model linearised about a state; all in SI.
+
+    Attributes
+    ----------
+    M, D, K : (nv, nv) arrays
+        Derivatives of F = M v̇ + … + Cqᵀ λ − Q with the accelerations, velocities and positions of
+        all coordinates, as `Result.v` has them; rotations in body axes.
+    Cq : (nc, nv) array
+        Jacobian of the joints and drivers.
+    basis : (nv, n) array
+        Motion of all coordinates per unit of the independent ones.
+    mass, damping, stiffness : (n, n) arrays
+        M, D, K of the independent coordinates: M ÿ + D ẏ + K y = basisᵀ f.
+    coordinates : tuple of str
+        Their names: those of the bodies' coordinates that they are.
+    time : float
+        Time of the state [s].
+    frame : str
+        Whose axes the motion is written in: "ground" or a body that turns.
+    unsteadiness : float
+        Relative change of the coefficients per radian of the motion or of the slowest mode; 0:
+        steady.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    compiled: Compiled
+    state: State
+    tangents: Tangents
+    observer: Observer
+    basis: Array
+    mass: Array
+    damping: Array
+    stiffness: Array
+    coordinates: tuple[str, ...]
+    states: NDArray[np.bool_]
+    unsteadiness: float
+    notes: tuple[str, ...]
+    drives: Array  # (nv, nc) motion per unit of each row
+
+    @property
+    def M(self) -> Array:
+        return self.tangents.M
+
+    @property
+    def D(self) -> Array:
+        return self.tangents.D
+
+    @property
+    def K(self) -> Array:
+        return self.tangents.K
+
+    @property
+    def Cq(self) -> Array:
+        return self.tangents.Cq
+
+    @property
+    def time(self) -> float:
+        return float(self.state.t[0])
+
+    @property
+    def frame(self) -> str:
+        return self.observer.name
+
+    @property
+    def _where(self) -> tuple[Compiled, State]:
+        return self.compiled, self.state
+
+    @cached_property
+    def _modes(self) -> Eigenmodes:
+        return eigenmodes(
+            self.mass, self.damping, self.stiffness, self.states, fastest_rate(*self._where)
+        )
+
+    @property
+    def eigenvalues(self) -> Complex:
+        """(k,) λ [1/s], one of each complex pair, in order of size."""
+        return self._modes.values
+
+    @property
+    def frequencies(self) -> Array:
+        """(k,) frequencies of the damped vibrations |Im λ|/2π [Hz]; 0 of what does not vibrate."""
+        return np.abs(self.eigenvalues.imag) / (2.0 * np.pi)
+
+    @property
+    def damping_ratios(self) -> Array:
+        """(k,) −Re λ/|λ|: 1 without vibration, negative where it grows; 0 of rigid motions."""
+        size = np.abs(self.eigenvalues)
+        return np.where(
+            size > 0.0, 0.0 - self.eigenvalues.real / np.where(size > 0.0, size, 1.0), 0.0
+        )
+
+    @cached_property
+    def shapes(self) -> Complex:
+        """(nv, k) motion of all coordinates in each mode, its largest part real and of weight 1."""
+        S = axes_of_motion(self.compiled, body_axes(self.compiled, self.state.q), self.observer.R)
+        motion = S @ (self.basis @ self._modes.shapes)
+        weights = np.where(
+            np.isfinite(self.compiled.system.weights), self.compiled.system.weights, 0
+        )
+        weighted = motion * weights[:, None]
+        if not weighted.size:
+            return motion
+        largest = weighted[np.abs(weighted).argmax(axis=0), np.arange(weighted.shape[1])]
+        return motion / np.where(largest == 0.0, 1.0, largest)
+
+    @cached_property
+    def energy_shares(self) -> dict[str, Array]:
+        """Share of each body in the kinetic energy of each mode, (k,) by name."""
+        whole = np.abs(np.einsum("ik,ij,jk->k", self.shapes.conj(), self.M, self.shapes))
+        shares = {}
+        for body in self.compiled.layout.bodies:
+            own = slice(body.iv, body.iv + 6 + body.m)
+            part = self.shapes[own]
+            energy = np.abs(np.einsum("ik,ij,jk->k", part.conj(), self.M[own, own], part))
+            shares[body.name] = energy / np.where(whole > 0.0, whole, 1.0)
+        return shares
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows; rigid motions do not count."""
+        return not np.any(self.eigenvalues.real > _GROWTH * np.abs(self.eigenvalues))
+
+    def __repr__(self) -> str:
+        return f"<Linearization of {len(self.coordinates)} coordinates at t = {self.time:g} s>"
+
+
+_GROWTH = 1e-6  # Re λ/|λ| that is round-off
+
+
+def linearize_state(
+    compiled: Compiled, model: Model, state: State, *, frame: str = "auto"
+) -> Linearization:
+    """Linearise a compiled model about a consistent state.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    state : State
+        With accelerations and multipliers.
+    frame : str
+        Whose axes the motion is written in: "ground", a body, or "auto": those in which the
+        coefficients change least.
+
+    Raises
+    ------
+    SceneError
+        No body of that name.
+    """
+    state = copy.deepcopy(state)
+    names = ("auto", "ground", *(body.name for body in compiled.layout.bodies))
+    if frame not in names:
+        raise SceneError.from_problems(
+            [Problem("frame", f'unknown "{frame}"', names, nearest(frame, names))]
+        )
+    equations = StateEquations(compiled, state)
+    tangents = equations.tangents()
+    rate = fastest_rate(compiled, state)
+    rate = rate if rate > _REST else 0.0
+    candidates = _observers(compiled, state, rate) if frame == "auto" else [frame]
+    here = [_Seen(compiled, state, tangents, name) for name in candidates]
+    change, best = 0.0, here[0]
+    if rate > 0.0:
+        fastest = max(rate, here[0].slowest)
+        dt = _AHEAD / fastest
+        begin = StartValues(
+            equations.moved(state.q, dt * state.v + 0.5 * dt * dt * state.vd),
+            state.v + dt * state.vd,
+            float(state.t[0]) + dt,
+        )
+        later = assemble(compiled, model, begin=begin).state
+        then = StateEquations(compiled, later).tangents()
+        changes = [
+            one.change(_Seen(compiled, later, then, one.observer.name), fastest) / _AHEAD
+            for one in here
+        ]
+        changes = [change if change > _STEADY else 0.0 for change in changes]
+        change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
+    names_of = _coordinate_names(compiled)
+    return Linearization(
+        compiled, state, tangents, best.observer, best.coordinates.N, best.mass, best.damping,
+        best.stiffness, tuple(names_of[k] for k in best.coordinates.index),
+        best.coordinates.states, change, tuple(_notes(change, best)), best.coordinates.G,
+    )  # fmt: skip
+
+
+class _Seen:
+    """The equations of a state as an observer sees them."""
+
+    def __init__(self, compiled: Compiled, state: State, tangents: Tangents, name: str) -> None:
+        self.observer = Observer.at(compiled, state, name)
+        at = in_axes_of(self.observer, compiled, state, tangents)
+        self.coordinates = c = Coordinates(compiled, state, self.observer)
+        left = _left_null(at, c)
+        self.mass = left.T @ at.M @ c.N
+        self.damping = left.T @ (at.D @ c.N + 2.0 * at.M @ c.Nd)
+        self.stiffness = left.T @ (at.K @ c.N + at.D @ c.Nd + at.M @ c.Ndd)
+
+    @property
+    def slowest(self) -> float:
+        """A rate, 1/s, not above that of the slowest vibration; 0 with rigid motions."""
+        try:
+            squared = np.trace(np.linalg.solve(self.stiffness, self.mass))
+        except np.linalg.LinAlgError:
+            return 0.0
+        return float(1.0 / np.sqrt(abs(squared))) if np.isfinite(squared) and squared else 0.0
+
+    def change(self, later: _Seen, rate: float) -> float:
+        """Largest change of a coefficient, over what compares with it at a rate, 1/s."""
+        if not np.array_equal(self.coordinates.index, later.coordinates.index):
+            return np.inf
+        size = np.sqrt(np.abs(np.diag(self.mass)))
+        size = np.outer(size, size)
+        changes = [0.0]
+        for power, word in enumerate(("mass", "damping", "stiffness")):
+            one, other = getattr(self, word), getattr(later, word)
+            near = np.maximum(size * rate**power, np.abs(one))
+            changes.append(
+                float((np.abs(other - one) / np.where(near > 0, near, 1)).max(initial=0))
+            )
+        return max(changes)
+
+
+def _left_null(at: Tangents, c: Coordinates) -> Array:
+    """(nv, n): what the multipliers do not load; N but where friction follows reactions."""
+    extra = at.L - at.Cq.T
+    if not extra.size or np.abs(extra).max() <= 1e-12 * np.abs(at.Cq).max(initial=0.0):
+        return c.N
+    dependent = np.setdiff1d(np.arange(len(c.N)), c.index)
+    wanted = at.L.T @ c.N
+    change = np.linalg.lstsq(at.L[dependent].T, -wanted, rcond=1e-10)[0]
+    Y = c.N.copy()
+    Y[dependent] += change
+    return Y
+
+
+def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
+    """The ground, and bodies that turn differently, the fastest first."""
+    names, seen = ["ground"], [np.zeros(3)]
+    if rate == 0.0:
+        return names
+    A = body_axes(compiled, state.q)
+    bodies = list(zip(compiled.layout.bodies, A, strict=True))
+    turning = [(own @ state.v[b.iv + 3 : b.iv + 6], b.name) for b, own in bodies]
+    for w, name in sorted(turning, key=lambda pair: -float(np.linalg.norm(pair[0]))):
+        if all(np.linalg.norm(w - other) > 1e-9 * rate for other in seen):
+            names.append(name)
+            seen.append(w)
+    return names[:_MAX_OBSERVERS]
+
+
+def _coordinate_names(compiled: Compiled) -> list[str]:
+    """Names of all velocity coordinates."""
+    names = []
+    for body in compiled.layout.bodies:
+        names += [f"{body.name}.r.{a}" for a in _AXES] + [
+            f"{body.name}.rotation.{a}" for a in _AXES
+        ]
+        names += [f"{body.name}.eta.{k}" for k in range(body.m)]
+    return [*names, *compiled.layout.coordinates]
+
+
+def _notes(change: float, seen: _Seen) -> Iterator[str]:
+    if change > 0.0:
+        yield (
+            f"the state is not steady: seen from {seen.observer.name} its coefficients change by "
+            f"{100 * change:.2g} % per radian; the modes are those of this instant"
+        )

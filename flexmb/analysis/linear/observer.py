@@ -1,0 +1,194 @@
+"""Frames from which a linearised motion is seen, and the independent coordinates in them.
+
+A small motion is written in the axes of an observer F, the ground or a body, which turns with ω_F:
+δq = S x, S = diag(R_F, Aᵀ R_F, 1) for translation, rotation and modes of each body, so that
+
+    δv = S (ẋ + W x),   δv̇ = S (ẍ + W ẋ + Ẇ x) + P (ẋ + W x),   P = Ṡ = S W − Ω S,
+
+with W = diag(ω̃_F, ω̃_F, 0) in axes of F, Ω = diag(0, ω̃', 0). A machine that turns as a whole, such
+as blades on a hub, has constant coefficients in the axes of what turns; a rotor of revolution in
+those of its bearings. The joints let x = N(t) y: y are coordinates chosen among x by pivoting,
+translations and rotations before modes as the dependent ones, so that soft and stiff directions are
+not mixed. Where N changes with time, Ṅ and N̈ along the motion enter the equations too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, numerical_rank
+from flexmb.analysis.linear.state_equations import Array, Tangents
+from flexmb.engine.algebra.vector import rotation_matrix
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
+
+_MODAL_SCALE = 1e-3  # modes become dependent coordinates only where nothing else can
+_STEP = 0.02  # of the differences along the motion, over its fastest rate
+_FIRST = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
+_SECOND = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
+
+
+def cross_matrix(a: Array) -> Array:
+    """ã (3, 3) of a (3,): ã b = a × b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def body_axes(compiled: Compiled, q: Array) -> Array:
+    """(bodies, 3, 3) direction cosines, body to global."""
+    A = np.empty((len(compiled.layout.bodies), 3, 3))
+    for k, body in enumerate(compiled.layout.bodies):
+        rotation_matrix(q, body.iq + 3, A[k])
+    return A
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Axes R (3, 3) to global, angular velocity w and acceleration wd (3,) in these axes."""
+
+    name: str
+    R: Array
+    w: Array
+    wd: Array
+
+    @classmethod
+    def at(cls, compiled: Compiled, state: State, name: str) -> Observer:
+        """The ground, or a body by its name."""
+        if name == "ground":
+            return cls(name, np.eye(3), np.zeros(3), np.zeros(3))
+        body = next(body for body in compiled.layout.bodies if body.name == name)
+        turn = slice(body.iv + 3, body.iv + 6)
+        R = np.empty((3, 3))
+        rotation_matrix(state.q, body.iq + 3, R)
+        return cls(name, R, state.v[turn].copy(), state.vd[turn].copy())
+
+
+def axes_of_motion(compiled: Compiled, A: Array, R: Array) -> Array:
+    """S (nv, nv) for body axes A (bodies, 3, 3) and axes R of the observer."""
+    S = np.eye(compiled.layout.nv)
+    for body, own in zip(compiled.layout.bodies, A, strict=True):
+        S[body.iv : body.iv + 3, body.iv : body.iv + 3] = R
+        S[body.iv + 3 : body.iv + 6, body.iv + 3 : body.iv + 6] = own.T @ R
+    return S
+
+
+def in_axes_of(observer: Observer, compiled: Compiled, state: State, of: Tangents) -> Tangents:
+    """The matrices for x in place of δq, all of F multiplied by Sᵀ."""
+    nv = compiled.layout.nv
+    S = axes_of_motion(compiled, body_axes(compiled, state.q), observer.R)
+    W, Wd, turn = (np.zeros((nv, nv)) for _ in range(3))
+    for body in compiled.layout.bodies:
+        for at in (body.iv, body.iv + 3):
+            W[at : at + 3, at : at + 3] = cross_matrix(observer.w)
+            Wd[at : at + 3, at : at + 3] = cross_matrix(observer.wd)
+        own = slice(body.iv + 3, body.iv + 6)
+        turn[own, own] = cross_matrix(state.v[own])
+    P = S @ W - turn @ S
+    MS, DS = of.M @ S, of.D @ S
+    return Tangents(
+        S.T @ MS,
+        S.T @ (MS @ W + of.M @ P + DS),
+        S.T @ (MS @ Wd + of.M @ (P @ W) + DS @ W + of.K @ S),
+        of.Cq @ S,
+        S.T @ of.L,
+    )
+
+
+def fastest_rate(compiled: Compiled, state: State) -> float:
+    """Rate at which the state changes, 1/s: of velocities, and of accelerations by their root."""
+    bodies = [k for b in compiled.layout.bodies for k in range(b.iv, b.iv + 6)]
+    weights = np.minimum(compiled.system.weights[bodies], 1e300)
+    speed = float(np.abs(state.v[bodies] * weights).max())
+    return max(speed, float(np.sqrt(np.abs(state.vd[bodies] * weights).max())))
+
+
+class Coordinates:
+    """Independent coordinates y of the motions that the joints allow, seen by an observer.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    state : State
+        The state.
+    observer : Observer
+        Whose axes x has.
+
+    Attributes
+    ----------
+    N, Nd, Ndd : (nv, n) arrays
+        x = N y, and its two derivatives in time.
+    G : (nv, nc) array
+        x = G c moves the rows by c and the independent coordinates not at all.
+    index : (n,) array
+        The velocity coordinates that y are.
+    states : (n,) bool array
+        Whether it is a state of a controller: of it ẏ alone counts.
+    """
+
+    def __init__(self, compiled: Compiled, state: State, observer: Observer) -> None:
+        self._compiled, self._state, self._observer = compiled, state, observer
+        scales = column_scales(compiled)
+        starts = np.array([start.iv for start in compiled.starts], int)
+        self._rows = ConstraintRows(compiled)
+        self._scales = np.where(scales > 0.0, scales, 1.0)
+        self._left_out = np.flatnonzero(compiled.system.kkt.column < 0)
+        A = self._weighted(state.q)
+        rank = numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False))) if len(A) else 0
+        preference = np.ones(compiled.layout.nv)
+        for body in compiled.layout.bodies:
+            preference[body.iv + 6 : body.iv + 6 + body.m] = _MODAL_SCALE
+        preference[starts] = 0.0
+        order = np.arange(compiled.layout.nv)
+        if rank:
+            order = scipy.linalg.qr(A * preference, mode="r", pivoting=True)[1]
+        self._dependent, self.index = order[:rank], np.sort(order[rank:])
+        self.states = np.isin(self.index, starts)
+        self.redundant = len(A) - rank
+        self.N, self.G = self._motions(A)
+        self.Nd, self.Ndd = np.zeros_like(self.N), np.zeros_like(self.N)
+        rate = fastest_rate(compiled, state)
+        if rank and rate > 0.0 and np.any(state.v):
+            self._put_rates(_STEP / rate)
+
+    @property
+    def n(self) -> int:
+        """How many there are."""
+        return len(self.index)
+
+    def _weighted(self, q: Array) -> Array:
+        """Rows of the joints at q, and of coordinates left out of a plane, weighted (rows, nv)."""
+        compiled, at = self._compiled, self._observer
+        R = at.R
+        if at.name != "ground":
+            body = next(b for b in compiled.layout.bodies if b.name == at.name)
+            R = np.empty((3, 3))
+            rotation_matrix(q, body.iq + 3, R)
+        S = axes_of_motion(compiled, body_axes(compiled, q), R)
+        Cq = self._rows.evaluate(q, float(self._state.t[0])).Cq
+        weighted = compiled.system.row_weights[:, None] * (Cq @ S) * self._scales
+        return np.vstack([weighted, S[self._left_out]])
+
+    def _motions(self, A: Array) -> tuple[Array, Array]:
+        """N and G of weighted rows A."""
+        compiled, scales = self._compiled, self._scales
+        N, G = np.zeros((compiled.layout.nv, self.n)), np.zeros((compiled.layout.nv, len(A)))
+        N[self.index, np.arange(self.n)] = 1.0
+        if len(self._dependent):
+            inverse = np.linalg.pinv(A[:, self._dependent], rcond=1e-12)
+            own = scales[self._dependent, None]
+            N[self._dependent] = -own * (inverse @ A[:, self.index]) / scales[self.index]
+            G[self._dependent] = own * inverse
+        nc = compiled.layout.nc
+        return N, G[:, :nc] * compiled.system.row_weights
+
+    def _put_rates(self, h: float) -> None:
+        """Ṅ and N̈ by differences along a curve with the velocity and acceleration of the state."""
+        v, vd, q, rows = self._state.v, self._state.vd, self._state.q, self._rows
+        for k, (first, second) in enumerate(zip(_FIRST, _SECOND, strict=True)):
+            s = (k - 3) * h
+            N = self._motions(self._weighted(rows.move(q, s * v + 0.5 * s * s * vd)))[0]
+            self.Nd += first / h * N
+            self.Ndd += second / h**2 * N

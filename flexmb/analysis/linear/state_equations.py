@@ -1,0 +1,123 @@
+"""The equations of motion at one state, as arrays: what is out of balance, and its derivatives.
+
+In: a compiled model and its state (t, q, v, v̇, λ). Out: F = M v̇ + … + Cqᵀ λ − Q and C, the
+matrices M = ∂F/∂v̇, D = ∂F/∂v, K = ∂F/∂q, Cq = ∂C/∂q and ∂F/∂λ, and all channels. Derivatives with
+q are those with the motion δ of q ∘ exp(δ), rotations in body axes. They are the tangents of the
+engine's iteration matrix, in which cv and cp single them out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.engine import equations_of_motion as stages
+from flexmb.engine.bodies.motion import move
+from flexmb.engine.compile import Compiled
+from flexmb.engine.sensors.sensor import read_channels
+from flexmb.engine.state import State, Work
+from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.work import new_run, new_work, units_of
+
+Array = NDArray[np.float64]
+
+# Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is
+# rounded. Terms of the feedback are there only with cv > 0.
+_ALONE, _NOTHING = 2.0**60, 2.0**-120
+_UNITS = (
+    stages.begin_run, stages.residual, stages.put_matrix, stages.put_rows, stages.velocity_stage,
+    stages.bias_stage, stages.complete_poses, stages.energies, read_channels, move,
+)  # fmt: skip
+
+
+class Tangents(NamedTuple):
+    """Derivatives of F with v̇, v and q, of C with q, of F with λ: all in the order of v and C."""
+
+    M: Array  # (nv, nv)
+    D: Array  # (nv, nv)
+    K: Array  # (nv, nv)
+    Cq: Array  # (nc, nv)
+    L: Array  # (nv, nc): Cqᵀ, but for forces that follow reactions, such as joint friction
+
+
+class StateEquations:
+    """The equations at a state, which they read but do not change.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    state : State
+        The state; `q`, `v`, `vd`, `lam` and `t` may be changed in place between calls.
+    """
+
+    def __init__(self, compiled: Compiled, state: State) -> None:
+        prepare_units([*_UNITS, *units_of(compiled.system)])
+        self.compiled, self.state = compiled, state
+        self.work: Work = new_work(compiled.system, len(state.angles))
+        self._run = hand_over(new_run(compiled.system, state, self.work))
+        self._at = hand_over(self._run.record.state_point)
+
+    def residual(self) -> Array:
+        """F (nv,) at the state; C is in `work.con.C`."""
+        self._evaluate()
+        return np.array(self.work.trial.res)
+
+    def _evaluate(self) -> None:
+        system, state, work = self.compiled.system, self.state, self.work
+        turns = self._run.record.sensors.turns[system.sensors.channels["what"]] == 1
+        work.feedback.near[:] = 0.0
+        n = len(state.angles)
+        work.feedback.near[:n] = np.where(turns[:n], state.angles, 0.0)
+        work.now.history[:] = state.history
+        call(stages.begin_run, self._run, self._at)
+        call(stages.residual, self._run, self._at)
+
+    def tangents(self) -> Tangents:
+        """All derivatives at the state."""
+        self._evaluate()
+        self.work.factor.symmetric[0] = 0
+        n = self.compiled.layout.nv
+        mass = self._matrix(_NOTHING, 0.0)
+        M = mass[:n, :n]
+        D = (self._matrix(_ALONE, 0.0)[:n, :n] - M) / _ALONE
+        K = (self._matrix(_NOTHING, _ALONE)[:n, :n] - M) / _ALONE
+        return Tangents(M, D, K, mass[n:, :n], mass[:n, n:])
+
+    def _matrix(self, cv: float, cp: float) -> Array:
+        """S (nv + nc, nv + nc) of the engine, without its regularisation."""
+        for unit in (stages.put_matrix, stages.put_rows):
+            call(unit, self._run, self._at, cv, cp)
+        kkt, factor = self.compiled.system.kkt, self.work.factor
+        n = int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
+        S = np.zeros((n, n))
+        for panel in kkt.panels:
+            at, nc, nr, col = (int(panel[word]) for word in ("at", "nc", "nr", "col"))
+            own, below = slice(col, col + nc), kkt.rows[panel["rows"] : panel["rows"] + nr]
+            low = factor.low[at : at + (nc + nr) * nc].reshape(-1, nc)
+            up = factor.up[at : at + (nc + nr) * nc].reshape(-1, nc)
+            S[own, own] = np.tril(low[:nc]) + np.tril(up[:nc], -1).T
+            S[below, own], S[own, below] = low[nc:], up[nc:].T
+        return S[np.ix_(kkt.place, kkt.place)]
+
+    def channels(self) -> Array:
+        """(channels,) values of all sensors at the state, SI."""
+        self._evaluate()
+        run, at = self._run, self._at
+        for unit in (stages.velocity_stage, stages.bias_stage, stages.complete_poses):
+            call(unit, run, at)
+        call(stages.energies, run, at)
+        angles, stage = self.work.feedback.near[: len(self.state.angles)], run.record.stages.angles
+        for unit, tables in zip(stage.units, stage.tables, strict=True):
+            call(unit, run, tables, at)
+        out = np.full(len(angles), np.nan)
+        call(read_channels, run, at, np.ascontiguousarray(angles), out)
+        return out
+
+    def moved(self, q: Array, d: Array) -> Array:
+        """q ∘ exp(d) for a motion d (nv,)."""
+        out = q.copy()
+        call(move, self.compiled.system.parts, q, np.ascontiguousarray(d), out)
+        return out

@@ -1,0 +1,178 @@
+"""``flexmb modes``: linearised modes of a scene or a run, over a parameter too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flexmb.cli import screen
+from flexmb.cli.app import Overrides, command, parse_pairs, refuse_options
+from flexmb.errors import FlexmbError
+
+_BODIES = 3  # that are named for a mode
+_LEAST_SHARE = 0.05
+_ENDINGS = (".png", ".pdf", ".svg")
+
+
+@command()
+def modes(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Scene file (TOML), result file or its folder.", show_default=False),
+    ],
+    time: Annotated[
+        float | None,
+        typer.Option(help="Of a result: the output nearest to this time; its end by default."),
+    ] = None,
+    about: Annotated[
+        str,
+        typer.Option(
+            help="Of a scene, its first state: quasi-static, flexible bodies in elastic "
+            "equilibrium with loads and motion; undeformed; or initial, as [dynamics] starts."
+        ),
+    ] = "quasi-static",
+    frame: Annotated[
+        str,
+        typer.Option(
+            help="Whose axes the motion is written in: ground, a body that turns, or auto."
+        ),
+    ] = "auto",
+    count: Annotated[int, typer.Option(help="How many modes are shown.", min=1)] = 12,
+    vary: Annotated[
+        str | None,
+        typer.Option(
+            "--vary",
+            "-v",
+            metavar="NAME=VALUES",
+            help="Of a scene: a parameter or an entry by its path, with values 0,10,20 or "
+            "0..100:11 (eleven at equal distances).",
+            show_default=False,
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="With --vary: the Campbell diagram (.png, .pdf, .svg).",
+            show_default=False,
+        ),
+    ] = None,
+    root_locus: Annotated[
+        Path | None,
+        typer.Option("--root-locus", help="With --vary: the root locus.", show_default=False),
+    ] = None,
+) -> None:
+    """Show the linearised modes about a state: frequencies, damping, stability.
+
+    Joints, drivers, springs, weight, gyroscopic and centrifugal terms of the motion are included.
+    With --vary the modes are followed over a parameter: Campbell diagram, root locus.
+
+    Example: flexmb modes cases/slider_crank/scene.toml
+
+    Example: flexmb modes scene.toml --vary speed=0..60:13 -o campbell.png
+    """
+    from flexmb import workflow
+
+    changes = parse_pairs(overrides, "--set")
+    if vary is None:
+        refuse_options({"output": output, "root-locus": root_locus}, "draws what --vary computes")
+        with screen.Bars() as progress:
+            made = workflow.linearize(
+                source, time=time, about=about, frame=frame, overrides=changes, progress=progress
+            )
+        _show_modes(made, count)
+        return
+    refuse_options({"time": time}, "belongs to one state; --vary has many")
+    [(name, text)] = parse_pairs([vary], "--vary").items()
+    with screen.Bars() as progress:
+        sweep = workflow.sweep_modes(
+            source, name, parse_values(text, "--vary"), about=about, frame=frame,
+            overrides=changes, progress=progress,
+        )  # fmt: skip
+    _show_sweep(sweep, count, output, root_locus)
+
+
+def parse_values(text: str, option: str) -> list[float]:
+    """``0,10,20``, or ``0..100:11``: eleven values at equal distances."""
+    values: list[float] = []
+    try:
+        for part in text.split(","):
+            first, dots, rest = part.partition("..")
+            if not dots:
+                values.append(float(part))
+                continue
+            last, _, n = rest.partition(":")
+            a, b, n_values = float(first), float(last), int(n)
+            if n_values < 2:  # noqa: PLR2004
+                raise ValueError
+            values += [a + (b - a) * k / (n_values - 1) for k in range(n_values)]
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is not of the form 0,10,20 or 0..100:11', param_hint=option
+        ) from None
+    return values
+
+
+def _show_modes(made: Any, count: int) -> None:
+    unit = made.compiled.layout
+    screen.heading(
+        f"{len(made.coordinates)} independent of {unit.nv} coordinates, at t = {made.time:g} s, "
+        f"seen from {made.frame}"
+    )
+    shares = made.energy_shares
+    rows = []
+    for k in range(min(count, len(made.eigenvalues))):
+        value, size = made.eigenvalues[k], abs(made.eigenvalues[k])
+        largest = sorted(shares, key=lambda name: -shares[name][k])[:_BODIES]
+        moving = ", ".join(
+            f"{name} {100 * shares[name][k]:.0f} %"
+            for name in largest
+            if shares[name][k] > _LEAST_SHARE
+        )
+        ratio = f"{made.damping_ratios[k]:.4g}" if size else "rigid"
+        rows.append(
+            (str(k + 1), f"{made.frequencies[k]:.6g}", f"{value.imag:.6g}", f"{value.real:.4g}",
+             ratio, moving)
+        )  # fmt: skip
+    columns = ("mode", "Hz", "Im λ [rad/s]", "Re λ [1/s]", "damping ratio", "kinetic energy")
+    screen.table(columns, rows, right=(0, 1, 2, 3, 4))
+    left = len(made.eigenvalues) - count
+    if left > 0:
+        screen.line(f"and {left} more (--count)")
+    if not len(made.eigenvalues):
+        screen.line("joints and drivers fix every motion: there are no modes")
+    growing = made.eigenvalues.real.max(initial=0.0)
+    if not made.stable:
+        screen.line(f"unstable: a mode grows by a factor of e in {1.0 / growing:.3g} s")
+
+
+def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | None) -> None:
+    from flexmb.view import save_figure
+    from flexmb.view.mode_plots import campbell_figure, root_locus_figure
+
+    n = min(count, sweep.eigenvalues.shape[1])
+    screen.heading(f"frequencies [Hz] over {sweep.parameter}")
+    columns = (sweep.parameter, *(f"mode {k + 1}" for k in range(n)))
+    rows = [
+        (f"{value:g}", *(f"{frequency:.5g}" for frequency in line[:n]))
+        for value, line in zip(sweep.values, sweep.frequencies, strict=True)
+    ]
+    screen.table(columns, rows, right=tuple(range(n + 1)), whole=True)
+    growing = [
+        f"{value:g}"
+        for value, one in zip(sweep.values, sweep.linearizations, strict=True)
+        if not one.stable
+    ]
+    if growing:
+        screen.line(f"unstable at {sweep.parameter} = {', '.join(growing)}")
+    for note in sweep.notes:
+        screen.line(f"note: {note}")
+    for path, draw in ((output, campbell_figure), (root_locus, root_locus_figure)):
+        if path is not None:
+            if path.suffix not in _ENDINGS:
+                raise FlexmbError(f"{path}: the file must end in {' or '.join(_ENDINGS)}")
+            screen.line(f"written: {save_figure(draw(sweep, count), path)}")

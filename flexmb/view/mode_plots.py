@@ -1,0 +1,60 @@
+"""Campbell diagrams and root loci, drawn with matplotlib without its global state.
+
+In: a `ModeSweep`. Out: a matplotlib ``Figure``. Units: the parameter's own, Hz, 1/s.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexmb.view.plot import INK, LINES, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmb.analysis.linear.mode_sweep import ModeSweep
+
+_ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
+_SHOWN = 12  # modes
+
+
+def campbell_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
+    """Frequencies over the parameter, with the multiples of the fastest rotation."""
+    figure = new_figure(9.6, 6.0, f"frequencies over {sweep.parameter}")
+    axes = figure.subplots()
+    frequencies = sweep.frequencies[:, :modes]
+    for k in range(frequencies.shape[1]):
+        color = LINES[k % len(LINES)]
+        axes.plot(sweep.values, frequencies[:, k], color=color, lw=1.6, marker="o", ms=3)
+    top = 1.1 * float(np.nanmax(frequencies, initial=0.0)) or 1.0
+    if sweep.speeds.any():
+        for n in _ORDERS:
+            line = n * sweep.speeds / (2.0 * np.pi)
+            axes.plot(sweep.values, line, color=INK, lw=0.8, ls=":")
+            inside = np.flatnonzero(line <= 0.97 * top)
+            if len(inside) and line[inside[-1]] > 0.0:
+                at = sweep.values[inside[-1]], line[inside[-1]]
+                axes.annotate(f"{n}x", at, color=INK, ha="right", va="bottom")
+    axes.set_ylim(0.0, top)
+    axes.set_xlabel(sweep.parameter, color=INK)
+    axes.set_ylabel("frequency [Hz]", color=INK)
+    style_axes(axes)
+    return figure
+
+
+def root_locus_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
+    """Eigenvalues in the complex plane: a circle at the first value, a dot at the last."""
+    figure = new_figure(9.6, 6.0, f"eigenvalues over {sweep.parameter}")
+    axes = figure.subplots()
+    for k in range(min(modes, sweep.eigenvalues.shape[1])):
+        color, line = LINES[k % len(LINES)], sweep.eigenvalues[:, k]
+        axes.plot(line.real, line.imag, color=color, lw=1.4, marker=".", ms=4)
+        axes.plot(line.real[:1], line.imag[:1], color=color, marker="o", ms=8, mfc="none", ls="")
+        axes.plot(line.real[-1:], line.imag[-1:], color=color, marker="o", ms=7, ls="")
+    axes.axvline(0.0, color=INK, lw=0.8)
+    axes.set_xlabel("Re λ [1/s]", color=INK)
+    axes.set_ylabel("Im λ [1/s]", color=INK)
+    style_axes(axes)
+    return figure

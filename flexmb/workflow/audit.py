@@ -1,0 +1,223 @@
+"""The audit: what each effect contributes to the sensors of a run, whether it is on or left out.
+
+In: a result. Out: a table of effects, each by a computation along the motion of the run: the same
+scene with the effect on instead of off, or off instead of on, is linearised about that motion and
+driven by what the motion leaves out of balance in it (`flexmb.analysis.effects`). Deformation is
+judged from a rigid run of the scene, further modes from a finer reduction of the mesh.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import FlexmbError, ResultFileError, SceneError
+from flexmb.progress import Progress, silent
+from flexmb.workflow.neighbours import Effect, Neighbours
+
+if TYPE_CHECKING:
+    from flexmb.results import Result
+
+Array = NDArray[np.float64]
+
+TEXT = "audit"
+"""Name of the text in a result that holds its audit."""
+BUDGET = 0.01
+"""Largest share of the peak-to-peak of a sensor that left out effects may contribute."""
+_WASTED = 0.1  # of the budget: an effect that contributes less is not worth its time
+_MOST_ROWS = 800  # rows of a run that are looked at
+MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
+    "missing", "needed", "could be off", "may stay off", "not known",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EffectOutcome:
+    """One effect of one body, or of the scene.
+
+    ``share`` is its contribution to the worst sensor over the peak-to-peak of that, ``value`` the
+    same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs.
+    ``cost`` is the time of one evaluation of the equations with the effect over that without, of
+    deformation the time of the run over that of the rigid one.
+    """
+
+    effect: str
+    body: str
+    on: bool
+    indicator: str
+    share: float | None
+    value: str
+    sensor: str
+    cost: float | None
+    verdict: str
+    why: str = ""
+    shares: dict[str, float] = field(default_factory=dict)  # of all sensors
+
+
+@dataclass(frozen=True)
+class Audit:
+    """The audit of a run: its effects, and sentences on where its answer is not valid."""
+
+    title: str
+    budget: float
+    effects: tuple[EffectOutcome, ...]
+    notes: tuple[str, ...]
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether no effect that is left out contributes more than the budget."""
+        return not any(one.verdict == MISSING for one in self.effects)
+
+    @property
+    def missing(self) -> tuple[EffectOutcome, ...]:
+        """Effects that are left out and contribute more than the budget."""
+        return tuple(one for one in self.effects if one.verdict == MISSING)
+
+    @property
+    def wasted(self) -> tuple[EffectOutcome, ...]:
+        """Effects that are on and contribute less than a tenth of the budget."""
+        return tuple(one for one in self.effects if one.verdict == WASTED)
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Names of the columns, and a row for each effect."""
+        return COLUMNS, [_row(one) for one in self.effects]
+
+    def sentence(self) -> str:
+        """The outcome in one line."""
+        budget = f"the budget of {100 * self.budget:.3g} % of the peak-to-peak of every sensor"
+        if self.passed:
+            open_ = [one for one in self.effects if one.verdict == UNKNOWN and not one.on]
+            besides = f"; not known of {len(open_)}" if open_ else ""
+            return f"what is left out stays within {budget}{besides}"
+        worst = max(self.missing, key=lambda one: one.share or 0.0)
+        what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
+        return f"{what} is left out and contributes {_percent(worst.share)}: more than {budget}"
+
+    def text(self) -> str:
+        """As JSON, for the result file."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_text(cls, text: str) -> Audit:
+        """From `text`."""
+        data = json.loads(text)
+        effects = tuple(EffectOutcome(**one) for one in data.pop("effects"))
+        return cls(**{**data, "effects": effects, "notes": tuple(data["notes"])})
+
+
+COLUMNS = ("effect", "of", "", "indicator", "contribution", "at", "", "time", "")
+"""Columns of the table of an audit."""
+
+
+def _row(one: EffectOutcome) -> tuple[str, ...]:
+    return (
+        one.effect, one.body, "on" if one.on else "off", one.indicator,
+        "" if one.share is None else _percent(one.share), one.sensor, one.value,
+        "" if one.cost is None else f"x {one.cost:.2f}",
+        one.verdict if not one.why else f"{one.verdict}: {one.why}",
+    )  # fmt: skip
+
+
+def _percent(share: float | None) -> str:
+    if share is None:
+        return ""
+    return "unbounded" if share > 10.0 else f"{100 * share:.2g} %"
+
+
+def audit(
+    result: Result | str | Path, *, budget: float | None = None, progress: Progress = silent
+) -> Audit:
+    """What each effect contributes to the sensors of a finished run; kept in its file as well.
+
+    Parameters
+    ----------
+    result : Result or path
+        The result, its file or its folder.
+    budget : float, optional
+        Largest share of the peak-to-peak of a sensor that left out effects may contribute; by
+        default that of the scene, or 0.01.
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        The run is not finished, has no sensors, or did not store what is needed.
+    """
+    from flexmb.results import Result, store_text
+
+    run = result if isinstance(result, Result) else Result(result)
+    began = time.perf_counter()
+    _check_run(run)
+    neighbours = Neighbours.of(run, _MOST_ROWS, progress)
+    budget = neighbours.model.budget if budget is None else budget
+    effects = []
+    todo = list(neighbours.effects())
+    for k, effect in enumerate(todo):
+        progress("audit", k / len(todo), effect.name)
+        effects.append(_outcome(neighbours, effect, budget))
+    progress("audit", 1.0)
+    notes = (*neighbours.notes, *_validity(neighbours))
+    made = Audit(run.title, budget, tuple(effects), notes, time.perf_counter() - began)
+    store_text(run.path, TEXT, made.text())
+    run.refresh()
+    return made
+
+
+def _check_run(run: Result) -> None:
+    if run.status in ("running", "stopped"):
+        raise ResultFileError(f"{run.path}: is {run.status}; finish it first: flexmb resume")
+    if len(run.time) < 5:
+        raise ResultFileError(f"{run.path}: holds {len(run.time)} rows; an audit needs 5 at least")
+    if not run.layout.channels:
+        body = run.layout.bodies[0].name
+        raise SceneError(
+            "the scene has no sensor to judge effects by; add one, such as\n"
+            f'    [sensors.place]\n    type = "position"\n    of = "{body}"'
+        )
+    missing = [name for name in ("q", "v", "vd", "lam") if not run.has_columns(name)]
+    if missing:
+        raise ResultFileError(
+            f"{run.path}: did not store {', '.join(missing)}; an audit needs the poses, "
+            "velocities, accelerations and multipliers of all bodies: run without keep in [results]"
+        )
+
+
+def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOutcome:
+    fixed = (effect.name, effect.body, effect.on, effect.indicator)
+    if effect.estimate is None:
+        verdict = UNKNOWN if effect.why else ""
+        return EffectOutcome(*fixed, None, "", "", None, verdict, effect.why)
+    try:
+        changes, cost = effect.estimate()
+    except FlexmbError as error:
+        why = str(error).splitlines()[0]
+        return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)
+    if not changes:
+        return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
+    worst = max(changes, key=lambda one: one.share)
+    if effect.on:
+        verdict = NEEDED if worst.share > _WASTED * budget else WASTED
+    else:
+        verdict = MISSING if worst.share > budget else SMALL
+    value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
+    shares = {one.sensor: one.share for one in changes}
+    return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
+
+
+def _validity(neighbours: Neighbours) -> Iterator[str]:
+    """Sentences on bodies that leave what linear elasticity can answer."""
+    from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+
+    motion = neighbours.motion
+    monitor = LinearElasticityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
+    monitor.add(neighbours.rows())
+    yield from monitor.notes()

@@ -1,0 +1,109 @@
+"""A compiled model of whatever names one: a scene file, a model, a result of a run.
+
+In: a scene file with changed values, a `Model`, or a `Result` (its folder, its file). Out: the
+compiled system, the model, the run. Flexible bodies are reduced as for a run, into its folder;
+those of a model in memory into a temporary one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmb.errors import Problem, ResultFileError, SceneError
+from flexmb.folders import output_folder, writable_folder
+from flexmb.progress import Progress, silent
+from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.resume import load_bodies
+
+if TYPE_CHECKING:
+    from flexmb.analysis.assembly.initial_state import StartValues
+    from flexmb.engine.compile import Compiled
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+
+@dataclass(frozen=True)
+class CompiledModel:
+    """A model, its compiled system, the run that it is of, and notes on its flexible bodies."""
+
+    model: Model
+    compiled: Compiled
+    result: Result | None = None
+    notes: tuple[str, ...] = ()
+
+    def state_at(self, time: float | None) -> StartValues:
+        """Positions and velocities of the run at its output nearest to a time, by default the end.
+
+        Raises
+        ------
+        ResultFileError
+            The result holds no rows, not all coordinates, or the time lies outside of it.
+        """
+        from flexmb.analysis.assembly.initial_state import StartValues
+
+        run = self.result
+        assert run is not None
+        if not len(run.time):
+            raise ResultFileError(f"{run.path}: holds no output rows")
+        first, last = run.time[0], run.time[-1]
+        if time is not None and not first <= time <= last:
+            unit = run.units.label("s")
+            what = f"{time:g} {unit} lies outside the run, from {first:g} to {last:g} {unit}"
+            raise ResultFileError.from_problems([Problem("time", what)])
+        k = len(run.time) - 1 if time is None else int(np.abs(run.time - time).argmin())
+        return StartValues(run.q[k].copy(), run.v[k].copy(), float(run.table("time")[k]))
+
+
+def compile_source(
+    source: Model | Result | str | Path,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> CompiledModel:
+    """Compile the model that a scene file, a model or a result names.
+
+    Parameters
+    ----------
+    source : Model, Result or path
+        A scene file (.toml), a model, a result or its folder.
+    overrides : mapping, optional
+        Parameters or knobs of a scene file to change.
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong with it; a result of another model.
+    """
+    from flexmb.engine.compile import compile_system
+    from flexmb.model import Model, load_scene
+    from flexmb.results import Result
+    from flexmb.results.reader import TemporaryFolder
+
+    if isinstance(source, str | Path) and Path(source).suffix == ".toml":
+        model = load_scene(Path(source), dict(overrides or {}))
+        model.validate()
+        folder = writable_folder(output_folder(source))
+        bodies, _, notes = flexible_bodies(model, folder, progress=progress)
+        return CompiledModel(model, compile_system(model, bodies), None, tuple(notes))
+    if overrides:
+        raise SceneError("values are changed in scene files; change the model itself")
+    if isinstance(source, Model):
+        source.validate()
+        scratch = TemporaryFolder()
+        bodies, _, notes = flexible_bodies(source, scratch.path, progress=progress)
+        return CompiledModel(source, compile_system(source, bodies), None, tuple(notes))
+    run = source if isinstance(source, Result) else Result(source)
+    model = Model.from_scene_dict(run.model, run.path.parent)
+    compiled = compile_system(model, load_bodies(run))
+    if run.layout.fingerprint != compiled.layout.fingerprint:
+        raise ResultFileError(
+            f"{run.path}: this flexmb builds another system from its scene; run the scene again"
+        )
+    return CompiledModel(model, compiled, run)

@@ -1,0 +1,148 @@
+"""Linearised modes of a model: about its first state, an equilibrium, a time of a run.
+
+In: a scene, a model or a result. Out: a `Linearization`, or a `ModeSweep` of one over a parameter:
+what Campbell diagrams and root loci are drawn from.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
+from flexmb.progress import Progress, silent
+from flexmb.workflow.compiled_model import CompiledModel, compile_source
+
+if TYPE_CHECKING:
+    from flexmb.analysis.linear.linearization import Linearization
+    from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.engine.state import State
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+STARTS = ("quasi-static", "undeformed", "initial")
+"""States of a scene that it can be linearised about."""
+
+
+def linearize(
+    source: Model | Result | str | Path,
+    *,
+    time: float | None = None,
+    about: str = "quasi-static",
+    frame: str = "auto",
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> Linearization:
+    """Linearise the equations of motion about a state.
+
+    Parameters
+    ----------
+    source : Model, Result or path
+        A model, a scene file (.toml), a result or its folder.
+    time : float, optional
+        Of a result: the output nearest to it, in the scene's units; its end by default.
+    about : str
+        Of a model or a scene: its first state, flexible bodies in elastic equilibrium with loads
+        and motion (``"quasi-static"``), straight (``"undeformed"``), or as ``dynamics.start`` says
+        (``"initial"``).
+    frame : str
+        Whose axes the motion is written in: ``"ground"``, a body that turns, or ``"auto"``: those
+        in which the coefficients change least.
+    overrides : mapping, optional
+        Parameters or knobs of a scene file to change.
+    progress : Progress
+        Called for every phase.
+
+    Returns
+    -------
+    Linearization
+        Matrices, modes, state space; in SI.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message.
+    """
+    system = compile_source(source, overrides=overrides, progress=progress)
+    made = _linearize(system, time, about, frame)
+    for note in (*system.notes, *made.notes):
+        warnings.warn(note, FlexmbWarning, stacklevel=2)
+    return made
+
+
+def _linearize(system: CompiledModel, time: float | None, about: str, frame: str) -> Linearization:
+    from flexmb.analysis.linear.linearization import linearize_state
+
+    state = state_of(system, time, about)
+    return linearize_state(system.compiled, system.model, state, frame=frame)
+
+
+def state_of(system: CompiledModel, time: float | None, about: str) -> State:
+    """The state of a compiled model that is meant; see `linearize`."""
+    from flexmb.analysis.assembly.initial_state import assemble
+
+    if about not in STARTS:
+        raise SceneError.from_problems(
+            [Problem("about", f'unknown "{about}"', STARTS, nearest(about, STARTS))]
+        )
+    compiled, model = system.compiled, system.model
+    if system.result is not None:
+        return assemble(compiled, model, begin=system.state_at(time)).state
+    if time is not None:
+        what = "a scene has no time: give the result of a run (flexmb run), or leave it out"
+        raise SceneError.from_problems([Problem("time", what)])
+    if about == "initial":
+        about = "undeformed" if model.dynamics is None else model.dynamics.start
+    return assemble(compiled, model, start=about).state
+
+
+def sweep_modes(
+    source: str | Path | Callable[[float], Model],
+    parameter: str,
+    values: Sequence[float],
+    *,
+    about: str = "quasi-static",
+    frame: str = "auto",
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> ModeSweep:
+    """Linearise a scene for several values of a parameter: for Campbell diagrams and root loci.
+
+    Parameters
+    ----------
+    source : path or callable
+        A scene file, or a function that makes a model for a value.
+    parameter : str
+        A parameter or knob of the scene, such as ``"speed"`` or ``"forces.spring.stiffness"``.
+    values : sequence of float
+        Its values.
+    about, frame, overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    ModeSweep
+        Modes followed from value to value.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message; for which value.
+    """
+    from flexmb.analysis.linear.mode_sweep import ModeSweep
+
+    if not len(values):
+        raise SceneError.from_problems([Problem("values", "at least one is needed")])
+    made = []
+    for k, value in enumerate(values):
+        progress("modes", k / len(values), f"{parameter} = {value:g}")
+        if callable(source):
+            system = compile_source(source(float(value)), progress=silent)
+        else:
+            changes = {**(overrides or {}), parameter: f"{float(value)!r}"}
+            system = compile_source(source, overrides=changes, progress=silent)
+        made.append(_linearize(system, None, about, frame))
+    progress("modes", 1.0)
+    return ModeSweep.of(parameter, values, made)

@@ -1,0 +1,98 @@
+"""The audit's estimates against the motion that the omitted effect really makes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexiblescenes import BEAM_PERIOD, STEEL, rod
+
+import flexmb
+from flexmb.errors import FlexmbError
+from flexmb.model import Model
+from flexmb.workflow.audit import Audit
+
+SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
+
+
+def beam_fields(length=1.0, modes=4, **options):
+    """A square bar of steel from a mesh, so that it can be reduced in other ways."""
+    return {
+        "mesh": {"type": "beam", "length": length, "divisions": 20}, "material": STEEL,
+        "sections": {"all": SECTION}, "interfaces": {"root": "start", "tip": "end"},
+        "modes": modes, "stress": "none", **options,
+    }  # fmt: skip
+
+
+def spinning(share, stiffening=False):
+    """A bar that turns with a share of its first frequency, pushed sideways from the start."""
+    speed = share * 2 * np.pi / BEAM_PERIOD
+    model = Model("spinning bar")
+    model.add_body("bar", angular_velocity=[0, 0, speed], geometric_stiffening=stiffening,
+                   **beam_fields())  # fmt: skip
+    model.add_joint("hub", "revolute", between=["ground", "bar.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle=f"{speed}*t")
+    model.add_force("push", "force", at="bar.tip", axes="bar.root", value=[0, 5.0, 0])
+    model.add_sensor("tip", "position", of="bar.tip", relative_to="bar.root", axes="bar.root")
+    model.set_dynamics(duration=2.5 * BEAM_PERIOD, outputs=250, accuracy=1e-5)
+    return model
+
+
+def find(made, effect, body="bar"):
+    return next(one for one in made.effects if (one.effect, one.body) == (effect, body))
+
+
+def share_between(run, other, sensor):
+    """Largest difference of a sensor over its peak-to-peak."""
+    names = [name for name in run.channels() if name.split(".")[0] == sensor]
+    size = max(np.ptp(other[name]) for name in names)
+    return max(np.abs(run[name] - other[name]).max() for name in names) / size
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.7])
+def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
+    run = flexmb.simulate(spinning(share), output=tmp_path)
+    true = share_between(run, flexmb.simulate(spinning(share, True)), "tip")
+    one = find(flexmb.audit(run), "geometric stiffening")
+    assert not one.on
+    assert 1 / 3 < one.share / true < 3
+    assert (one.verdict == "missing") == (true > 0.01)
+    assert Audit.from_text(run.texts["audit"]).effects[0].effect == "deformation"
+
+
+def test_a_force_in_resonance_with_a_bar_taken_for_rigid():
+    """Its amplitude grows with every cycle, far beyond the static deflection F L³/3EI."""
+    model = Model("struck bar")
+    model.add_body("bar", **beam_fields())
+    model.add_joint("clamp", "fixed", between=["ground", "bar.root"])
+    model.add_force(
+        "push", "force", at="bar.tip", value=[0, f"sin({2 * np.pi / BEAM_PERIOD}*t)", 0]
+    )
+    model.add_sensor("tip", "position", of="bar.tip")
+    cycles = 12
+    run = flexmb.simulate(model, duration=cycles * BEAM_PERIOD, outputs=480, accuracy=1e-4)
+    one = find(flexmb.audit(run), "deformation")
+    static = 1.0 / (3 * STEEL["E"] * 0.01**4 / 12)
+    grown = np.pi * cycles * static  # of an oscillator under sin ωt; the other modes: 3 % less
+    assert float(one.value.split()[0]) == pytest.approx(grown, rel=0.1)
+    assert one.verdict == "needed"
+
+
+def test_an_effect_that_does_nothing_is_named():
+    """A bar so slow that its deformation does not matter."""
+    model = spinning(1e-4)
+    del model.forces["push"]
+    model.sensors.clear()
+    model.add_sensor("tip", "position", of="bar.tip")
+    run = flexmb.simulate(model, duration=1.0 * BEAM_PERIOD)
+    made = flexmb.audit(run)
+    assert made.passed
+    assert find(made, "deformation") in made.wasted
+    assert "stays within" in made.sentence()
+
+
+def test_a_run_without_sensors_is_refused():
+    model = Model("bar")
+    model.add_body("bar", rod(0.01))
+    run = flexmb.simulate(model, duration=0.01)
+    with pytest.raises(FlexmbError, match=r"no sensor to judge effects by; add one"):
+        flexmb.audit(run)

@@ -1,0 +1,246 @@
+"""Linearised modes against closed forms: pendulums, oscillators, tops, rotors, rotating blades.
+
+Each scene stands at the origin and a kilometre away, in SI and in micrometres where it says so.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from femeshes import line
+
+import flexmb
+from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+G = 9.81
+FAR = (1000.0, -700.0, 300.0)
+BLADE = json.loads(
+    (Path(__file__).parents[1] / "references" / "geometric_stiffening.json").read_text()
+)["rotating_cantilever"]["flap"]
+
+
+def rates(made):
+    """|Im λ| [rad/s]."""
+    return np.abs(made.eigenvalues.imag)
+
+
+def pendulum(spin=0.0, place=(0, 0, 0), **fields):
+    made = Model("pendulum", gravity=[0, -G, 0], **fields)
+    made.add_marker("ground.pin", position=list(place))
+    made.add_body("bar", mass=2.0, center=[0, -0.5, 0], inertia=[0.2, 0.2, 0.3],
+                  position=list(place), angular_velocity=[0, 0, spin])  # fmt: skip
+    made.add_joint("pin", "revolute", between=["ground.pin", "bar"], axis="z")
+    return made
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), FAR])
+@pytest.mark.parametrize("plane", [None, "xy"])
+@pytest.mark.parametrize("spin", [0.0, 3.0])
+def test_pendulum_at_rest_and_in_the_middle_of_its_swing(place, plane, spin):
+    """(J + m l²) θ̈ + m g l cos θ θ = 0 does not know the speed."""
+    place = place if plane is None else (*place[:2], 0.0)
+    with pytest.warns() if spin else _nothing():
+        made = flexmb.linearize(pendulum(spin, place, plane=plane))
+    assert rates(made) == pytest.approx([np.sqrt(2.0 * G * 0.5 / (0.3 + 2.0 * 0.25))], rel=1e-9)
+    assert np.abs(made.eigenvalues.real).max() < 1e-9
+
+
+class _nothing:
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+
+def test_inverted_pendulum_grows():
+    made = Model("inverted", gravity=[0, -G, 0])
+    made.add_body("bar", mass=2.0, center=[0, 0.5, 0], inertia=[0.2, 0.2, 0.3])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made = flexmb.linearize(made)
+    rate = np.sqrt(2.0 * G * 0.5 / 0.8)
+    assert not made.stable
+    assert made.eigenvalues.real.max() == pytest.approx(rate, rel=1e-9)
+
+
+def chain(n=4, k=300.0, c=0.0, m=2.0, redundant=False):
+    """Masses on a line between walls."""
+    made = Model("chain")
+    made.add_marker("ground.end", position=[n + 1.0, 0, 0])
+    for i in range(n):
+        made.add_body(f"m{i}", mass=m, inertia=[1, 1, 1], position=[i + 1.0, 0, 0])
+        made.add_joint(f"guide{i}", "prismatic", between=["ground", f"m{i}"], axis="x")
+        if redundant:
+            made.add_joint(f"again{i}", "prismatic", between=["ground", f"m{i}"], axis="x")
+    ends = ["ground", *(f"m{i}" for i in range(n)), "ground.end"]
+    for i, pair in enumerate(zip(ends, ends[1:], strict=False)):
+        made.add_force(f"spring{i}", "spring-damper", between=list(pair), stiffness=k, damping=c,
+                       free_length=1.0)  # fmt: skip
+    return made
+
+
+@pytest.mark.parametrize("redundant", [False, True])
+def test_coupled_oscillators_with_damping(redundant):
+    """ω_j = 2 √(k/m) sin(jπ/(2n + 2)); damping in proportion to stiffness: ζ_j = ω_j c/(2k)."""
+    n, k, c, m = 4, 300.0, 1.5, 2.0
+    made = flexmb.linearize(chain(n, k, c, m, redundant))
+    wanted = 2.0 * np.sqrt(k / m) * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2))
+    np.testing.assert_allclose(np.abs(made.eigenvalues), wanted, rtol=1e-10)
+    np.testing.assert_allclose(made.damping_ratios, wanted * c / (2 * k), rtol=1e-9)
+    shape = made.shapes[[6 * i for i in range(n)], 0]
+    wanted = np.sin(np.arange(1, n + 1) * np.pi / (n + 1))
+    np.testing.assert_allclose(np.abs(shape / shape[0]), wanted / wanted[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["auto", "ground", "top"])
+@pytest.mark.parametrize("spin", [60.0, 20.0])
+def test_sleeping_top(frame, spin):
+    """A φ̈ − (C n) i φ̇ − m g l φ = 0 seen from the ground; from the top all turns by n less."""
+    m, l, A, C = 1.0, 0.2, 0.05, 0.02  # noqa: E741
+    made = Model("top", gravity=[0, 0, -G])
+    made.add_body("top", mass=m, center=[0, 0, l], inertia=[A - m * l * l] * 2 + [C],
+                  angular_velocity=[0, 0, spin])  # fmt: skip
+    made.add_joint("pin", "spherical", between=["ground", "top"])
+    made = flexmb.linearize(made, frame=frame)
+    root = np.sqrt(complex((C * spin) ** 2 - 4 * A * m * G * l))
+    whirl = np.array([C * spin - root, C * spin + root]) / (2 * A)  # e^{i whirl t}
+    whirl = whirl - spin if frame == "top" else whirl
+    wanted = np.sort(np.abs(np.real(whirl)))
+    np.testing.assert_allclose(np.sort(rates(made))[-2:], wanted, rtol=1e-8)
+    growth = np.abs(np.imag(whirl)).max()
+    assert made.eigenvalues.real.max() == pytest.approx(growth, rel=1e-8, abs=1e-9)
+    assert made.stable == (spin == 60.0)
+
+
+def test_free_body_that_spins_about_a_principal_axis():
+    """Euler: λ² = −n² (C − A)(C − B)/(A B) in the axes of the body; the middle axis is unstable."""
+    for spin, inertia in (((0, 0, 5.0), (2.0, 3.0, 4.0)), ((0, 0, 5.0), (2.0, 4.0, 3.0))):
+        A, B, C = inertia
+        made = Model("free")
+        made.add_body("body", mass=1.0, inertia=list(inertia), angular_velocity=list(spin),
+                      velocity=[3.0, 1.0, 2.0], position=list(FAR))  # fmt: skip
+        made = flexmb.linearize(made, frame="body")
+        square = -25.0 * (C - A) * (C - B) / (A * B)
+        found = made.eigenvalues[np.abs(made.eigenvalues) > 1e-6]
+        assert np.min(np.abs(found**2 - square)) < 1e-8
+        assert made.stable == (square < 0)
+
+
+def test_rotor_on_soft_bearings_whirls():
+    """Ix φ̈ − i Iz n φ̇ + kθ φ = 0 and m z̈ + k z = 0: forward and backward whirl from the ground."""
+    m, Ix, Iz, k, kt = 10.0, 0.1, 0.19, 1e6, 2e4
+    for n in (0.0, 300.0, 900.0):
+        made = Model("rotor")
+        made.add_body("rotor", mass=m, inertia=[Ix, Ix, Iz], angular_velocity=[0, 0, n])
+        made.add_body("housing", mass=1e-6, inertia=[1e-9] * 3)
+        made.add_joint("spin", "revolute", between=["housing", "rotor"], axis="z")
+        made.add_force("bearing", "bushing", between=["ground", "housing"],
+                       stiffness=[k, k, k], rotational_stiffness=[kt, kt, kt])  # fmt: skip
+        made = flexmb.linearize(made)
+        assert made.frame == "ground"
+        root = np.sqrt((Iz * n) ** 2 + 4 * Ix * kt)
+        wanted = [(root - Iz * n) / (2 * Ix), (root + Iz * n) / (2 * Ix), np.sqrt(k / m)]
+        for one in wanted:
+            assert np.abs(rates(made) / one - 1).min() < 1e-6, (n, one)
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), FAR])
+@pytest.mark.parametrize("speed", [2.0, 5.0, 12.0])
+def test_blade_on_a_hub_that_turns(speed, place):
+    """Flap frequencies of the reference; lag has ω² − Ω², less what its Coriolis force takes."""
+    height = 0.01
+    blade = reduce(
+        line(20, end=(1, 0, 0)), modes=10, interfaces={"root": "root", "tip": "tip"},
+        material={"E": 12.0 / height**4, "nu": 0.3, "density": 1.0 / height**2},
+        sections={"all": rectangle(height, height)}, geometric_stiffening=True,
+    )  # fmt: skip
+    made = Model("blade")
+    made.add_marker("ground.axle", position=list(place))
+    made.add_body("hub", mass=1.0, inertia=[1, 1, 1], position=list(place))
+    made.add_body("blade", blade, position=list(place))
+    made.add_joint("bearing", "revolute", between=["ground.axle", "hub"], axis="z")
+    made.add_joint("root", "fixed", between=["hub", "blade.root"])
+    made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    made = flexmb.linearize(made, about="quasi-static")
+    flap = np.array(BLADE[f"{speed:g}"], float)
+    lag = np.sqrt(flap**2 - speed**2)
+    for wanted, error in ((flap[0], 1e-3), (lag[0], 2e-3), (flap[1], 2e-3), (lag[1], 2e-3)):
+        assert np.abs(rates(made) / wanted - 1).min() < error
+    assert np.abs(made.eigenvalues.real).max() < 1e-6
+
+
+def test_free_beam_has_the_modes_of_its_reduction():
+    beam = reduce(
+        line(20, end=(1, 0, 0)), modes=8, interfaces={"root": "root", "tip": "tip"},
+        material="steel", sections={"all": rectangle(0.02, 0.01)},
+    )  # fmt: skip
+    model = Model("beam")
+    model.add_body("beam", beam, position=list(FAR), orientation={"axis": [1, 2, 3], "angle": 0.7})
+    made = flexmb.linearize(model)
+    wanted = np.sqrt(np.linalg.eigvals(np.linalg.solve(beam.M_eta, beam.K)).real)
+    found = rates(made)
+    assert np.sum(found == 0.0) == 6
+    np.testing.assert_allclose(found[6:], np.sort(wanted), rtol=1e-8)
+
+
+def test_tangents_are_the_differences_of_the_residual():
+    """On a spinning, loaded, flexible scene, at its state."""
+    from flexmb.workflow.compiled_model import compile_source
+    from flexmb.workflow.linearize import state_of
+
+    beam = reduce(
+        line(6, end=(1, 0, 0)), modes=3, interfaces={"root": "root", "tip": "tip"},
+        material="steel", sections={"all": rectangle(0.02, 0.01)}, geometric_stiffening=True,
+    )  # fmt: skip
+    model = Model("arm", gravity=[0, -G, 0])
+    model.add_body("arm", beam)
+    model.add_joint("pin", "revolute", between=["ground", "arm.root"], axis="z")
+    model.add_sensor("turn", "angle", joint="pin")
+    model.add_force("servo", "torque", at="arm.root", value=[0, 0, "-3*turn - 0.1*turn**2"])
+    model.add_force("push", "force", at="arm.tip", value=[1.0, 2.0, "5*t"], axes="body")
+    system = compile_source(model)
+    state = state_of(system, None, "initial")
+    state.v[:] = 0.3 * np.random.default_rng(3).standard_normal(len(state.v))
+    at = StateEquations(system.compiled, state)
+    tangents, q, v = at.tangents(), state.q.copy(), state.v.copy()
+    h = 1e-5
+    for k in range(len(v)):
+        d = h * (np.arange(len(v)) == k)
+        sides = []
+        for sign in (1.0, -1.0):
+            state.q[:] = at.moved(q, sign * d)
+            sides.append(at.residual())
+        state.q[:] = q
+        scale = np.abs(tangents.K[:, k]).max() + 1.0
+        np.testing.assert_allclose(
+            (sides[0] - sides[1]) / (2 * h), tangents.K[:, k], atol=2e-7 * scale
+        )
+        sides = []
+        for sign in (1.0, -1.0):
+            state.v[:] = v + sign * d
+            sides.append(at.residual())
+        state.v[:] = v
+        scale = np.abs(tangents.D[:, k]).max() + 1.0
+        np.testing.assert_allclose(
+            (sides[0] - sides[1]) / (2 * h), tangents.D[:, k], atol=2e-7 * scale
+        )
+
+
+def test_soft_motion_beside_stiff_modes_keeps_its_digits():
+    """A pendulum of steel: 5 rad/s beside modes above 2e4."""
+    beam = reduce(
+        line(8, end=(1, 0, 0)), modes=10, interfaces={"root": "root"}, material="steel",
+        sections={"all": rectangle(0.05, 0.05)},
+    )  # fmt: skip
+    model = Model("pendulum", gravity=[G, 0, 0])
+    model.add_body("bar", beam)
+    model.add_joint("pin", "revolute", between=["ground", "bar.root"], axis="z")
+    made = flexmb.linearize(model)
+    assert rates(made)[-1] > 2e4
+    inertia = 1 / 3 + 0.05**2 / 12
+    assert rates(made)[0] == pytest.approx(np.sqrt(G * 0.5 / inertia), rel=1e-5)
