@@ -64,7 +64,7 @@ def natural_modes(
     ReductionError
         An unknown interface.
     """
-    M, K = _matrices(body)
+    M, K = mass_and_stiffness(body)
     size = np.sqrt(np.diag(M))
     free = _free(body, interfaces, size) if rows is None else _null_space(rows, size)
     omega2, W = eigh(free.T @ K @ free, free.T @ M @ free)
@@ -101,7 +101,7 @@ def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
     return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])
 
 
-def _matrices(body: FlexBody) -> tuple[FloatArray, FloatArray]:
+def mass_and_stiffness(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness (6 + m, 6 + m) at rest: translation, rotation about the origin, modes."""
     n = 6 + body.m
     M, K = np.zeros((n, n)), np.zeros((n, n))

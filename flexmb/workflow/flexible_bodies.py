@@ -236,16 +236,26 @@ def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
 
 
 def _turns_round(model: Model, name: str) -> bool:
-    """Whether its initial angular velocity or a driver turns a body round during the run."""
+    """Whether an initial angular velocity or a driver turns a body round during the run.
+
+    Its own, or those of bodies that are fixed to it.
+    """
     spec = model.dynamics or model.kinematics
     if spec is None:
         return False
-    spins = (one.angular_velocity for one in model.bodies[name].initial_velocities.values())
+    together, size = {name}, 0
+    pairs = [_owners(one.between) for one in model.joints.values() if one.type == "fixed"]
+    while len(together) > size:
+        size = len(together)
+        together |= {owner for pair in pairs if pair & together for owner in pair - {"ground"}}
+    starts = [one for body in together for one in model.bodies[body].initial_velocities.values()]
+    spins = (one.angular_velocity for one in starts)
     turns = [spec.duration * float(np.linalg.norm(spin)) for spin in spins if spin is not None]
     times = np.linspace(0.0, spec.duration, _SAMPLES)
     for driver in model.drivers.values():
         ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
-        if {end.partition(".")[0] for end in ends} == {"ground", name}:
+        owners = _owners(ends)
+        if "ground" in owners and owners & together:
             for coordinate, function in driver.motions(model.plane):
                 if "angle" in coordinate and not function.expression.channels:
                     values = np.array([next(iter(function.value(t))) for t in times])
@@ -253,6 +263,10 @@ def _turns_round(model: Model, name: str) -> bool:
                         values = np.cumsum(values) * (times[1] - times[0])
                     turns.append(float(np.ptp(values)))
     return max(turns, default=0.0) >= 2.0 * np.pi
+
+
+def _owners(markers: Iterable[str]) -> set[str]:
+    return {marker.partition(".")[0] for marker in markers}
 
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:

@@ -14,11 +14,6 @@ from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assem
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
-from flexmb.analysis.dynamics.linear_elasticity import (
-    LinearElasticityMonitor,
-    loads_without_stiffening,
-)
-from flexmb.analysis.dynamics.missing_response import InertiaLoadMonitor
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -205,10 +200,7 @@ class _Pass:
         compiled, model = prepared.run.compiled, prepared.model
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
-        self._elasticity = LinearElasticityMonitor(compiled, model, prepared.first.q)
-        monitors = self._elasticity, InertiaLoadMonitor(compiled, model)
-        notes = loads_without_stiffening(compiled, model)
-        self._validity = ValidityMonitor(model, monitors, notes)
+        self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
 
@@ -299,7 +291,7 @@ class _Pass:
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
-        cause = self._elasticity.diverging()
+        cause = self._validity.diverging()
         return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
-from flexmb.analysis.dynamics.validity import Indicator
+from flexmb.analysis.dynamics.indicator import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody

@@ -9,60 +9,46 @@ effects reads the same indicators.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from flexmb.analysis.dynamics.indicator import Indicator, Monitor
+from flexmb.analysis.dynamics.linear_elasticity import (
+    LinearElasticityMonitor,
+    loads_without_stiffening,
+)
+from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
+from flexmb.analysis.dynamics.missing_response import InertiaLoadMonitor
+from flexmb.engine.compile import Compiled
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results import OutputBlock
 
 
-@dataclass(frozen=True)
-class Indicator:
-    """How far a body is from a limit of its equations.
+class ValidityMonitor:
+    """The warnings of a run, and the sentence with which it is refused.
 
     Parameters
     ----------
-    body : str
-        Its name.
-    quantity : str
-        What it is: a field of `[validity]`, or another word where no bound is set.
-    value, time : float
-        The largest value so far, and its moment [s].
-    warning : float
-        Value from which on the user is told.
-    text : callable
-        The sentence.
+    compiled, model : Compiled, Model
+        What is run.
+    q : (nq,) array
+        First positions.
     """
 
-    body: str
-    quantity: str
-    value: float
-    time: float
-    warning: float
-    text: Callable[[], str]
-
-
-class Monitor(Protocol):
-    """Something that takes rows and has indicators."""
-
-    def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
-
-    def indicators(self) -> Iterable[Indicator]:
-        """What the rows so far say."""
-
-
-class ValidityMonitor:
-    """The warnings of a run, and the sentence with which it is refused."""
-
-    def __init__(self, model: Model, monitors: Iterable[Monitor], notes: Iterable[str]) -> None:
+    def __init__(self, compiled: Compiled, model: Model, q: NDArray[np.float64]) -> None:
         self._spec = model.validity or ValiditySpec()
-        self._monitors, self._notes = tuple(monitors), tuple(notes)
+        self._elasticity = LinearElasticityMonitor(compiled, model, q)
+        self._monitors: tuple[Monitor, ...] = (
+            self._elasticity,
+            LoadFactorMonitor(compiled, model, q),
+            InertiaLoadMonitor(compiled, model),
+        )
+        self._notes = tuple(loads_without_stiffening(compiled, model))
 
     def add(self, rows: OutputBlock) -> int:
         """Take the next rows; returns how many, up to that with which the run is refused."""
@@ -91,6 +77,10 @@ class ValidityMonitor:
         for one in self.indicators():
             if one.value > one.warning:
                 yield one.text()
+
+    def diverging(self) -> str:
+        """The sentence for a body that turns so fast that its equations lose all stiffness."""
+        return self._elasticity.diverging()
 
     def refusal(self) -> str:
         """The sentence for the first bound that was passed, or ""."""
