@@ -19,6 +19,7 @@ JOINT_TYPES = tuple(ROWS)
 COORDINATES = {"revolute": ["angle"], "prismatic": ["stroke"], "cylindrical": ["angle", "stroke"]}
 TOPOLOGIES = ("chain", "tree", "star", "loop")
 BODIES = ("rigid", "flexible", "mixed")
+FLEXIBLE = ("flexible", "stiffened", "constant", "partial")
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ class Mechanism:
         self.clouds = {}
         self.pose = {}
         for k in range(n):
-            flexible = bodies in ("flexible", "stiffened") or (bodies == "mixed" and k % 2 == 1)
+            flexible = bodies in FLEXIBLE or (bodies == "mixed" and k % 2 == 1)
             self._body(f"b{k}", 3 + k % 2 if flexible else 0)
         joints = edges(self.rng, topology, n)
         first = int(self.rng.integers(len(JOINT_TYPES)))
@@ -171,7 +172,8 @@ class Mechanism:
         elif m:
             body = made.flexbody(name, [interface(rng, end, m) for end in ("a", "b", "c")])
             body = stiffened(np.random.default_rng(m), body) if self.bodies == "stiffened" else body
-            self.model.add_body(name, body, **place)
+            coupling = self.bodies if self.bodies in FLEXIBLE[2:] else "full"
+            self.model.add_body(name, body, inertia_coupling=coupling, **place)
         else:
             self.model.add_body(name, **made.rigid_fields(), **place)
 

@@ -1,4 +1,4 @@
-"""The flexible four-bar in minimal coordinates, without flexmb: the source of the scene's checks.
+"""The flexible four-bar in minimal coordinates: the source of the scene's checks.
 
 Crank angle prescribed, coupler inextensible with sine modes between its pins, its chord shorter by
 half the integral of the slope squared: second order, so geometric stiffening by all loads is in it.
@@ -81,4 +81,4 @@ def values():
 
 if __name__ == "__main__":
     for scene, sensor, time, value in values():
-        print(f"{scene}  {sensor:8}  t = {time:.9g}  {value:.12g}")
+        print(f"{scene} {sensor} {time:.12g} {value:.15g}")

@@ -69,6 +69,13 @@ def _show_h5(path: Path) -> None:
         for body in run.layout.bodies
     ]
     screen.table(("body", "modes", "file"), bodies, right=(1,))
+    dampings = [
+        (f"{one.body} {k + 1}", f"{f:.6g}", f"{100 * ratio:.4g} %")
+        for one in run.damping.values()
+        for k, (f, ratio) in enumerate(zip(one.frequencies, one.ratios, strict=True))
+    ]
+    if dampings:
+        screen.table(("mode as joined", "f [Hz]", "damping ratio"), dampings, right=(1, 2))
     screen.table(("channel", "unit"), [(channel, run.unit(channel)) for channel in run.channels()])
     stored, whole = run.row_bytes
     screen.line(f"{stored} bytes a row" + (f", {whole} with everything" if stored < whole else ""))

@@ -52,7 +52,20 @@ def reduce(
         int | None, typer.Option(help="Number of fixed-interface modes; 20 by default.")
     ] = None,
     damping: Annotated[
-        float | None, typer.Option(help="Damping ratio of every mode; none by default.")
+        str | None,
+        typer.Option(
+            help="Damping ratio of every mode as a scene joins the body, adams, or a table; none "
+            "by default."
+        ),
+    ] = None,
+    stiffening: Annotated[
+        str | None,
+        typer.Option(
+            "--geometric-stiffening",
+            help="full: the stress by rotation and by forces at interfaces stiffens or softens "
+            "the body; none by default.",
+            show_default=False,
+        ),
     ] = None,
     section: Annotated[
         list[str] | None,
@@ -120,9 +133,10 @@ def reduce(
     options: dict[str, Any] = {
         "units": units,
         "modes": modes,
-        "damping": damping,
+        "damping": _damping_value(damping),
         "plane": plane,
         "stress": stress,
+        "geometric_stiffening": stiffening,
         "residual": residual,
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}
@@ -204,7 +218,7 @@ def show_body(body: Any) -> None:
         ("inertia about it xx, yy, zz", vector(J.diagonal(), "kg m^2")),
         ("inertia about it xy, xz, yz", vector(J[[0, 0, 1], [1, 2, 2]], "kg m^2")),
         ("modal coordinates", str(body.m)),
-        ("damping", "none" if not body.D.any() else "modal"),
+        ("damping", _damping_text(body)),
     ]
     if body.inertia_response is not None and body.m:
         shares = body.inertia_response.missing_shares
@@ -232,6 +246,19 @@ def _show_quality(report: Any) -> None:
         screen.table(part.columns, part.rows, right=range(1, len(part.columns)), whole=True)
         if part.note:
             screen.line(part.note)
+
+
+def _damping_value(text: str | None) -> Any:
+    try:
+        return text if text is None else float(text)
+    except ValueError:
+        return parse_table(str(text), "--damping")
+
+
+def _damping_text(body: Any) -> str:
+    if body.damping is not None:
+        return f"{body.damping.sentence()} in a scene"
+    return "by a matrix" if body.D.any() else "none"
 
 
 def _stress_text(body: Any) -> str:

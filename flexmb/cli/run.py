@@ -187,6 +187,10 @@ def show_result(result: Any) -> None:
         screen.line(f"if it was killed, resume with: flexmb resume {result.path.parent}")
     screen.table(("the run", "", ""), work_rows(statistics, result.units), right=(1,))
     screen.table(("wall time by phase", "s", ""), time_rows(statistics), right=(1,))
+    dampings = result.damping.values()
+    if dampings:
+        table = [(one.body, one.words, one.summary()) for one in dampings]
+        screen.table(("damping of", "as the scene says", "as joined"), table)
     if rows:
         screen.table(
             (f"energy [{result.units.label('J')}]", "at the end", "least", "greatest"),

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
+from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
 from flexmb.engine.function import PIECEWISE, TimeFunctions, lower
@@ -43,13 +45,13 @@ from flexmb.engine.tables import (
 )
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.planar_body import planar_body
 from flexmb.model import lookup
 from flexmb.model.functions.derivatives import derivative_jumps
 from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
-from flexmb.model.plane import normal_in_body, plane_axes
+from flexmb.model.plane import plane_axes, simulated_body
 from flexmb.model.scenes.dynamics import DynamicsSpec
+from flexmb.model.scenes.effects import active_model
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ class Compiled:
     starts: tuple[Start, ...] = ()  # of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
+    is_damped: bool = False  # whether its flexible bodies have the damping of their modes as joined
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -87,8 +90,9 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     SceneError
         Everything that does not fit together.
     """
+    model.validate(flexbodies)
+    model = active_model(model)
     bodies = _flexible_bodies(model, dict(flexbodies or {}))
-    model.validate(bodies)
     if not model.bodies:
         raise SceneError("the model has no bodies")
     tables = build_tables(model, bodies)
@@ -111,17 +115,12 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
 
 
 def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
-    """All flexible bodies there are; in a plane, those with their motions in it alone."""
+    """All flexible bodies there are, as a run has them."""
     for name in model.bodies:
         body = lookup.flexbody_of(model, name, bodies)
         if body is not None:
-            bodies[name] = body
-    if model.plane is None:
-        return bodies
-    return {
-        name: planar_body(body, normal_in_body(model.bodies[name], model.plane))
-        for name, body in bodies.items()
-    }
+            bodies[name] = simulated_body(model, name, body)
+    return bodies
 
 
 def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
@@ -173,6 +172,10 @@ def core_tables(
     the normal (bodies,).
     """
     rigid = parts.bodies["m"] == 0
+    flexible = {
+        kind.name: np.flatnonzero(~rigid & (parts.bodies["coupling"] == k))
+        for k, kind in enumerate((CONSTANT_BODIES, PARTIAL_BODIES, FLEXIBLE_BODIES))
+    }
     modal = parts.markers["modes"] >= 0
     point = parts.markers["point"] == 1
     driven = np.flatnonzero((rows["fun"] >= 0) & (rows["coupled"] == 0))
@@ -187,7 +190,7 @@ def core_tables(
         "time_functions": (TimeFunctions(), np.any(functions.live == 0)),
         "coordinates": (Coordinates(), len(parts.coordinates)),
         "rigid_bodies": (Bodies(np.flatnonzero(rigid)), rigid.any() and plane is None),
-        "flexible_bodies": (Bodies(np.flatnonzero(~rigid)), not rigid.all()),
+        **{name: (Bodies(rows), len(rows)) for name, rows in flexible.items()},
         "point_markers": (Markers(np.flatnonzero(point)), point.any()),
         "rigid_markers": (Markers(np.flatnonzero(~modal & ~point)), np.any(~modal & ~point)),
         "flexible_markers": (Markers(np.flatnonzero(modal)), modal.any()),

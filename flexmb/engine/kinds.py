@@ -7,6 +7,7 @@ from pkgutil import iter_modules
 
 from flexmb.engine import forces
 from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
+from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
 from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
 from flexmb.engine.function import TIME_FUNCTIONS
@@ -32,6 +33,8 @@ KINDS: tuple[Kind, ...] = (
     RIGID_BODIES,
     PLANAR_BODIES,
     FLEXIBLE_BODIES,
+    PARTIAL_BODIES,
+    CONSTANT_BODIES,
     POINT_MARKERS,
     RIGID_MARKERS,
     FLEXIBLE_MARKERS,

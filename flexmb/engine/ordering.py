@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.bodies.flexible_body import modal_block
+from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
 from flexmb.engine.geometry import Geometry
@@ -33,6 +33,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
+from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
 
@@ -112,13 +113,17 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
     table = np.zeros(len(model.bodies), BODY)
     flexible = {k: flexbodies[name] for k, name in enumerate(model.bodies) if name in flexbodies}
     rigid = [k for k in range(len(table)) if k not in flexible]
-    specs = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
-    table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(specs)
+    specs = [*model.bodies.values()]
+    table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(
+        [spec for spec in specs if isinstance(spec, RigidBodySpec)]
+    )
     for k, body in flexible.items():
-        row = table[k]
+        row, spec = table[k], specs[k]
         row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
-        row["flex"] = pool.add(modal_block(body))
-        row["damped"] = int(body.D is not None and np.any(body.D))
+        coupling = spec.inertia_coupling if isinstance(spec, FlexibleBodySpec) else "full"
+        row["coupling"] = COUPLINGS.index(coupling)
+        row["flex"] = pool.add(modal_block(body, coupling))
+        put_flags(row, body)
     for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
         table[name] = np.cumsum(n) - n
     return table

@@ -36,22 +36,26 @@ BODY = np.dtype(
         ("S1", _F, (3,)),  # int rho s, kg m
         ("S0", _F, (3, 3)),  # int rho s s^T, kg m^2
         ("flex", _I),
-        ("damped", _I),  # 1 if D is not zero
+        ("damped", _I),  # 1 if D is not zero, 2 if it is diagonal too
+        ("coupling", _I),  # of inertia and deformation: 0 constant, 1 partial, 2 full
+        ("diagonal", _I),  # 1 if modal mass and stiffness are diagonal
+        ("attached", _I),  # 1 if p or the antisymmetric part of P is not zero
         ("z", _I),  # offset of its deformation integrals (12 m) in Now.Z
         ("panel", _I),  # its panel of the KKT matrix
     ],
     align=True,
 )
 
-# Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns).
+# Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
+# constant coupling the last two are left out.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
-    ("M", "9m"),  # Mab[b, a] at row block 3 a + b, so that Z_ab = P_ab + block eta: (9 m, m)
-    ("G", "3m"),  # G_x = M_yz - M_zy and cyclic: (3 m, m)
     ("M_eta", "m"),
     ("K", "m"),
     ("D", "m"),
+    ("M", "9m"),  # Mab[b, a] at row block 3 a + b, so that Z_ab = P_ab + block eta: (9 m, m)
+    ("G", "3m"),  # G_x = M_yz - M_zy and cyclic: (3 m, m)
 )
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of

@@ -87,7 +87,7 @@ def reduce(
     material: MaterialLike | None = None,
     interfaces: Mapping[str, InterfaceLike] | None = None,
     modes: Any = None,
-    damping: float = 0.0,
+    damping: Any = None,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     ties: Words | None = None,
@@ -98,7 +98,7 @@ def reduce(
     mass_matrix: str = "consistent",
     plane: str | None = None,
     stress: bool | str = True,
-    geometric_stiffening: bool = False,
+    geometric_stiffening: str = "none",
     residual: str = "none",
     stiffness: Any = None,
     mass: Any = None,
@@ -125,8 +125,9 @@ def reduce(
         coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
         ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
         the mesh's unit of length.
-    damping : float
-        Damping ratio of every mode, 0 to 1. None by default.
+    damping : float, str or mapping
+        Damping ratio of every mode as a scene joins the body, 0 to 1, ``"adams"`` or a table of
+        :class:`flexmb.flexbody.damping.DampingOptions`, for scenes without damping of their own.
     name : str, optional
         Name of the body; the file's by default.
     sections : mapping of str to section or mapping, optional
@@ -146,8 +147,8 @@ def reduce(
     stress : bool or str
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
-    geometric_stiffening : bool
-        Whether forces and rotation stiffen or soften the body, and its ends approach each other
+    geometric_stiffening : str
+        ``"full"``: forces and rotation stiffen or soften the body, and its ends approach each other
         when it bends; needs an interface; three static solutions for each, and six more.
     residual : str
         ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
@@ -168,7 +169,8 @@ def reduce(
         What is wrong, where, and which names would have been right; with a plane also that body
         or mesh are not symmetric about it, and by how much.
     """
-    requested, where = check_options(reduction, modes, damping, residual), stress_option(stress)
+    requested, ratios = check_options(reduction, modes, damping, residual, geometric_stiffening)
+    where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     attempts = Attempts()
@@ -194,7 +196,7 @@ def reduce(
         check_releases(fe, [part.nodes for part in ends])
         if sentence := mass_sentence(fe, point_mass(masses)):
             findings.append(Finding("warning", sentence))
-    if geometric_stiffening:
+    if stiffens:
         require_stresses(fe, ends)
     progress("read", 1.0)
     for finding in findings:
@@ -209,9 +211,9 @@ def reduce(
         residual=residual,
     )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
-    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, damping, progress)
+    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
-    if geometric_stiffening:
+    if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
@@ -225,7 +227,7 @@ def reduce(
     source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
-    return replace(body, provenance=source)
+    return replace(body, provenance=source, damping=ratios)
 
 
 def _prepare(
@@ -350,7 +352,6 @@ def make_body(
     fe: FEMatrices,
     reduced: ReducedBasis,
     elastic: ReducedModes,
-    damping: float = 0.0,
     progress: Progress = silent,
 ) -> FlexBody:
     """Put the parts of a flexible body together.
@@ -361,8 +362,6 @@ def make_body(
         Name of the body.
     fe, reduced, elastic
         The model, its reduced basis and the modes made of it.
-    damping : float
-        Damping ratio of every mode.
     progress : Progress
         Called with the phases ``"integrals"`` and ``"recovery"``.
     """
@@ -378,7 +377,6 @@ def make_body(
         name,
         **vars(inertia),
         K=np.diag(elastic.omega2),
-        D=np.diag(2 * damping * np.sqrt(elastic.omega2)),
         interfaces=tuple(
             Interface(tie.name, tie.position, q[:3], q[3:])
             for tie, q in zip(ties, motion, strict=True)

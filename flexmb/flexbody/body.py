@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
+from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.parts import (
     InertiaResponse,
     Interface,
@@ -83,6 +84,8 @@ class FlexBody:
     centrifugal_stiffness : (3, 3, m, m) float, optional
         Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
         interfaces the geometric stiffening of the body. None: left out.
+    damping : DampingOptions, optional
+        Ratios of its modes where a scene joins it, in place of D.
     inertia_response : InertiaResponse, optional
         What the modes lack of the static response to the body's own inertia.
 
@@ -111,6 +114,7 @@ class FlexBody:
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
+    damping: DampingOptions | None = None
     inertia_response: InertiaResponse | None = None
 
     def __post_init__(self) -> None:

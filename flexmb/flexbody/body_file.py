@@ -13,6 +13,7 @@ The layout is the table in :mod:`flexmb.flexbody.body_file`.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +23,7 @@ import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.damping import damping_words, read_damping
 from flexmb.flexbody.parts import (
     InertiaResponse,
     Interface,
@@ -59,6 +61,7 @@ TABLE = (
     Dataset("inertia/Mab", "f8", (3, 3, "m", "m"), "Phi^T int rho N_a^T N_b Phi"),
     Dataset("stiffness/K", "f8", ("m", "m"), "modal stiffness"),
     Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
+    Dataset("damping/ratios", "text", (1,), "of its modes in a scene, JSON", True),
     Dataset(
         "stiffness/centrifugal_stiffness",
         "f8",
@@ -128,6 +131,8 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
     }
     datasets |= {"stiffness/K": body.K, "stiffness/D": body.D}
+    if body.damping is not None:
+        datasets["damping/ratios"] = [json.dumps(damping_words(body.damping))]
     if body.centrifugal_stiffness is not None:
         datasets["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
     if body.interfaces and all(part.bend is not None for part in body.interfaces):
@@ -184,6 +189,7 @@ def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBo
             InertiaResponse(**group["inertia_response"]) if group["inertia_response"] else None
         ),
         provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
+        damping=read_damping(json.loads(*datasets.get("damping/ratios", ["null"]))),
     )
 
 

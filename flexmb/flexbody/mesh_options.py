@@ -220,6 +220,8 @@ REDUCTIONS = {
 """What each reduction method keeps."""
 MASS_MATRICES = ("consistent", "hrz")
 """Ways to build the mass matrix."""
+STIFFENINGS = ("none", "full")
+"""Words of ``geometric_stiffening``."""
 RESIDUALS = {
     "none": "the modes alone",
     "inertia": "and the static responses to the body's own inertia loads, up to 12",

@@ -64,9 +64,11 @@ def natural_modes(
     ReductionError
         An unknown interface.
     """
-    M, K = mass_and_stiffness(body)
-    size = np.sqrt(np.diag(M))
-    free = _free(body, interfaces, size) if rows is None else _null_space(rows, size)
+    M, K = matrices_at_rest(body)
+    if rows is None:
+        free = free_motions(body, interfaces)
+    else:
+        free = _null_space(rows, np.sqrt(np.diag(M)))
     omega2, W = eigh(free.T @ K @ free, free.T @ M @ free)
     shapes = free @ W
     if body.m:
@@ -81,8 +83,11 @@ def natural_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> Float
     return natural_modes(body, interfaces).frequencies
 
 
-def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatArray:
-    """(6 + m, k) motions of the frame and eta that are left; scaled by the roots of the masses."""
+def free_motions(body: FlexBody, interfaces: Sequence[str]) -> FloatArray:
+    """(6 + m, k) motions of the frame and eta with these interfaces held, of order one by mass.
+
+    Without any the frame is held, so that rigid motions are left out.
+    """
     if not interfaces:
         return np.eye(6 + body.m)[:, 6:]
     rows = []
@@ -91,7 +96,7 @@ def _free(body: FlexBody, interfaces: Sequence[str], size: FloatArray) -> FloatA
         arm = skew(part.position)
         rows.append(np.hstack([np.eye(3), -arm, part.Phi_t]))
         rows.append(np.hstack([np.zeros((3, 3)), np.eye(3), part.Phi_r]))
-    return _null_space(np.vstack(rows), size)
+    return _null_space(np.vstack(rows), np.sqrt(np.diag(matrices_at_rest(body)[0])))
 
 
 def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
@@ -101,16 +106,25 @@ def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
     return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])
 
 
-def mass_and_stiffness(body: FlexBody) -> tuple[FloatArray, FloatArray]:
+def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness (6 + m, 6 + m) at rest: translation, rotation about the origin, modes."""
-    n = 6 + body.m
-    M, K = np.zeros((n, n)), np.zeros((n, n))
-    M[:3, :3] = body.mass * np.eye(3)
-    M[:3, 3:6] = -skew(body.S1)
-    M[3:6, 3:6] = np.trace(body.S0) * np.eye(3) - body.S0
-    M[:3, 6:] = body.p
-    M[3:6, 6:] = [body.P[a, b] - body.P[b, a] for a, b in _PAIRS]
-    M[6:, 6:], K[6:, 6:] = body.M_eta, body.K
-    lower = np.tril_indices(n, -1)
-    M[lower] = M.T[lower]
+    M = mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)
+    K = np.zeros_like(M)
+    K[6:, 6:] = body.K
     return M, K
+
+
+def mass_at_rest(
+    mass: float, S1: FloatArray, S0: FloatArray, p: FloatArray, P: FloatArray, M_eta: FloatArray
+) -> FloatArray:
+    """Mass (6 + m, 6 + m) at rest in body axes from the integrals of a body."""
+    M = np.zeros((6 + len(M_eta), 6 + len(M_eta)))
+    M[:3, :3] = mass * np.eye(3)
+    M[:3, 3:6] = -skew(S1)
+    M[3:6, 3:6] = np.trace(S0) * np.eye(3) - S0
+    M[:3, 6:] = p
+    M[3:6, 6:] = [P[a, b] - P[b, a] for a, b in _PAIRS]
+    M[6:, 6:] = M_eta
+    lower = np.tril_indices(len(M), -1)
+    M[lower] = M.T[lower]
+    return M

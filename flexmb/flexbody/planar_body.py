@@ -293,6 +293,12 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
         ModeInfo(-1, "elastic", frequency, False, f"out of the plane {plane}")
         for frequency in _hertz(_modes(body, dropped)[0])
     ]
+    listed = (*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos)
+    return replace(combine_modes(body, Z), modes=listed)
+
+
+def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
+    """The body in the modes made by Z (m, k); without a list of them."""
     return replace(
         body,
         p=body.p @ Z,
@@ -307,7 +313,7 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
             )
             for part in body.interfaces
         ),
-        modes=(*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos),
+        modes=(),
         loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
         **_combine_recovery(body, Z),
     )

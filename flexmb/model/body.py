@@ -1,7 +1,4 @@
-"""Bodies: rigid by their mass properties or a shape, flexible by a reduced body.
-
-In: names of a scene. Out: checked names, or the ``FlexBody`` itself where a model is built from
-Python.
+"""Bodies: what all have, and rigid ones by their mass properties or a shape.
 
 Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
 the global one. Initial velocities are those of markers: ``velocity`` and ``angular_velocity`` at
@@ -17,7 +14,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -149,20 +145,6 @@ UnitsName = Annotated[str, Reader(_read_units, form=choice(UNIT_SYSTEMS))]
 """Name of a unit system; ``"scene"`` for the scene's own."""
 
 
-def _read_source(value: Any, info: ValidationInfo) -> Any:
-    from flexmb.flexbody import FlexBody
-
-    if isinstance(value, FlexBody):
-        return value
-    if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
-        return Path(value).as_posix()
-    raise fail(Problem("", f"a flexible-body file is expected, given {quote(value)}"))
-
-
-FlexibleSource = Annotated[Any, Reader(_read_source, form={"type": "string"})]
-"""Path of a flexible-body file, or a FlexBody."""
-
-
 COLORS = (
     "black",
     "gray",
@@ -285,9 +267,3 @@ class RigidBodySpec(BodySpec):
         assert self.shape is not None
         inertia = mass * np.diag(self.shape.inertia_per_mass)
         return MassProperties(mass, np.array(self.center), inertia)
-
-
-class FlexbodySpec(BodySpec):
-    """A flexible body that is already reduced: its file, or the object itself."""
-
-    flexbody: FlexibleSource

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
-from flexmb.model.body import BodySpec, FlexbodySpec, RigidBodySpec
+from flexmb.model.body import BodySpec, RigidBodySpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.markers import (
     GroundSpec,
     MarkerSpec,
@@ -69,6 +70,7 @@ class ModelData(Protocol):
     frequency_checks: list[Any]
     assembly: Any
     dynamics: Any
+    effects: Any
     kinematics: Any
     results: Any
     study: Any
@@ -80,6 +82,8 @@ class ModelData(Protocol):
     def check_context(self, channel: Any) -> ReadContext: ...
 
     def channels(self) -> tuple[str, ...]: ...
+
+    def stress_channels(self) -> tuple[str, ...]: ...
 
     def channel_unit(self, channel: str) -> str | None: ...
 

@@ -11,7 +11,7 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field, SerializationInfo, StrictBool, ValidationInfo, model_validator
+from pydantic import Field, SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import Problem
 from flexmb.flexbody.mesh_options import (
@@ -28,9 +28,10 @@ from flexmb.flexbody.mesh_options import (
     TieOptions,
 )
 from flexmb.flexbody.section_options import SECTIONS
-from flexmb.model.body import BodySpec, FlexbodySpec, RigidBodySpec, UnitsName
+from flexmb.model.body import BodySpec, RigidBodySpec, UnitsName
+from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.option_specs import MaterialField, spec_of, specs_of
-from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.quantities import Integer
 from flexmb.model.reading import (
     NAME,
     Entry,
@@ -171,16 +172,16 @@ def mode_count(modes: Any, default: int = 20) -> int:
 
 _OPTIONS = (
     "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
-    "geometric_stiffening", "residual",
+    "residual",
 )  # fmt: skip
 
 
-class MeshBodySpec(BodySpec):
+class MeshBodySpec(FlexibleBodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
     `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
-    With `geometric_stiffening` forces and rotation stiffen or soften the body. `residual =
+    With `geometric_stiffening = "full"` forces and rotation stiffen or soften the body. `residual =
     "inertia"` adds the static responses to its own inertia loads, so that it grows and is stressed
     as it turns; `"auto"` does where an initial angular velocity or a driver turns it round.
     """
@@ -196,10 +197,8 @@ class MeshBodySpec(BodySpec):
     loads: MeshLoads = {}
     reduction: Method = "craig-bampton"
     modes: Modes | None = None
-    damping: Annotated[float, Quantity("", "not negative")] = 0.0
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
-    geometric_stiffening: StrictBool = False
     residual: Residual = "auto"
 
     @model_validator(mode="after")
@@ -213,6 +212,7 @@ class MeshBodySpec(BodySpec):
             what = 'must be the .npz file of your own modes with reduction = "user"'
             what = what if not own else 'an .npz file goes with reduction = "user"'
             problems.append(Problem("modes", what))
+        problems += self.frame_problems(tuple(self.interfaces))
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
         if problems:
@@ -239,7 +239,6 @@ class MeshBodySpec(BodySpec):
             "units": units,
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
-            "damping": self.damping,
         }
         if self.reduction != "guyan":
             words["modes"] = 20 if self.modes is None else _plain(self.modes)
@@ -247,6 +246,8 @@ class MeshBodySpec(BodySpec):
             value = getattr(self, key)
             if value != type(self).model_fields[key].default:
                 words[key] = _plain(value)
+        if self.geometric_stiffening == "full" and self.deformation != "rigid":
+            words["geometric_stiffening"] = "full"
         return words
 
 

@@ -36,6 +36,7 @@ from flexmb.model.reading import (
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CheckSpec,
     FrequencyCheckSpec,
@@ -115,6 +116,7 @@ class Model:
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
+        self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.study: StudySpec | None = None
@@ -222,6 +224,11 @@ class Model:
         self.gravity, problems = read_gravity(gravity, self.context)
         _raise(problems)
 
+    def set_effects(self, **fields: Any) -> EffectsSpec:
+        """Say which effects of the scene are left out, such as ``friction=False``."""
+        self.effects = self._single("effects", EffectsSpec, fields)
+        return self.effects
+
     def set_dynamics(self, **fields: Any) -> DynamicsSpec:
         """Say how to run in time: ``duration``, ``step``, ..."""
         self.dynamics = self._single("dynamics", DynamicsSpec, fields)
@@ -279,8 +286,19 @@ class Model:
         sensed = tuple(channel for name, spec in pairs for channel in channels_of(name, spec))
         return (*sensed, *self.states, *self.controllers)
 
+    def stress_channels(self) -> tuple[str, ...]:
+        """The largest von Mises stress of each flexible body that has stress in its file."""
+        flexible = (name for name, spec in self.bodies.items() if spec.flexible)
+        return tuple(
+            f"{name}.von_mises"
+            for name in flexible
+            if getattr(self.bodies[name], "stress", None) != "none"
+        )
+
     def channel_unit(self, channel: str) -> str | None:
-        """SI unit of a channel; None where there is no such sensor, state or controller."""
+        """SI unit of a channel; None where there is no such sensor, state, controller or body."""
+        if channel in self.stress_channels():
+            return "Pa"
         sections: tuple[Mapping[str, Spec], ...] = (self.controllers, self.states, self.sensors)
         for name in (channel, channel.rpartition(".")[0]):
             for owners in sections:

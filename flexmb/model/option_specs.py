@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, is_dataclass
+from dataclasses import MISSING, asdict, is_dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -28,6 +28,16 @@ from pydantic import (
 )
 
 from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.flexbody.damping import (
+    PRESETS,
+    Band,
+    DampingOptions,
+    RatioTable,
+    Rayleigh,
+    damping_table,
+    damping_words,
+    read_damping,
+)
 from flexmb.flexbody.mesh_options import MATERIALS, MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import Kind, OneOf, Unit, Whole, option_types
 from flexmb.materials import LIBRARY, AnyMaterial, Material, OrthotropicMaterial, material
@@ -218,6 +228,37 @@ MATERIAL_KINDS = specs_of(MATERIALS)
 _MATERIAL = {"anyOf": [*choice(LIBRARY)["anyOf"], *map(reference, MATERIAL_KINDS.values())]}
 MaterialField = Annotated[AnyMaterial, Reader(_read_material, _write_material, _MATERIAL)]
 """A name of the library, or a table of values in the scene's units."""
+
+
+def _read_damping(value: Any, info: ValidationInfo) -> DampingOptions | None:
+    if isinstance(value, DampingOptions):
+        return value
+    value = plain(value)
+    if isinstance(value, str) and value not in PRESETS:
+        value = Quantity("", "not negative").read(value, info)
+    spec, problems = read_entry(DAMPING_KINDS["damping"], damping_table(value), context_of(info))
+    if spec is None:
+        alone = not isinstance(value, Mapping)
+        raise fail(*(replace(p, where="") if alone else p for p in problems))
+    return read_damping(spec.model_dump(exclude_none=True))
+
+
+def _write_damping(value: DampingOptions | None, info: SerializationInfo) -> Any:
+    if value is None or value == DampingOptions(ratio=value.ratio):
+        return None if value is None else value.ratio
+    spec, _ = read_entry(DAMPING_KINDS["damping"], damping_words(value), ReadContext())
+    assert spec is not None  # it has been read
+    return spec.model_dump(mode="json", exclude_none=True, context=info.context)
+
+
+DAMPING_KINDS = specs_of(
+    {"damping": DampingOptions, "a band": Band, "a table of ratios": RatioTable,
+     "Rayleigh damping": Rayleigh}
+)  # fmt: skip
+"""What a table of damping may be, and what stands in it."""
+_DAMPING = {"anyOf": [NUMBER, choice(PRESETS), reference(DAMPING_KINDS["damping"])]}
+DampingField = Annotated[Any, Reader(_read_damping, _write_damping, _DAMPING)]
+"""A damping ratio of all modes, the name of a preset, or a table."""
 
 
 Rows = tuple[tuple[float, float, float], ...]

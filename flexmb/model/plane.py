@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, nearest
-from flexmb.flexbody.planar_body import PLANES
+from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.planar_body import PLANES, planar_body
 from flexmb.model import lookup
 from flexmb.model.body import BodySpec
+from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.lookup import Bodies, ModelData, Scope
 from flexmb.model.markers import rotation_matrix
-from flexmb.model.reading import quote
+from flexmb.model.reading import quote, under
 
 Array = NDArray[np.float64]
 ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
@@ -50,6 +52,25 @@ def normal_in_body(spec: BodySpec, plane: str) -> Array:
     """Normal (3,) of the plane in the axes of a placed body."""
     turned: Array = rotation_matrix(spec.orientation).T @ np.array(PLANES[plane])
     return turned
+
+
+def simulated_body(model: ModelData, name: str, body: FlexBody) -> FlexBody:
+    """A reduced body as a run has it: with the effects it asks for, its motions in the plane.
+
+    Raises
+    ------
+    ReductionError
+        Effects without data, motions out of the plane; places are those of the scene.
+    """
+    spec = model.bodies[name]
+    if isinstance(spec, FlexibleBodySpec):
+        if model.plane is not None and spec.deformation != "rigid":
+            body = planar_body(body, normal_in_body(spec, model.plane))
+        try:
+            body = spec.simulated(body)
+        except ReductionError as error:
+            raise ReductionError.from_problems(under(f"bodies.{name}", error.problems)) from None
+    return body
 
 
 def plane_in_body(spec: BodySpec, plane: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
+from flexmb.results.body_damping import DAMPING, BodyDamping, damping_text
 from flexmb.results.channels import Columns, row_bytes, stored_columns
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
 from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
@@ -10,8 +11,10 @@ from flexmb.results.result_file import extend_file, file_format, store_text
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
+    "DAMPING",
     "NOT_UNIQUE",
     "BodyColumns",
+    "BodyDamping",
     "Columns",
     "OutputBlock",
     "PeakStress",
@@ -21,6 +24,7 @@ __all__ = [
     "ResultWriter",
     "SectionForces",
     "Stress",
+    "damping_text",
     "extend_file",
     "file_format",
     "load_result",

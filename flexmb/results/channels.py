@@ -345,8 +345,12 @@ def stored_columns(
         raise SceneError.from_problems(problems)
     needed = {str(check["sensor"]) for check in scene.get("check", ()) if "sensor" in check}
     needed |= set(scene.get("view", {}).get("history", ()))
+    stressed = tuple(f"{name.removesuffix('.von_mises')}.eta." for name in needed)
     stored |= {
-        (c.table, c.number) for c in available if c.table == "sensors" and needed & {*c.names}
+        (c.table, c.number)
+        for c in available
+        if (c.table == "sensors" and needed & {*c.names})
+        or (c.table == "q" and any(name.startswith(stressed) for name in c.names))
     }
     return {
         table: numbers

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
+from flexmb.results.body_damping import DAMPING, BodyDamping, read_damping_text
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
@@ -122,6 +123,12 @@ class ResultReader:
     def texts(self) -> dict[str, str]:
         """Further texts stored with the result, such as the scene file's own."""
         return self._contents.texts
+
+    @property
+    def damping(self) -> dict[str, BodyDamping]:
+        """For each flexible body its damping: the ratio of each mode as the scene joins it."""
+        rows = read_damping_text(self.texts.get(DAMPING, "[]"))
+        return {one.body: one for one in rows}
 
     @property
     def layout(self) -> Columns:

@@ -22,7 +22,7 @@ from typing import Any
 from flexmb.errors import Problem, SceneError
 from flexmb.folders import output_folder
 from flexmb.model import Model
-from flexmb.model.body import FlexbodySpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.reading import under
 from flexmb.model.scenes.dynamics import OPTIONS

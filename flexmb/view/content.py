@@ -121,15 +121,49 @@ class Mechanism:
     def surface(self, name: str, exaggeration: float) -> tuple[Array, Array, Array] | None:
         """Exaggerated and undeformed points (n, 3), true displacements (n,) of a flexible body.
 
-        None where the body has no surface.
+        The undeformed body lies as its joints hold it: exaggerated, it stays on them. None where
+        the body has no surface.
         """
         surface = self.flexbodies[name].surface
         if surface is None or not len(surface.points):
             return None
         pose = self.pose(name)
-        u = surface.modes @ pose.eta
-        undeformed = pose.r + surface.points @ pose.A.T
-        return undeformed + exaggeration * (u @ pose.A.T), undeformed, np.linalg.norm(u, axis=1)
+        A, r = self._joined_pose(name, size_of(surface.points))
+        deformed = pose.r + (surface.points + surface.modes @ pose.eta) @ pose.A.T
+        undeformed = r + surface.points @ A.T
+        u = deformed - undeformed
+        return undeformed + exaggeration * u, undeformed, np.linalg.norm(u, axis=1)
+
+    def _joined_pose(self, name: str, size: float) -> tuple[Array, Array]:
+        """Rotation (3, 3) and origin (3,) by which the undeformed body fits its joined markers.
+
+        Of one marker with its rotation; of more by least squares, turned no more than they ask
+        (Kabsch, Acta Crystallographica A32, 1976).
+        """
+        pose = self.pose(name)
+        markers = [
+            place_marker(self.model, reference, self.flexbodies)
+            for spec in self.model.joints.values()
+            for reference in spec.between
+            if split_reference(reference)[0] == name
+        ]
+        if not markers or not pose.eta.any():
+            return pose.A, pose.r
+        points = np.array([m.position for m in markers])
+        turns = np.array([np.zeros(3) if m.Phi_r is None else m.Phi_r @ pose.eta for m in markers])
+        moved = points + [
+            np.zeros(3) if m.Phi_t is None else m.Phi_t @ pose.eta + np.cross(turn, m.arm)
+            for m, turn in zip(markers, turns, strict=True)
+        ]
+        c, d = points.mean(axis=0), moved.mean(axis=0)
+        spread = (moved - d).T @ (points - c)
+        if np.trace(spread) <= (_ROUND_OFF * size) ** 2:
+            quaternion = np.array([1.0, *(0.5 * turns.mean(axis=0))])
+            R = rotation_matrix(quaternion / np.linalg.norm(quaternion))
+        else:
+            U, _, V = np.linalg.svd(spread + 1e-6 * np.trace(spread) * np.eye(3))
+            R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+        return pose.A @ R, pose.r + pose.A @ (d - R @ c)
 
     def von_mises(self, name: str, layer: str | None) -> Array | None:
         """(n,) the largest von Mises stress [Pa] over layers and sections at each surface point.
@@ -162,6 +196,7 @@ def size_of(points: Any) -> float:
     return float(np.linalg.norm(np.ptp(np.asarray(points), axis=0))) if len(points) else 0.0
 
 
+_ROUND_OFF = 1e-6  # of a body's size: markers that close together are one point
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _PARALLEL = 0.999  # cosine above which two directions count as one
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise

@@ -86,9 +86,14 @@ def writable_file(output: str | Path, endings: tuple[str, ...]) -> Path:
     return path
 
 
-_OTHER_UNITS = {"force": "N", "moment": "N m", "energy": "J"}  # of what sensors do not measure
-_PREFIXED = ("m", "m/s", "m/s²", "s")
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_OTHER_UNITS = {
+    "force": "N",
+    "moment": "N m",
+    "energy": "J",
+    "stress": "Pa",
+}  # of what sensors do not measure
+_PREFIXED = ("m", "m/s", "m/s²", "s", "Pa")
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def plot_history(
@@ -200,11 +205,11 @@ def _time_scale(result: Result) -> tuple[float, str]:
 
 
 def _prefixed(largest: float, unit: str, units: UnitSystem) -> tuple[float, str]:
-    """Factor and unit that bring `largest` near 1 to 1000; only m, s and their quotients in SI."""
+    """Factor and unit that bring `largest` near 1 to 1000; of Pa, m, s, their quotients in SI."""
     if units is not SI or unit not in _PREFIXED:
         return 1.0, unit
     for factor, prefix in _PREFIXES:
-        if largest >= factor:
+        if largest >= factor and (factor <= 1.0 or unit == "Pa"):
             return factor, prefix + unit
     return 1.0, unit
 

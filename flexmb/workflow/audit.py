@@ -193,11 +193,10 @@ def _check_run(run: Result) -> None:
 
 def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOutcome:
     fixed = (effect.name, effect.body, effect.on, effect.indicator)
-    if effect.estimate is None:
-        verdict = UNKNOWN if effect.why else ""
-        return EffectOutcome(*fixed, None, "", "", None, verdict, effect.why)
+    if effect.why:
+        return EffectOutcome(*fixed, None, "", "", None, UNKNOWN, effect.why)
     try:
-        changes, cost = effect.estimate()
+        changes, cost = neighbours.estimate(effect)
     except FlexmbError as error:
         why = str(error).splitlines()[0]
         return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)

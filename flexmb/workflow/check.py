@@ -73,12 +73,14 @@ def check_scene(
     from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
     from flexmb.model import load_scene
     from flexmb.model.joints.joint import count
+    from flexmb.model.scenes.effects import active_model
     from flexmb.workflow.model_tables import definition_tables
 
     model = load_scene(Path(path), dict(overrides or {}))
+    inconsistent = model.problems()
+    model = active_model(model)
     surveys, problems = survey_bodies(model)
-    problems = model.problems() + problems
-    if problems:
+    if problems := inconsistent + problems:
         raise SceneError.from_problems(problems)
     counts = count(model)
     notes = _notes(model)

@@ -106,4 +106,13 @@ def compile_source(
         raise ResultFileError(
             f"{run.path}: this flexmb builds another system from its scene; run the scene again"
         )
-    return CompiledModel(model, compiled, run)
+    return CompiledModel(model, damped_as_run(compiled, model, run), run)
+
+
+def damped_as_run(compiled: Compiled, model: Model, run: Result) -> Compiled:
+    """The compiled model of a run with the damping that its flexible bodies had."""
+    from flexmb.analysis.assembly.joined_damping import add_damping
+
+    newest = run.last_state()
+    first = None if newest is None else newest[1].get("first_q")
+    return compiled if first is None else add_damping(compiled, model, first)[0]

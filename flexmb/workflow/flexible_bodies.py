@@ -27,7 +27,7 @@ from flexmb.errors import (
     nearest,
 )
 from flexmb.folders import output_folder, writable_folder
-from flexmb.model.body import FlexbodySpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
@@ -93,6 +93,7 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
+    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -105,17 +106,21 @@ def flexible_bodies(
         try:
             if isinstance(spec, MeshBodySpec):
                 stored = None if fresh or inspect else _stored_body(model, name, file, notes)
-                bodies[name] = stored or _reduce_body(model, name, inspect, notes, progress)
+                reduced = stored or _reduce_body(model, name, inspect, notes, progress)
                 if stored is None:
-                    save(bodies[name], file)
+                    save(reduced, file)
+                bodies[name] = simulated_body(model, name, reduced)
+                if bodies[name] is not reduced:  # the reduction remains for runs with other effects
+                    files[name] = file.with_name(file.name.replace(".", ".simulated.", 1))
+                    save(bodies[name], files[name])
             elif isinstance(spec, FlexbodySpec):
-                bodies[name] = _loaded_body(model, spec)
+                bodies[name] = _loaded_body(model, name)
                 save(bodies[name], file)
             else:
                 continue
         except _MISTAKES as error:
             errors.append((name, error))
-        files[name] = file
+        files.setdefault(name, file)
     if errors:
         problems = [problem for name, error in errors for problem in _under(name, error.problems)]
         raise type(errors[0][1]).from_problems(problems)
@@ -152,7 +157,7 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
             problems += _under(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
-                _loaded_body(model, spec)
+                _loaded_body(model, name)
             except (BodyFileError, ReductionError) as error:
                 problems += _under(name, error.problems)
     return surveys, problems
@@ -168,17 +173,18 @@ def bodies_of_surveys(
     """
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
+    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
     for name, file in _body_files(model.bodies, folder or Path()).items():
         spec = model.bodies[name]
         if isinstance(spec, FlexbodySpec):
-            bodies[name] = _loaded_body(model, spec)
+            bodies[name] = _loaded_body(model, name)
         elif isinstance(spec, MeshBodySpec):
             stored = None if folder is None else _stored_body(model, name, file, [])
             if stored is not None:
-                bodies[name] = stored
+                bodies[name] = simulated_body(model, name, stored)
                 continue
             rigid.append(name)
             survey = surveys[name]
@@ -193,15 +199,14 @@ def bodies_of_surveys(
     return bodies, rigid
 
 
-def _loaded_body(model: Model, spec: FlexbodySpec) -> FlexBody:
-    """A body from its file or an object; with its modes in the plane of a planar scene."""
+def _loaded_body(model: Model, name: str) -> FlexBody:
+    """A body from its file or an object, as a run has it."""
     from flexmb.flexbody import load
-    from flexmb.flexbody.planar_body import planar_body
-    from flexmb.model.plane import normal_in_body
+    from flexmb.model.plane import simulated_body
 
-    source = spec.flexbody
+    source = model.bodies[name].flexbody  # type: ignore[attr-defined]
     body = load(model.path(source)) if isinstance(source, str) else source
-    return body if model.plane is None else planar_body(body, normal_in_body(spec, model.plane))
+    return simulated_body(model, name, body)
 
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
@@ -210,6 +215,9 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     full = []
     for problem in problems:
         place, what = problem.where, problem.what
+        if place.startswith(f"bodies.{name}"):  # complete
+            full.append(problem)
+            continue
         if not place:  # a sentence that begins with its place
             front, _, rest = what.partition(": ")
             place, what = (front, rest) if front.split(".")[0] in fields else ("", what)
@@ -238,24 +246,31 @@ def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
 def _turns_round(model: Model, name: str) -> bool:
     """Whether an initial angular velocity or a driver turns a body round during the run.
 
-    Its own, or those of bodies that are fixed to it.
+    Those of bodies that fixed joints connect with it count as well.
     """
     spec = model.dynamics or model.kinematics
     if spec is None:
         return False
-    together, size = {name}, 0
-    pairs = [_owners(one.between) for one in model.joints.values() if one.type == "fixed"]
-    while len(together) > size:
-        size = len(together)
-        together |= {owner for pair in pairs if pair & together for owner in pair - {"ground"}}
-    starts = [one for body in together for one in model.bodies[body].initial_velocities.values()]
-    spins = (one.angular_velocity for one in starts)
+    welds = [
+        {end.partition(".")[0] for end in joint.between}
+        for joint in model.joints.values()
+        if joint.type == "fixed"
+    ]
+    bodies, size = {name}, 0
+    while len(bodies) > size:
+        size = len(bodies)
+        bodies = bodies.union(*(weld for weld in welds if weld & bodies)) - {"ground"}
+    spins = (
+        one.angular_velocity
+        for body in bodies
+        for one in model.bodies[body].initial_velocities.values()
+    )
     turns = [spec.duration * float(np.linalg.norm(spin)) for spin in spins if spin is not None]
     times = np.linspace(0.0, spec.duration, _SAMPLES)
     for driver in model.drivers.values():
         ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
-        owners = _owners(ends)
-        if "ground" in owners and owners & together:
+        of = {end.partition(".")[0] for end in ends}
+        if "ground" in of and of & bodies:
             for coordinate, function in driver.motions(model.plane):
                 if "angle" in coordinate and not function.expression.channels:
                     values = np.array([next(iter(function.value(t))) for t in times])
@@ -263,10 +278,6 @@ def _turns_round(model: Model, name: str) -> bool:
                         values = np.cumsum(values) * (times[1] - times[0])
                     turns.append(float(np.ptp(values)))
     return max(turns, default=0.0) >= 2.0 * np.pi
-
-
-def _owners(markers: Iterable[str]) -> set[str]:
-    return {marker.partition(".")[0] for marker in markers}
 
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:

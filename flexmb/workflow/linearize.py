@@ -16,9 +16,9 @@ from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
 
 if TYPE_CHECKING:
+    from flexmb.analysis.assembly.initial_state import Assembled
     from flexmb.analysis.linear.linearization import Linearization
     from flexmb.analysis.linear.mode_sweep import ModeSweep
-    from flexmb.engine.state import State
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -75,11 +75,11 @@ def linearize(
 def _linearize(system: CompiledModel, time: float | None, about: str, frame: str) -> Linearization:
     from flexmb.analysis.linear.linearization import linearize_state
 
-    state = state_of(system, time, about)
-    return linearize_state(system.compiled, system.model, state, frame=frame)
+    first = state_of(system, time, about)
+    return linearize_state(first.compiled, system.model, first.state, frame=frame)
 
 
-def state_of(system: CompiledModel, time: float | None, about: str) -> State:
+def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled:
     """The state of a compiled model that is meant; see `linearize`."""
     from flexmb.analysis.assembly.initial_state import assemble
 
@@ -89,13 +89,13 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> State:
         )
     compiled, model = system.compiled, system.model
     if system.result is not None:
-        return assemble(compiled, model, begin=system.state_at(time)).state
+        return assemble(compiled, model, begin=system.state_at(time))
     if time is not None:
         what = "a scene has no time: give the result of a run (flexmb run), or leave it out"
         raise SceneError.from_problems([Problem("time", what)])
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
-    return assemble(compiled, model, start=about).state
+    return assemble(compiled, model, start=about)
 
 
 def sweep_modes(

@@ -35,7 +35,7 @@ from flexmb.model.mesh_body import (
     MeshBodySpec,
     ModesSpec,
 )
-from flexmb.model.option_specs import MATERIAL_KINDS, spec_of
+from flexmb.model.option_specs import DAMPING_KINDS, MATERIAL_KINDS, spec_of
 from flexmb.model.reading import Spec
 from flexmb.model.scenes.dynamics import (
     METHODS,
@@ -328,6 +328,7 @@ TOPICS = {
         {
             "a body": MeshBodySpec,
             "modes": ModesSpec,
+            **DAMPING_KINDS,
             "an interface": InterfaceSpec,
             "a tie": spec_of(TieOptions),
             "a mass": spec_of(MassOptions),

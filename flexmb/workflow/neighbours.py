@@ -1,11 +1,15 @@
-"""Neighbouring models of a run: its scene with one effect more, or one less."""
+"""Neighbouring models of a run: its scene with one effect more, or one less.
+
+An effect is switched by the words of the scene alone, so that the neighbour can be linearised about
+the motion of the run, and run as well. Centrifugal softening is never looked at without geometric
+stiffening: of the two left out, neither is judged alone (Padilla & von Flotow).
+"""
 
 from __future__ import annotations
 
 import copy
-import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.model.body import BodySpec, FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 
@@ -26,28 +29,39 @@ if TYPE_CHECKING:
     from flexmb.results import OutputBlock, Result
 
 Array = NDArray[np.float64]
-Estimate = Callable[[], tuple[list["Contribution"], float | None]]
 
-DEFORMATION = "deformation"
-_EVALUATIONS = 40  # of the equations, to time them
+DEFORMATION, VIBRATION = "deformation", "vibration"
+STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
+MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
+_GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
+_RIGID = {"deformation": "rigid"}
 
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of a body, or of the scene: whether it is on, and how to estimate it."""
+    """An effect of a body, or of the scene, and the words that switch it over.
+
+    `why` says what an estimate would need, where there can be none.
+    """
 
     name: str
     body: str
     on: bool
     indicator: str
-    estimate: Estimate | None = None
-    why: str = ""  # there is no estimate
+    words: Mapping[str, Any] = field(default_factory=dict)
+    why: str = ""
 
 
 @dataclass
 class Neighbours:
-    """A run with its model, and the models next to it."""
+    """A run with its model, and the models next to it.
+
+    Attributes
+    ----------
+    folder : Path
+        For runs and reductions that the estimates need; what is there already is used again.
+    """
 
     run: Result
     model: Model
@@ -59,18 +73,21 @@ class Neighbours:
     notes: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, run: Result, most_rows: int, progress: Progress) -> Neighbours:
+    def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
         """The model of a run, and at most so many of its rows."""
         from flexmb.analysis.effects.contribution import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.model import Model
+        from flexmb.workflow.compiled_model import damped_as_run
         from flexmb.workflow.resume import load_bodies
 
         model = Model.from_scene_dict(run.model, run.path.parent)
         bodies = load_bodies(run)
-        compiled = compile_system(model, bodies)
-        motion = read_motion(run).thinned(most_rows)
-        return cls(run, model, bodies, compiled, motion, run.path.parent / "audit", progress)
+        folder = run.path.parent / "audit"
+        compiled = damped_as_run(compile_system(model, bodies), model, run)
+        made = cls(run, model, bodies, compiled, read_motion(run), folder, progress)
+        made.motion = made._resolved(made.motion, most_rows)
+        return made
 
     def rows(self) -> OutputBlock:
         """The rows as a block of outputs."""
@@ -81,79 +98,107 @@ class Neighbours:
 
     def effects(self) -> Iterator[Effect]:
         """All effects, body by body, then those of the scene."""
-        for columns in self.compiled.layout.bodies:
-            if columns.m:
-                yield from self._of_body(columns.name)
-        yield from self._of_scene()
+        for name, spec in self.model.bodies.items():
+            if spec.flexible:
+                yield from self._of_body(name)
+        if self.model.gravity is not None:
+            yield Effect(GRAVITY, "", True, "", {"gravity": False})
+        if any(_has_friction(spec) for spec in self.model.forces.values()):
+            yield Effect(FRICTION, "", True, "", {"friction": False})
+
+    def neighbour(self, effect: Effect) -> Model:
+        """The scene with an effect switched over."""
+        if effect.body:
+            return self._with(self.model, {effect.body: effect.words})
+        model = copy.copy(self.model)
+        model.set_effects(**effect.words)
+        return model
+
+    def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
+        """Contributions to the sensors, and the time of the equations with it over that without.
+
+        Of deformation the time is that of the run over that of the rigid one.
+
+        Raises
+        ------
+        FlexmbError
+            The neighbour cannot be made or run.
+        """
+        if effect.name in (DEFORMATION, VIBRATION):
+            return self._deformation(effect)
+        model = self.neighbour(effect)
+        bodies, shapes = dict(self.bodies), {}
+        if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
+            bodies[effect.body] = self._reduced(model, effect)
+        other = self._compile(model, bodies)
+        if effect.name == MODES:
+            name = effect.body
+            shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
+        changes = self._changes(self.compiled, other, model, self.motion, shapes)
+        times = self._time(other), self._own_time
+        return changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
         from flexmb.analysis.effects.indicators import indicators
 
+        spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]
+        if body.m == 0:
+            if self.bodies[name].m:
+                yield Effect(DEFORMATION, name, False, "rigid", {"deformation": "dynamic"})
+            return
         numbers = indicators(self.compiled, self.motion, body, name)
-        bent = f"u/L {numbers.deflection:.2g}"
-        yield Effect(DEFORMATION, name, True, bent, lambda: self._deformation(name))
-        fast = f"f/f1 {numbers.excitation:.2g}"
-        yield Effect("vibration", name, True, fast, lambda: self._deformation(name, vibration=True))
-        yield self._stiffening(name, body, f"Ω/ω1 {numbers.speed:.2g}")
-        yield self._modes(name, body)
+        yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", _RIGID)
+        fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
+        if spec.deformation != "quasi-static":
+            yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
+        else:
+            yield Effect(VIBRATION, name, False, fast, {"deformation": "dynamic"})
+        yield from self._couplings(name, spec, body, turning)
+        yield self._modes(name, spec, body)
         if body.D is not None and np.any(body.D):
-            undamped = replace(body, D=None)
-            yield Effect("damping", name, True, "", lambda: self._by(bodies={name: undamped}))
+            yield Effect(DAMPING, name, True, "", {"damping": 0.0})
 
-    def _stiffening(self, name: str, body: FlexBody, indicator: str) -> Effect:
-        what, spec = "geometric stiffening", self.model.bodies[name]
-        if body.centrifugal_stiffness is not None:
-            parts = tuple(replace(part, bend=None) for part in body.interfaces)
-            without = replace(body, centrifugal_stiffness=None, interfaces=parts)
-            return Effect(what, name, True, indicator, lambda: self._by(bodies={name: without}))
-        if not isinstance(spec, MeshBodySpec):
-            why = "the body file has no data for it: reduce with geometric_stiffening = true"
-            return Effect(what, name, False, indicator, None, why)
-        return Effect(
-            what, name, False, indicator,
-            lambda: self._by(bodies={name: self._reduced(name, geometric_stiffening=True)}),
-        )  # fmt: skip
+    def _couplings(self, name: str, spec: Any, body: FlexBody, turning: str) -> Iterator[Effect]:
+        """Inertia coupling and geometric stiffening."""
+        stiffened = body.centrifugal_stiffness is not None
+        constant = spec.inertia_coupling == "constant"
+        has_data = self.bodies[name].centrifugal_stiffness is not None
+        why = ""
+        if not stiffened and not has_data and not isinstance(spec, MeshBodySpec):
+            why = "the body file has no data for it: flexmb reduce with --geometric-stiffening full"
+        full = {"inertia_coupling": "full", "geometric_stiffening": "full"}
+        none = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
+        if constant and not stiffened:
+            yield Effect(BOTH, name, False, turning, full, why)
+            return
+        if not stiffened:
+            yield Effect(COUPLING, name, True, turning, {"inertia_coupling": "constant"})
+            yield Effect(STIFFENING, name, False, turning, {"geometric_stiffening": "full"}, why)
+        else:
+            yield Effect(BOTH, name, not constant, turning, full if constant else none)
+        if spec.inertia_coupling == "partial":
+            yield Effect(f"full {COUPLING}", name, False, turning, {"inertia_coupling": "full"})
+        elif not constant:
+            yield Effect(f"full {COUPLING}", name, True, turning, {"inertia_coupling": "partial"})
 
-    def _modes(self, name: str, body: FlexBody) -> Effect:
-        spec, what = self.model.bodies[name], "further modes"
+    def _modes(self, name: str, spec: Any, body: FlexBody) -> Effect:
+        kept = f"{body.m} modes"
         if not isinstance(spec, MeshBodySpec) or spec.reduction in ("user", "guyan"):
-            return Effect(what, name, False, f"{body.m} modes", None, "needs the mesh of the body")
-        n = _MORE_MODES * max(spec.mode_count, 4)
+            return Effect(MODES, name, False, kept, {}, "needs the mesh of the body")
+        return Effect(MODES, name, False, kept, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
-        def estimate() -> tuple[list[Contribution], float | None]:
-            finer = self._reduced(name, modes=n)
-            return self._by(bodies={name: finer}, shapes={name: _shapes(body, finer)})
+    def _deformation(self, effect: Effect) -> tuple[list[Contribution], float | None]:
+        """Of one body, along the motion of the scene with rigid bodies."""
+        name, vibration = effect.body, effect.name == VIBRATION
+        rigid, own, motion, seconds = self._rigid
+        model = self._with(rigid, {name: {"deformation": "dynamic"}})
+        other = self._compile(model, self.bodies)
+        changes = self._changes(own, other, model, motion, {}, vibration)
+        mine = self.run.seconds.get("integrate")
+        return changes, None if vibration or not mine or not seconds else mine / seconds
 
-        return Effect(what, name, False, f"{body.m} modes", estimate)
-
-    def _of_scene(self) -> Iterator[Effect]:
-        if self.model.gravity is not None:
-            model = copy.copy(self.model)
-            model.gravity = None
-            yield Effect("gravity", "", True, "", lambda: self._by(model=model))
-        friction = [
-            name for name, spec in self.model.forces.items()
-            if getattr(spec, "type", "") == "joint-friction"
-        ]  # fmt: skip
-        if friction:
-            smooth = copy.copy(self.model)
-            smooth.forces = {k: v for k, v in self.model.forces.items() if k not in friction}
-            yield Effect("joint friction", "", True, "", lambda: self._by(model=smooth))
-
-    def _by(
-        self, *, model: Model | None = None, bodies: Mapping[str, FlexBody] | None = None,
-        shapes: Mapping[str, Array] | None = None,
-    ) -> tuple[list[Contribution], float | None]:  # fmt: skip
-        """Contributions to the sensors by another model along the motion of the run."""
-        from flexmb.engine.compile import compile_system
-
-        model = self.model if model is None else model
-        other = compile_system(model, {**self.bodies, **(bodies or {})})
-        changes = self._estimate(self.compiled, other, model, self.motion, shapes or {})
-        return changes, _evaluation_time(other, self.motion) / self._own_time
-
-    def _estimate(
+    def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
         shapes: Mapping[str, Array], vibration: bool = False,
     ) -> list[Contribution]:  # fmt: skip
@@ -161,45 +206,38 @@ class Neighbours:
 
         begins = "from" not in self._origin
         change = estimate(own, other, model, motion, shapes, begins_as_placed=begins).channels
+        after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         if vibration:
-            change = (
-                change
-                - estimate(
-                    own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
-                ).channels
+            slow = estimate(
+                own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
             )
-        return contributions(model, motion.channels, change, other.layout.channels)
-
-    def _deformation(
-        self, name: str, vibration: bool = False
-    ) -> tuple[list[Contribution], float | None]:
-        """Of one body, along the motion of the scene with rigid bodies."""
-        from flexmb.engine.compile import compile_system
-
-        model, own, motion, seconds = self._rigid
-        other = compile_system(_with_bodies(model, {name: self.bodies[name]}))
-        changes = self._estimate(own, other, model, motion, {}, vibration)
-        mine = self.run.seconds.get("integrate")
-        return changes, None if vibration or not mine or not seconds else mine / seconds
+            change = change - slow.channels
+        names = other.layout.channels
+        return contributions(model, (motion.channels, after), change, names)
 
     @cached_property
     def _rigid(self) -> tuple[Model, Compiled, Motion, float]:
         """The scene with rigid bodies, and its motion."""
         from flexmb.analysis.effects.contribution import read_motion
-        from flexmb.engine.compile import compile_system
-        from flexmb.results import Result
-        from flexmb.workflow.run import run_model
 
-        flexible = {name: rigid_twin(body) for name, body in self.bodies.items()}
-        model = _with_bodies(self.model, flexible)
-        report = run_model(model, self.folder / "rigid", pictures=False, progress=self.progress)
-        run = Result(report.result)
+        flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
+        model = self._with(self.model, dict.fromkeys(flexible, _RIGID))
+        if all(self.compiled.flexbodies[name].m == 0 for name in flexible):
+            seconds = self.run.seconds.get("integrate", 0.0)
+            return model, self.compiled, self.motion, seconds
+        run = self._run(model, "rigid")
         motion = read_motion(run).thinned(len(self.motion.t))
-        return model, compile_system(model), motion, run.seconds.get("integrate", 0.0)
+        compiled = self._compile(model, self.bodies)
+        return model, compiled, motion, run.seconds.get("integrate", 0.0)
+
+    def _time(self, compiled: Compiled) -> float:
+        from flexmb.analysis.effects.perturbation import evaluation_time
+
+        return evaluation_time(compiled)
 
     @cached_property
     def _own_time(self) -> float:
-        return _evaluation_time(self.compiled, self.motion)
+        return self._time(self.compiled)
 
     @cached_property
     def _origin(self) -> dict[str, Any]:
@@ -207,46 +245,65 @@ class Neighbours:
 
         return provenance(self.run)
 
-    def _reduced(self, name: str, **options: Any) -> FlexBody:
-        """The body reduced from its mesh with other options; kept beside the result."""
+    def _with(self, model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
+        """The model with other words of some bodies."""
+        model = copy.copy(model)
+        model.bodies = dict(model.bodies)
+        for name, update in words.items():
+            model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
+        return model
+
+    def _compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
+        """The model with the damping of its modes as they are joined in the first row."""
+        from flexmb.analysis.assembly.joined_damping import add_damping
+        from flexmb.engine.compile import compile_system
+
+        compiled = compile_system(model, bodies)
+        q = compiled.initial_q.copy()
+        for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
+            q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
+        return add_damping(compiled, model, q)[0]
+
+    def _run(self, model: Model, name: str) -> Result:
+        from flexmb.results import Result
+        from flexmb.workflow.run import run_model
+
+        report = run_model(model, self.folder / name, pictures=False, progress=self.progress)
+        return Result(report.result)
+
+    def _reduced(self, model: Model, effect: Effect) -> FlexBody:
+        """The body of an effect reduced with its words; kept beside the result."""
         from flexmb.folders import writable_folder
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
-        model = copy.copy(self.model)
-        spec = model.bodies[name]
-        model.bodies = {**model.bodies, name: spec.model_copy(update=options)}
-        folder = writable_folder(self.folder / "_".join(options))
-        bodies, _, _ = flexible_bodies(model, folder, only=[name], progress=self.progress)
-        return bodies[name]
+        folder = writable_folder(self.folder / effect.name.replace(" ", "_"))
+        bodies, _, _ = flexible_bodies(model, folder, only=[effect.body], progress=self.progress)
+        return bodies[effect.body]
+
+    def _resolved(self, motion: Motion, most_rows: int) -> Motion:
+        """At most so many rows; of another run with more of them where these are too far apart."""
+        from flexmb.analysis.effects.contribution import read_motion
+
+        thinned, spec = motion.thinned(most_rows), self.model.dynamics
+        gap = thinned.gap(self.compiled)
+        n = min(int(np.ceil((len(thinned.t) - 1) * np.sqrt(gap / _GAP))), most_rows - 1)
+        if gap > _GAP and n > len(motion.t) and spec is not None and "from" not in self._origin:
+            model = copy.copy(self.model)
+            model.dynamics = spec.model_copy(update={"outputs": n})
+            thinned = read_motion(self._run(model, "rows")).thinned(most_rows)
+            rows = f"{len(motion.t)} rows do not resolve the accelerations: audited with {n + 1}"
+            self.notes.append(rows)
+            gap = thinned.gap(self.compiled)
+        if gap > 4.0 * _GAP:
+            self.notes.append(
+                f"the {len(thinned.t)} rows resolve the accelerations of the bodies to "
+                f"{100 * gap:.2g} % only: the estimates are rough"
+            )
+        return thinned
 
 
-def rigid_twin(body: FlexBody) -> FlexBody:
-    """The body without modes, its interfaces and nodes where they are."""
-    from flexmb.flexbody import FlexBody
-
-    none = np.zeros
-    interfaces = tuple(
-        replace(part, Phi_t=none((3, 0)), Phi_r=none((3, 0)), bend=None) for part in body.interfaces
-    )
-    nodes = body.nodes
-    if nodes is not None:
-        modes = none((len(nodes.ids), 3, 0))
-        nodes = replace(nodes, Phi_t=modes, Phi_r=None if nodes.Phi_r is None else modes)
-    return FlexBody(
-        body.name, body.mass, body.S1, body.S0, none((3, 0)), none((3, 3, 0)),
-        none((3, 3, 0, 0)), none((0, 0)), interfaces=interfaces, nodes=nodes,
-    )  # fmt: skip
-
-
-def _with_bodies(model: Model, bodies: Mapping[str, FlexBody]) -> Model:
-    """The model with these bodies given as objects."""
-    model = copy.copy(model)
-    specs = dict(model.bodies)
-    for name, body in bodies.items():
-        shared = {key: getattr(specs[name], key) for key in BodySpec.model_fields}
-        specs[name] = FlexbodySpec.model_construct(**shared, flexbody=body)
-    model.bodies = specs
-    return model
+def _has_friction(spec: Any) -> bool:
+    return getattr(spec, "type", "") == "joint-friction" or bool(getattr(spec, "friction", None))
 
 
 def _shapes(body: FlexBody, finer: FlexBody) -> Array:
@@ -257,19 +314,3 @@ def _shapes(body: FlexBody, finer: FlexBody) -> Array:
         for one in (finer, body)
     ]  # fmt: skip
     return np.asarray(np.linalg.lstsq(fields[0], fields[1], rcond=None)[0])
-
-
-def _evaluation_time(compiled: Compiled, motion: Motion) -> float:
-    """Seconds that one evaluation of the equations and their matrix takes."""
-    from flexmb.analysis.effects.linearisation import Linearisation
-
-    lin = Linearisation(compiled)
-    row = lin.blank()
-    best = np.inf
-    for _ in range(3):
-        began = time.perf_counter()
-        for _ in range(_EVALUATIONS):
-            lin.evaluate(row)
-            lin.assemble(1.0, 1.0)
-        best = min(best, time.perf_counter() - began)
-    return best / _EVALUATIONS

@@ -99,6 +99,7 @@ def resume_run(
     from flexmb.analysis.dynamics.resume import prepare_resumed
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
+    from flexmb.model.scenes.effects import active_model
     from flexmb.results import Result, ResultWriter, extend_file
 
     run = result if isinstance(result, Result) else Result(result)
@@ -109,6 +110,7 @@ def resume_run(
     _set_duration(model, run, duration)
     if problems := model.problems():  # tables that end before the new duration
         raise SceneError.from_problems(problems)
+    model = active_model(model)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
     prepared = prepare_resumed(compiled, model, run, progress=progress)

@@ -9,7 +9,7 @@ import copy
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,7 @@ class Task:
     rows: int
     run: Callable[[Sink], Outcome]
     notes: tuple[str, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)  # for the result
 
     def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
         """The scene for the result: without the sections of other analyses."""
@@ -105,9 +106,11 @@ def run_model(
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
     from flexmb.engine.compile import compile_system
+    from flexmb.model.scenes.effects import active_model
     from flexmb.results import Result, ResultWriter
 
     model.validate()
+    scene_model, model = model, active_model(model)
     analysis = select_analysis(model, analysis, start_from is not None)
     folder = writable_folder(Path(output))
     started = time.perf_counter()
@@ -115,11 +118,12 @@ def run_model(
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     names = {name: file.name for name, file in files.items()}
-    scene = model.to_scene_dict(folder, names)
+    scene = scene_model.to_scene_dict(folder, names)
     notes += _row_size_note(compiled, scene)
     start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
     task = prepare_task(analysis, compiled, model, start, progress)
     texts = {"scene": model.source.text} if model.source is not None else {}
+    texts |= task.texts
     texts[PROVENANCE] = provenance_text(model, folder, bodies, start.source if start else None)
     with ResultWriter(
         folder / "result.h5",
@@ -186,6 +190,7 @@ def prepare_task(
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+    from flexmb.results import DAMPING, damping_text
 
     if analysis == "kinematics":
         ready = prepare_kinematics(compiled, model, progress=progress)
@@ -203,6 +208,7 @@ def prepare_task(
         model.dynamics.n_rows,
         lambda sink: run_dynamics(prepared, sink, progress=progress),
         notes,
+        {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )
 
 

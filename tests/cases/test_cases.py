@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,12 +12,19 @@ import pytest
 import flexmb
 from flexmb.workflow import reduce_scene
 
-CASES = sorted((Path(__file__).parents[2] / "cases").glob("*/scene.toml"))
+FOLDER = Path(__file__).parents[2] / "cases"
+CASES = sorted(FOLDER.glob("*/*.toml"))
+EXACT = sorted(FOLDER.glob("*/exact.py"))
 
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {
     "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
 }
+
+
+def case_name(path: Path) -> str:
+    """Folder and file, the file alone left out where it is the usual one."""
+    return path.relative_to(FOLDER).with_suffix("").as_posix().removesuffix("/scene")
 
 
 def runs(scene: Path) -> bool:
@@ -34,16 +44,12 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     assert report.statistics["energy_balance_error"] < max(1e-4, asked)
 
 
-@pytest.mark.parametrize(
-    "scene", [path for path in CASES if runs(path)], ids=lambda path: path.parent.name
-)
+@pytest.mark.parametrize("scene", [path for path in CASES if runs(path)], ids=case_name)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
-    run(scene, tmp_path, SHORTER.get(scene.parent.name, {}))
+    run(scene, tmp_path, SHORTER.get(case_name(scene), {}))
 
 
-@pytest.mark.parametrize(
-    "scene", [path for path in CASES if not runs(path)], ids=lambda path: path.parent.name
-)
+@pytest.mark.parametrize("scene", [path for path in CASES if not runs(path)], ids=case_name)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
     found = reduce_scene(scene, output=tmp_path)
     assert found.checks, "a case without a check proves nothing"
@@ -54,7 +60,7 @@ def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SHORTER))
 def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) -> None:
-    run(CASES[0].parents[1] / name / "scene.toml", tmp_path, {})
+    run(FOLDER / name / "scene.toml", tmp_path, {})
 
 
 def test_every_case_says_where_its_answers_come_from() -> None:
@@ -62,3 +68,29 @@ def test_every_case_says_where_its_answers_come_from() -> None:
         model = flexmb.load_scene(scene)
         for check in (*model.checks, *model.frequency_checks):
             assert check.source, scene
+
+
+@pytest.mark.parametrize("script", EXACT, ids=lambda path: path.parent.name)
+def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
+    """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb."""
+    assert "flexmb" not in script.read_text(encoding="utf-8")
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, check=True, env=environment
+    )
+    rows = [line.split() for line in done.stdout.splitlines()]
+    scenes = {path.name: flexmb.load_scene(path).checks for path in script.parent.glob("*.toml")}
+    sought = {
+        (scene, check.sensor, check.time): check
+        for scene, checks in scenes.items()
+        for check in checks
+        if "exact.py" in check.source
+    }
+    exact: dict[tuple[str, str, float], float] = {}
+    for *scene, sensor, time, value in rows:
+        for name in scene or scenes:
+            exact[name, sensor, round(float(time), 9)] = float(value)
+    assert sought
+    for (scene, sensor, time), check in sought.items():
+        value = exact[scene, sensor, round(time, 9)]
+        assert check.value == pytest.approx(value, abs=0.05 * check.tolerance), check

@@ -107,7 +107,7 @@ def test_lagrange_equations_in_quasi_velocities(free):
     damping = np.zeros_like(v)
     for row in bench.sys.parts.bodies:
         m, o = int(row["m"]), int(row["iv"]) + 6
-        at = int(row["flex"]) + 12 * m + 14 * m * m
+        at = int(row["flex"]) + 12 * m + 2 * m * m
         D = bench.sys.parts.pool[at : at + m * m].reshape(m, m)
         damping[o : o + m] = D @ v[o : o + m]
 

@@ -18,7 +18,8 @@ from flexmb.engine.joints import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RAD
 
 DIFFERENCES = 1e-9
 LAST_DIGITS = 1e-12
-CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in (*BODIES, "stiffened")]
+EVERY = (*BODIES, "stiffened", "constant", "partial")
+CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in EVERY]
 
 
 @pytest.fixture(params=CASES, ids=["-".join(case) for case in CASES])

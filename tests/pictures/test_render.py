@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import slidercrank
 
-from flexmb import simulate
+from flexmb import load_result, run_scene, simulate
 from flexmb.errors import ViewError
 from flexmb.model import Model
 from flexmb.results import Result
@@ -84,3 +84,15 @@ def test_springs_massless_links_and_driven_distances_are_drawn_between_their_mar
     assert len(shapes) == 4  # the cylinder's barrel and rod are two
     ends = sorted(round(float(shape.points[:, 0].max())) for shape in shapes)
     assert ends == [1, 1, 2, 3]
+
+
+def test_an_exaggerated_body_stays_on_its_joints(tmp_path: Path) -> None:
+    scene = Path(__file__).parents[2] / "cases/flexible_four_bar/scene.toml"
+    run = run_scene(scene, output=tmp_path, pictures=False)
+    mechanism = Mechanism(load_result(run.result), 0.4395)
+    points, undeformed, displacement = mechanism.surface("coupler", 50.0)
+    assert displacement.max() > 1e-3
+    for joint in ("coupler.A", "coupler.B"):
+        pin = mechanism.point(joint)
+        assert np.linalg.norm(undeformed - pin, axis=1).min() < 0.02
+        assert np.linalg.norm(points - pin, axis=1).min() < 0.02

@@ -27,7 +27,7 @@ def blade(stiffening=True, modes=10, elements=20):
     return reduce(
         line(elements, end=(1, 0, 0)), material=UNIT, modes=modes,
         interfaces={"root": "root", "tip": "tip"}, sections={"all": rectangle(HEIGHT, HEIGHT)},
-        geometric_stiffening=stiffening,
+        geometric_stiffening="full" if stiffening else "none",
     )  # fmt: skip
 
 
@@ -158,7 +158,7 @@ def test_solids_and_shells_stiffen_like_a_beam_anywhere_and_of_any_size(made, pl
     speed, made = 5.0, dict(made)
     length = float(np.ptp(made["mesh"].points[:, 0]))
     body = reduce(made.pop("mesh"), modes=6, interfaces={"root": "x0", "tip": "x1"},
-                  geometric_stiffening=True, **made)  # fmt: skip
+                  geometric_stiffening="full", **made)  # fmt: skip
     model = Model("blade")
     model.add_marker("ground.hub", position=list(place))
     model.add_body("blade", body, position=list(place), angular_velocity=[0, 0, speed])
@@ -182,7 +182,7 @@ def test_a_spin_up_bends_a_blade_as_a_ritz_model_says():
     area, inertia = of["EA"] / E, of["EI"] / E
     body = reduce(
         line(20, end=(of["L"], 0, 0)), material={"E": E, "nu": 0.3, "density": of["rA"] / area},
-        modes=8, interfaces={"root": "root", "tip": "tip"}, geometric_stiffening=True,
+        modes=8, interfaces={"root": "root", "tip": "tip"}, geometric_stiffening="full",
         sections={"all": general(A=area, Iy=inertia, Iz=inertia, J=2 * inertia)},
     )  # fmt: skip
     model = Model("spin-up", plane="xy")
@@ -217,4 +217,4 @@ def test_energy_is_kept_by_a_free_blade_that_tumbles():
 def test_without_an_interface_it_is_refused():
     with pytest.raises(ReductionError, match="geometric_stiffening: needs at least one interface"):
         reduce(line(4), material="steel", sections={"all": rectangle(0.01, 0.01)}, modes=2,
-               geometric_stiffening=True)  # fmt: skip
+               geometric_stiffening="full")  # fmt: skip

@@ -204,7 +204,7 @@ def test_tangents_are_the_differences_of_the_residual():
     model.add_force("servo", "torque", at="arm.root", value=[0, 0, "-3*turn - 0.1*turn**2"])
     model.add_force("push", "force", at="arm.tip", value=[1.0, 2.0, "5*t"], axes="body")
     system = compile_source(model)
-    state = state_of(system, None, "initial")
+    state = state_of(system, None, "initial").state
     state.v[:] = 0.3 * np.random.default_rng(3).standard_normal(len(state.v))
     at = StateEquations(system.compiled, state)
     tangents, q, v = at.tangents(), state.q.copy(), state.v.copy()

@@ -81,7 +81,8 @@ def flexible_driven():
     return driven(
         reduce(
             line(8, end=(0.4, 0, 0)), material=STEEL, interfaces={"root": "root", "tip": "tip"},
-            modes=4, damping=0.02, sections={"all": rectangle(0.006, 0.02)},
+            modes=4, damping={"ratio": 0.02, "of": "free"},
+            sections={"all": rectangle(0.006, 0.02)},
         )
     )  # fmt: skip
 

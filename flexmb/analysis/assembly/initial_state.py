@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
@@ -34,6 +35,7 @@ from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
 from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
+from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
 
@@ -58,11 +60,14 @@ _ACCELERATION_ERRORS = {
 
 @dataclass(frozen=True)
 class Assembled:
-    """The first state, the scratch it was computed with, and what the user should know."""
+    """The first state, the scratch it was computed with, what the user should know, the model with
+    the damping that its flexible bodies have there, and the ratios of their modes."""
 
     state: State
     work: Work
     notes: tuple[str, ...]
+    compiled: Compiled
+    dampings: list[BodyDamping]
 
 
 class StartValues(NamedTuple):
@@ -100,6 +105,8 @@ def assemble(
     AssemblyError
         Positions that cannot be closed (worst joints and gaps), a joint on its wrong branch, no
         elastic equilibrium, or accelerations that are not finite.
+    SceneError
+        Damping of modes that do not exist.
     """
     system = compiled.system
     state = new_state(system, channels=len(compiled.layout.channels))
@@ -130,9 +137,11 @@ def assemble(
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
     solve_stage(system, state, work, REMEMBER)
-    _solve_accelerations(system, state, work)
-    solve_stage(system, state, work, BEGIN)
-    return Assembled(state, work, (*notes, *_stop_notes(compiled, model, state, work)))
+    damped, dampings = add_damping(compiled, model, state.q)
+    _solve_accelerations(damped.system, state, work)
+    solve_stage(damped.system, state, work, BEGIN)
+    notes += _stop_notes(compiled, model, state, work)
+    return Assembled(state, work, tuple(notes), damped, dampings)
 
 
 def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues | None) -> None:
@@ -239,7 +248,9 @@ def _weighted(system: System, weights: Array) -> System:
     bodies["S0"] *= weights[:, None, None]
     for body, weight in zip(_flexible(system), weights[bodies["m"] > 0], strict=True):
         m, at = int(body["m"]), int(body["flex"])
-        pool[at : at + 12 * m + 13 * m * m] *= weight  # all but stiffness and damping
+        forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
+        pool[at : forms - 2 * m * m] *= weight
+        pool[forms : forms + (12 * m * m if body["coupling"] else 0)] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 
@@ -264,6 +275,6 @@ def _flexible(system: System) -> NDArray[np.void]:
 def _modal_blocks(pool: Array, body: np.void) -> tuple[Array, Array]:
     """Views (m, m) of the modal mass and stiffness of one body in the pool."""
     m = int(body["m"])
-    at = int(body["flex"]) + 12 * m + 12 * m * m
+    at = int(body["flex"]) + 12 * m
     mass, stiffness = pool[at : at + 2 * m * m].reshape(2, m, m)
     return mass, stiffness

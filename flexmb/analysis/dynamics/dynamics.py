@@ -103,6 +103,7 @@ def prepare_dynamics(
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
+    compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
@@ -112,7 +113,7 @@ def prepare_dynamics(
         notes.append(f"step shortened {change} to meet {end}")
     return prepared_run(
         compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
-        not_unique=not_unique,
+        not_unique=not_unique, dampings=tuple(assembled.dampings),
     )  # fmt: skip
 
 

@@ -176,7 +176,7 @@ class LinearElasticityMonitor:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
         return (
             f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
-            "the body with geometric_stiffening = true"
+            'the body with geometric_stiffening = "full"'
         )
 
 

@@ -31,7 +31,7 @@ from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import skew
-from flexmb.flexbody.natural_modes import mass_and_stiffness
+from flexmb.flexbody.natural_modes import matrices_at_rest
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
@@ -195,7 +195,7 @@ def load_factors(compiled: Compiled, state: object, now: NDArray[np.void], gravi
         if body is None or body.m != m:
             Mb, Kb = _rigid_mass(entry), np.zeros((6, 6))
         else:
-            Mb, Kb = mass_and_stiffness(body)
+            Mb, Kb = matrices_at_rest(body)
         turn = block_diag(A, np.eye(3 + m))
         part = slice(iv, iv + 6 + m)
         M[part, part], K[part, part] = turn @ Mb @ turn.T, Kb

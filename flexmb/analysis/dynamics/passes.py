@@ -37,7 +37,7 @@ from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress
-from flexmb.results import OutputBlock
+from flexmb.results import BodyDamping, OutputBlock
 
 MAX_PASSES = 4
 """Passes of a run at most, each with a stricter tolerance by the error measured."""
@@ -86,6 +86,7 @@ class PreparedDynamics:
     rows_before: int = 0  # rows that are in the file already
     not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # with the scout of `run`
+    dampings: tuple[BodyDamping, ...] = ()
 
     @property
     def method(self) -> str:

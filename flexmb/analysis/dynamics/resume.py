@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.dynamics.integration import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
@@ -60,6 +61,8 @@ def prepare_resumed(
     units = prepare_integration(compiled.system, integrator, progress)
     timer.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, arrays, result, rows)
+    if "first_q" in arrays:
+        compiled, _ = add_damping(compiled, model, first)
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])

@@ -6,7 +6,7 @@ sensor the largest change, in its SI unit and over its largest peak-to-peak.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,27 +124,28 @@ def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Arra
 
 
 def contributions(
-    model: Model, before: Array, change: Array, names: tuple[str, ...]
+    model: Model, histories: Sequence[Array], change: Array, names: tuple[str, ...]
 ) -> list[Contribution]:
-    """The largest change of each sensor; of what stands still with the effect and without, none.
+    """The largest change of each sensor; of what stands still in all histories, none.
 
     Parameters
     ----------
     model : Model
         For its sensors and their units.
-    before, change : (n, k) array
-        Channels without the change, and their change.
+    histories : sequence of (n, k) array
+        Channels without effects and with them, for their peak-to-peak.
+    change : (n, k) array
+        What an effect changes of them.
     names : tuple of str
         Of the channels.
     """
-    after = before + np.where(np.isfinite(change), change, 0.0)
     sizes: dict[str, tuple[str, float, float]] = {}
     largest: dict[str, float] = {}
     owners = {**model.sensors, **model.states, **model.controllers}
     for name, spec in owners.items():
         columns = [names.index(channel) for channel in channels_of(name, spec)]
         unit = model.channel_unit(channels_of(name, spec)[0]) or ""
-        size = max(np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in (before, after))
+        size = max(np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories)
         sizes[name] = unit, float(size), float(np.abs(change[:, columns]).max(initial=0.0))
         largest[unit] = max(largest.get(unit, 0.0), float(size))
     result = []

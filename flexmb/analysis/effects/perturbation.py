@@ -16,20 +16,25 @@ faster than the rows vibrate and resonate as they would. Source of the idea: def
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
-from flexmb.analysis.effects.linearisation import Linearisation, Row
+from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.compile import Compiled
+from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.work import new_run, new_state, new_work, units_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_FREE = 120
 """Motions up to which the dense equations of small motions are affordable."""
+_EVALUATIONS = 50  # of the equations, to time them
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
 
@@ -44,9 +49,25 @@ class Motion:
     lam: Array
     channels: Array
 
-    def row(self, k: int) -> Row:
-        """Row number k as a state."""
-        return Row(float(self.t[k]), self.q[k], self.v[k], self.vd[k], self.lam[k])
+    def put(self, k: int, equations: StateEquations) -> None:
+        """Make row number k the state of the equations."""
+        state = equations.state
+        state.t[0], state.angles[:] = self.t[k], self.channels[k]
+        for name in ("q", "v", "vd", "lam"):
+            getattr(state, name)[:] = getattr(self, name)[k]
+
+    def gap(self, compiled: Compiled) -> float:
+        """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
+
+        Large where rows are too far apart to tell what happens between them.
+        """
+        rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
+        weights = compiled.system.weights[rigid]
+        change = np.diff(self.v[:, rigid] * weights, axis=0)
+        mean = 0.5 * (self.vd[1:, rigid] + self.vd[:-1, rigid]) * weights
+        missing = change - mean * np.diff(self.t)[:, None]
+        total = float(np.sqrt((change**2).sum()))
+        return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
 
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
@@ -90,7 +111,7 @@ def respond(
     """
     system, n = compiled.system, len(motion.t)
     used = np.flatnonzero(system.kkt.column >= 0).astype(np.int64)
-    lin = Linearisation(compiled)
+    equations = equations_of(compiled)
     weights = np.where(system.weights > 0.0, system.weights, 1.0)[used]
     inverse, nu = 1.0 / weights, len(used)
     rows = system.row_weights[:, None]
@@ -101,8 +122,9 @@ def respond(
     jacobians = np.zeros((n, len(rows), nu))
     spin = _Spin(compiled, used, weights)
     for k in range(n):
-        residual, C, _ = lin.evaluate(motion.row(k))
-        at = lin.matrices()
+        motion.put(k, equations)
+        at = equations.tangents()
+        residual, C = equations.residual(), equations.work.con.C
         F[k] = inverse * (residual - balance[k])[used]
         for out, matrix in ((M, at.M), (D, at.D), (K, at.K)):
             out[k] = inverse[:, None] * matrix[np.ix_(used, used)] * inverse
@@ -124,21 +146,49 @@ def respond(
     full = np.zeros((3, n, compiled.layout.nv))
     for out, part in zip(full, (dq, dv, dvd), strict=True):
         out[:, used] = inverse * part
+    state = equations.state
     for k in range(bounded):
         out_of_balance = F[k] + M[k] @ dvd[k] + D[k] @ dv[k] + K[k] @ dq[k]
         dlam = -np.linalg.lstsq(jacobians[k].T, out_of_balance, rcond=1e-10)[0] * rows[:, 0]
-        lin.angles[:] = motion.channels[k]
-        lin.evaluate(motion.row(k))
-        moved = lin.moved(motion.row(k), full[0, k], full[1, k], full[2, k], dlam)
-        change[k] = lin.evaluate(moved)[2] - motion.channels[k]
+        motion.put(k, equations)
+        state.q[:] = equations.moved(motion.q[k], full[0, k])
+        state.v[:] += full[1, k]
+        state.vd[:] += full[2, k]
+        state.lam[:] += dlam
+        change[k] = equations.channels() - motion.channels[k]
     change[bounded:] = np.inf
     return Response(change, full[0], bounded)
 
 
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
     """F (n, nv) that the rows of a run leave in their own model."""
-    lin = Linearisation(compiled)
-    return np.array([lin.evaluate(motion.row(k))[0] for k in range(len(motion.t))])
+    equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
+    for k in range(len(rows)):
+        motion.put(k, equations)
+        rows[k] = equations.residual()
+    return rows
+
+
+def evaluation_time(compiled: Compiled) -> float:
+    """Seconds that one evaluation of the forces and one of their matrix take."""
+    system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
+    state.q[:] = compiled.initial_q
+    prepare_units([stages.begin_run, stages.residual, stages.put_matrix, *units_of(system)])
+    run = hand_over(new_run(system, state, new_work(system, len(state.angles))))
+    at, best = hand_over(run.record.state_point), np.inf
+    call(stages.begin_run, run, at)
+    for _ in range(5):
+        began = time.process_time()
+        for _ in range(_EVALUATIONS):
+            call(stages.residual, run, at)
+            call(stages.put_matrix, run, at, 1.0, 1.0)
+        best = min(best, time.process_time() - began)
+    return best / _EVALUATIONS
+
+
+def equations_of(compiled: Compiled) -> StateEquations:
+    """The equations of a model, at no state yet."""
+    return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
 
 
 class _Spin:

@@ -19,7 +19,7 @@ the change of the integrals with the deformation. All exact.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
         at_P = body["flex"] + 3 * m
         for k in range(9 * m):
             Z[z + k] = pool[at_P + k]
-        add_product(pool, at_P + 9 * m, 9 * m, m, q, eta, 1.0, Z, z)
+        add_product(pool, at_P + 9 * m + 3 * m * m, 9 * m, m, q, eta, 1.0, Z, z)
         for a in range(3):
             c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
             for b in range(3):
@@ -107,7 +107,7 @@ def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity + elastic and damping forces of such bodies."""
     parts, now, out, rows = run.system.parts, run.work.now, run.work.trial.res, of.rows
     for n in range(rows.shape[0]):
-        put_frame_forces(run, rows[n], at)
+        put_frame_forces(run, rows[n], at, parts.bodies[rows[n]]["m"])
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
         _put_modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
     return FINE
@@ -128,6 +128,25 @@ def less_trace(V, x):
 
 
 @kernel
+def add_modal_product(body, pool, q, v, vd, out):
+    """Modal rows += M_ηη η̈ + K η + D η̇."""
+    m, o, iq, size = body["m"], body["iv"] + 6, body["iq"] + 7, body["m"] * body["m"]
+    at = body["flex"] + 12 * m
+    if body["diagonal"] == 1:
+        for i in range(m):
+            k = at + i * (m + 1)
+            out[o + i] += pool[k] * vd[o + i] + pool[k + size] * q[iq + i]
+    else:
+        add_product(pool, at, m, m, vd, o, 1.0, out, o)
+        add_product(pool, at + size, m, m, q, iq, 1.0, out, o)
+    if body["damped"] == 2:
+        for i in range(m):
+            out[o + i] += pool[at + 2 * size + i * (m + 1)] * v[o + i]
+    elif body["damped"] == 1:
+        add_product(pool, at + 2 * size, m, m, v, o, 1.0, out, o)
+
+
+@kernel
 def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
     """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms.
 
@@ -142,11 +161,8 @@ def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
     add_product(Z, zw, 3, m, vd, o, 1.0, out, iv + 3)
     for i in range(m):
         out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)
-    at_G = at + 12 * m + 9 * size
-    add_product(pool, at_G + 3 * size, m, m, vd, o, 1.0, out, o)
-    add_product(pool, at_G + 4 * size, m, m, q, body["iq"] + 7, 1.0, out, o)
-    if body["damped"] == 1:
-        add_product(pool, at_G + 5 * size, m, m, v, o, 1.0, out, o)
+    add_modal_product(body, pool, q, v, vd, out)
+    at_G = at + 12 * m + 12 * size
     square = inner(om, om)
     for b in range(3):
         if v[iv + 3 + b] != 0.0:
@@ -167,7 +183,7 @@ def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
     parts, now, B = run.system.parts, run.work.now, run.work.dense.B
     body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
     m, flex, zw = body["m"], body["flex"], body["z"] + 9 * body["m"]
-    at_M = flex + 12 * m * (1 + m)
+    at_M = flex + 12 * m
     for k in range(m):
         row = B[6 + k]
         put_part(row, 0, turned(bn["A"], mode_vector(pool, flex + k, m)))
@@ -179,7 +195,7 @@ def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
     if cv != 0.0 or cp != 0.0:
         a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
         _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)
-        _add_modal_block(body, pool, at.v, at.vd, cv, cp, B)
+        add_modal_block(body, pool, at.v, at.vd, cv, cp, 1.0, 0, B)
     return FINE
 
 
@@ -188,7 +204,7 @@ def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> in
     """Add M + cv ∂F/∂v + cp ∂F/∂q of flexible bodies, F inertia, elastic and damping forces."""
     rows = of.rows
     for n in range(rows.shape[0]):
-        put_frame_matrix(run, rows[n], at, cv, cp)
+        put_frame_matrix(run, rows[n], at, cv, cp, run.system.parts.bodies[rows[n]]["m"])
         put_modal_matrix(run, rows[n], at, cv, cp)
         add_body_block(run, rows[n], run.work.dense.B)
     return FINE
@@ -201,7 +217,7 @@ def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
     for n in range(rows.shape[0]):
         body = run.system.parts.bodies[rows[n]]
         o, size = body["iv"], 6 + body["m"]
-        put_frame_matrix(run, rows[n], at, 0.0, 0.0)
+        put_frame_matrix(run, rows[n], at, 0.0, 0.0, body["m"])
         put_modal_matrix(run, rows[n], at, 0.0, 0.0)
         for r in range(size):
             run.work.factor.sol[place[o + r]] = dot(B[r], 0, run.work.trial.res, o, size)
@@ -217,7 +233,8 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
     pool. The derivative of Σ B_bc Z_cb with ω is −δJ ω.
     """
     m, iv, at, o, A, V = body["m"], body["iv"], body["flex"], body["iv"] + 6, bn["A"], bn["V"]
-    at_M, z, size = at + 12 * m, body["z"], m * m
+    z, size = body["z"], m * m
+    at_M = at + 12 * m + 3 * size
     at_G = at_M + 9 * size
     om, e = part(v, iv + 3), part(vd, iv + 3)
     put_modal_rate(Z, z, 3 * m, m, v, o, m, V)
@@ -251,19 +268,22 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
 
 
 @kernel
-def _add_modal_block(body, pool, v, vd, cv, cp, B):
-    """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b)."""
+def add_modal_block(body, pool, v, vd, cv, cp, euler, first, B):
+    """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b).
+
+    `euler` 0 leaves the term of ω̇ out, `first` 1 the blocks of K and D.
+    """
     m, o, at = body["m"], body["iv"] + 3, body["flex"] + 12 * body["m"]
     om = part(v, o)
     square = inner(om, om)
-    for b in range(5):  # blocks M_bc, then G_c, then M_ηη, K, D
+    for b in range(first, 5):  # blocks M_ηη, K, D, then M_bc, then G_c
         for c in range(3):
-            if b < 3:
-                f = cp * (v[o + b] * v[o + c] - (square if b == c else 0.0))
-            elif b == 3:
-                f = -2.0 * cv * v[o + c] - cp * vd[o + c]
-            else:
+            if b == 0:
                 f = cp if c == 1 else cv if c == 2 else 0.0
+            elif b < 4:
+                f = cp * (v[o + b - 1] * v[o + c] - (square if b - 1 == c else 0.0))
+            else:
+                f = -2.0 * cv * v[o + c] - euler * cp * vd[o + c]
             if f != 0.0:
                 for k in range(m):
                     row = at + ((3 * b + c) * m + k) * m
@@ -273,7 +293,7 @@ def _add_modal_block(body, pool, v, vd, cv, cp, B):
 
 @kernel
 def _modal_form(parts, i, block, x, o):
-    """yᵀ A y of one body, y = x[o:o+m], A an (m, m) block of its pool: 12 is M_ηη, 13 K, 14 D."""
+    """yᵀ A y of one body, y = x[o:o+m], A an (m, m) block of its pool: 0 is M_ηη, 1 K, 2 D."""
     m, e = parts.bodies[i]["m"], 0.0
     at = parts.bodies[i]["flex"] + 12 * m + block * m * m
     for r in range(m):
@@ -284,7 +304,7 @@ def _modal_form(parts, i, block, x, o):
 @kernel
 def _strain(parts, q, i):
     """½ ηᵀ K η of one body, J."""
-    return 0.5 * _modal_form(parts, i, 13, q, parts.bodies[i]["iq"] + 7)
+    return 0.5 * _modal_form(parts, i, 1, q, parts.bodies[i]["iq"] + 7)
 
 
 @kernel
@@ -295,7 +315,7 @@ def _modal_kinetic(parts, now, v, i):
     x = turned(now.body[i]["A"], modal_vector(parts.pool, body["flex"], m, v, o + 6))
     y = modal_vector(now.Z, body["z"] + 9 * m, m, v, o + 6)
     e = inner(part(v, o), x) + inner(part(v, o + 3), y)
-    return e + 0.5 * _modal_form(parts, i, 12, v, o + 6)
+    return e + 0.5 * _modal_form(parts, i, 0, v, o + 6)
 
 
 @unit
@@ -326,9 +346,9 @@ def damping_power(run: Run, of: Bodies, at: Point) -> int:
     """−η̇ᵀ D η̇ of flexible bodies."""
     parts, rows, out = run.system.parts, of.rows, run.work.powers
     for n in range(rows.shape[0]):
-        if parts.bodies[rows[n]]["damped"] == 1:
+        if parts.bodies[rows[n]]["damped"] > 0:
             out[DAMPER_POWER] -= _modal_form(
-                parts, rows[n], 14, at.v, parts.bodies[rows[n]]["iv"] + 6
+                parts, rows[n], 2, at.v, parts.bodies[rows[n]]["iv"] + 6
             )
     return FINE
 
@@ -349,16 +369,38 @@ FLEXIBLE_BODIES = Kind(
 )
 
 
-def modal_block(body: FlexBody) -> Array:
+def modal_block(body: FlexBody, coupling: str = "full") -> Array:
     """The numbers of `tables.FLEX_LAYOUT` in one row."""
-    M = body.Mab
-    if body.centrifugal_stiffness is not None:
-        M = M - body.centrifugal_stiffness
-    turned = np.concatenate([M[b, a] for a in range(3) for b in range(3)])
-    gyroscopic = np.concatenate([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
     damping = np.zeros_like(body.K) if body.D is None else body.D
-    parts = (body.p, body.P, turned, gyroscopic, body.M_eta, body.K, damping)
+    parts = [body.p, body.P, body.M_eta, body.K, damping]
+    if coupling != "constant":
+        M = body.Mab
+        if body.centrifugal_stiffness is not None:
+            M = M - body.centrifugal_stiffness
+        parts += [M[b, a] for a in range(3) for b in range(3)]
+        parts += [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
+
+
+_ROUND_OFF = 1e-12  # of integrals, relative to their Cauchy-Schwarz bounds
+
+
+def put_flags(row: Any, body: FlexBody) -> None:
+    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`."""
+
+    def diagonal(form: Array) -> bool:
+        size = np.sqrt(np.abs(np.diag(form)))
+        rest = np.abs(form - np.diag(np.diag(form)))
+        return bool(np.all(rest <= _ROUND_OFF * np.outer(size, size)))
+
+    row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K))
+    row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
+    size = np.sqrt(np.diag(body.M_eta))
+    arms = np.array([body.P[1, 2] - body.P[2, 1], body.P[2, 0] - body.P[0, 2],
+                     body.P[0, 1] - body.P[1, 0]])  # fmt: skip
+    moved = np.abs(body.p).max(axis=0) > _ROUND_OFF * size * np.sqrt(body.mass)
+    turned = np.abs(arms).max(axis=0) > _ROUND_OFF * size * np.sqrt(np.trace(body.S0))
+    row["attached"] = int(np.any(moved | turned))
 
 
 def modal_reach(body: FlexBody) -> Array:

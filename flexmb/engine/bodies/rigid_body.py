@@ -81,11 +81,14 @@ def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
 
 
 @unit
-def put_frame_forces(run: Run, i: int, at: Point) -> int:
-    """Force and moment rows of the frame of body i in Trial.res, without M_ωη and V."""
+def put_frame_forces(run: Run, i: int, at: Point, m: int) -> int:
+    """Force and moment rows of the frame of body i in Trial.res, without M_ωη and V.
+
+    `m`: number of modes that act on them through p.
+    """
     parts, v, vd, out = run.system.parts, at.v, at.vd, run.work.trial.res
     body, bn = parts.bodies[i], run.work.now.body[i]
-    iv, m, flex, A, J = body["iv"], body["m"], body["flex"], bn["A"], bn["J"]
+    iv, flex, A, J = body["iv"], body["flex"], bn["A"], bn["J"]
     c, om, e = triple(bn["c"]), part(v, iv + 3), part(vd, iv + 3)
     a = plus(part(vd, iv), -1.0, triple(parts.gravity))
     # ω̇×c + ω×(ω×c + 2 p η̇) + p η̈
@@ -102,7 +105,7 @@ def put_frame_forces(run: Run, i: int, at: Point) -> int:
 def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
     for n in range(of.rows.shape[0]):
-        put_frame_forces(run, of.rows[n], at)
+        put_frame_forces(run, of.rows[n], at, 0)
     return FINE
 
 
@@ -114,11 +117,14 @@ def _add_rotated_skew(B, f, A, a):
 
 
 @unit
-def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
-    """dense.B[:6, :6] = M + cv ∂F/∂v + cp ∂F/∂q of the frame of body i, F its inertia forces."""
+def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) -> int:
+    """dense.B[:6, :6] = M + cv ∂F/∂v + cp ∂F/∂q of the frame of body i, F its inertia forces.
+
+    `m`: number of modes that act on them through p.
+    """
     parts, B, v, vd = run.system.parts, run.work.dense.B, at.v, at.vd
     body, bn, pool = parts.bodies[i], run.work.now.body[i], parts.pool
-    A, J, c, iv, m = bn["A"], bn["J"], triple(bn["c"]), body["iv"], body["m"]
+    A, J, c, iv = bn["A"], bn["J"], triple(bn["c"]), body["iv"]
     for r in range(3):
         for k in range(3):
             B[r, k] = body["mass"] if r == k else 0.0
@@ -155,7 +161,7 @@ def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
     rows = of.rows
     for n in range(rows.shape[0]):
-        put_frame_matrix(run, rows[n], at, cv, cp)
+        put_frame_matrix(run, rows[n], at, cv, cp, 0)
         add_body_block(run, rows[n], run.work.dense.B)
     return FINE
 

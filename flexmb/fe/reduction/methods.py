@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, ReductionError, nearest
+from flexmb.errors import FlexmbError, MeshError, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
@@ -31,7 +31,8 @@ from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
-from flexmb.flexbody.mesh_options import RESIDUALS, ModesOptions
+from flexmb.flexbody.damping import DampingOptions, damping_words, read_damping
+from flexmb.flexbody.mesh_options import RESIDUALS, STIFFENINGS, ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
@@ -160,24 +161,30 @@ def coordinates_text(
     return f"{least}{most} = {text} - {freedoms}{extra}"
 
 
-def check_options(reduction: str, modes: Any, damping: float, residual: str) -> Any:
-    """The modes that are requested."""
+def check_options(
+    reduction: str, modes: Any, damping: Any, residual: str, stiffening: Any
+) -> tuple[Any, DampingOptions | None]:
+    """The modes that are requested, and the damping."""
     problems: list[Problem] = []
-    requested = None
+    requested = ratios = None
     try:
         requested = requested_modes(reduction, modes)
     except ReductionError as error:
         problems += error.problems
-    if isinstance(damping, bool) or not isinstance(damping, int | float) or not 0 <= damping < 1:
-        what = f"must be a damping ratio from 0 to below 1, given {damping!r}"
-        problems.append(Problem("damping", what))
+    try:
+        ratios = read_damping(damping)
+    except FlexmbError as error:
+        problems += error.problems
     if residual not in RESIDUALS:
         names = tuple(RESIDUALS)
         what = f'unknown "{residual}"'
         problems.append(Problem("residual", what, names, nearest(str(residual), names)))
+    if stiffening not in STIFFENINGS:
+        what = f"unknown choice {stiffening!r}"
+        problems.append(Problem("geometric_stiffening", what, STIFFENINGS))
     if problems:
         raise ReductionError.from_problems(problems)
-    return requested
+    return requested, ratios
 
 
 _METHOD = 5  # raise it whenever the same input gives another body
@@ -185,7 +192,7 @@ _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
     "stress": "surface",
-    "geometric_stiffening": False,
+    "geometric_stiffening": "none",
     "residual": "none",
 }
 _NO_VALUES = ("name", "source")  # of materials
@@ -198,7 +205,7 @@ def reduction_key(
     material: MaterialLike,
     interfaces: Mapping[str, Any] | None = None,
     modes: Any = None,
-    damping: float = 0.0,
+    damping: Any = None,
     name: str | None = None,
     sections: Mapping[str, Any] | None = None,
     **options: Any,
@@ -218,7 +225,7 @@ def reduction_key(
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
         "modes": _modes(options.get("reduction", "craig-bampton"), modes),
-        "damping": float(damping),
+        "damping": damping_words(read_damping(damping)),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,

@@ -15,8 +15,9 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
-from flexmb.model.body import BodySpec, FlexbodySpec
+from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
+from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
@@ -26,6 +27,7 @@ from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import planar_problems
 from flexmb.model.reading import GROUND, Spec
+from flexmb.model.scenes.effects import effect_problems
 
 _SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
 _WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
@@ -43,6 +45,7 @@ def model_problems(
     for part in (_twice_driven, channel_problems, _assembly_problems, _channel_names):
         problems += part(scope)
     problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
+    problems += effect_problems(model)
     if not problems:  # what is in the plane is known of entries that hold together
         problems += planar_problems(scope)
     return problems
@@ -89,7 +92,8 @@ def _assembly_problems(scope: Scope) -> Iterator[Problem]:
 
 def _channel_names(scope: Scope) -> Iterator[Problem]:
     """Channels of plots and of known answers."""
-    channels, broken = scope.model.channels(), broken_channels(scope)
+    channels = (*scope.model.channels(), *scope.model.stress_channels())
+    broken = broken_channels(scope)
     names = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
     names += [(f"check[{i}].sensor", check.sensor) for i, check in enumerate(scope.model.checks)]
     for where, name in names:
@@ -110,7 +114,7 @@ def _study_problems(scope: Scope) -> Iterator[Problem]:
 def _frequency_problems(scope: Scope) -> Iterator[Problem]:
     """Bodies and interfaces of natural frequencies."""
     all_bodies = scope.model.bodies.items()
-    bodies = tuple(n for n, spec in all_bodies if isinstance(spec, MeshBodySpec | FlexbodySpec))
+    bodies = tuple(n for n, spec in all_bodies if isinstance(spec, FlexibleBodySpec))
     for i, check in enumerate(scope.model.frequency_checks):
         if check.body not in bodies:
             if check.body not in scope.broken.get("bodies", {}):

@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import relative_path
-from flexmb.model.body import BodySpec, FlexbodySpec
+from flexmb.model.body import BodySpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
 from flexmb.model.lookup import ModelData
@@ -42,6 +43,7 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     SECTIONS,
     CheckSpec,
@@ -176,14 +178,15 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 
 TOP_KEYS = (
-    "title", "units", "plane", "gravity", "parameters", "ground", *SECTIONS, "assembly", "check",
-    "dynamics", "kinematics", "results", "study", "validity", "view",
+    "title", "units", "plane", "gravity", "parameters", "effects", "ground", *SECTIONS, "assembly",
+    "check", "dynamics", "kinematics", "results", "study", "validity", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
 SINGLE_TABLES: dict[str, type[Spec]] = {
     "assembly": AssemblySpec,
     "dynamics": DynamicsSpec,
+    "effects": EffectsSpec,
     "kinematics": KinematicsSpec,
     "results": ResultsSpec,
     "study": StudySpec,

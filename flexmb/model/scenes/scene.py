@@ -21,8 +21,9 @@ from pydantic_core import core_schema
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.planar_body import PLANES
-from flexmb.model.body import FlexbodySpec, RigidBodySpec, UnitsName
+from flexmb.model.body import RigidBodySpec, UnitsName
 from flexmb.model.control import StateSpec
+from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec

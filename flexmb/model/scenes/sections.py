@@ -76,7 +76,10 @@ class ViewSpec(Spec):
 
 
 class CheckSpec(Spec):
-    """At ``time`` the channel ``sensor`` is ``value`` within ``tolerance``, says ``source``."""
+    """At ``time`` the channel ``sensor`` is ``value`` within ``tolerance``, says ``source``.
+
+    Channels are those of sensors, and ``"rod.von_mises"``, the largest stress of a flexible body.
+    """
 
     sensor: Text
     time: Annotated[float, Quantity("s", "not negative")]

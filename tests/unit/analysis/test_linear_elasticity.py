@@ -24,7 +24,7 @@ BENDING = np.sqrt(STEEL["E"] * HEIGHT**2 / 12 / STEEL["density"]) / LENGTH**2  #
 STIFFNESS = 3 * STEEL["E"] * HEIGHT**4 / 12 / LENGTH**3  # N/m, of the tip of a cantilever
 
 
-def beam(stiffening=False, **changes):
+def beam(stiffening="none", **changes):
     model = Model("beam", **changes)
     model.add_body("beam", rod(HEIGHT, LENGTH, 10, 8, geometric_stiffening=stiffening))
     return model
@@ -110,7 +110,7 @@ def test_a_shaft_that_turns_about_its_axis_needs_no_stiffening():
 
 
 def test_a_stiffened_body_is_told_nothing_of_its_speed():
-    model = on_a_hub(0.9 * 1.8751041**2 * BENDING, stiffening=True)
+    model = on_a_hub(0.9 * 1.8751041**2 * BENDING, stiffening="full")
     assert not sentences(model, duration=0.3)
 
 
@@ -145,7 +145,7 @@ def test_a_body_without_modes_is_not_watched():
 
 
 def test_a_force_beside_the_interfaces_is_told_not_to_stiffen():
-    model = beam(stiffening=True)
+    model = beam(stiffening="full")
     model.add_marker("beam.middle", node=5)
     model.add_marker("beam.end", interface="tip")
     model.add_joint("clamp", "fixed", between=["ground", "beam.root"])

@@ -31,7 +31,7 @@ def beam(**options):
 def loaded():
     """A beam with everything that a body can hold."""
     push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(6.0))
-    body = beam(geometric_stiffening=True)
+    body = beam(geometric_stiffening="full", damping={"preset": "adams", "modes": {1: 0.02}})
     return replace(body, loads=(push, replace(push, name="pull")))
 
 

@@ -1,0 +1,198 @@
+"""Damping of flexible bodies as the scene joins them.
+
+In: a compiled model and its first pose. Out: the model with the damping matrices of its bodies, and
+the ratio that each mode has. The modes of a body as joined are those of the scene in that pose with
+this body flexible and all others rigid: joints, couplers and drivers hold, the others move with
+their mass, springs and other forces are left out. A bar that is driven at its hub is clamped there;
+one on a free hub vibrates against its mass. In scenes of more than `MAX_COORDINATES` coordinates
+the others are at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
+    Decomposition,
+    column_scales,
+    dense_jacobian,
+    null_space,
+    one_blas_thread,
+)
+from flexmb.engine.bodies.flexible_body import put_flags
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import evaluate_rows
+from flexmb.engine.state import Work
+from flexmb.engine.tables import BodyColumns
+from flexmb.engine.work import new_state, new_work
+from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.damping import DampingOptions, read_damping
+from flexmb.flexbody.natural_modes import mass_at_rest
+from flexmb.flexbody.vibrations import Vibrations, damping_matrix, damping_ratios
+from flexmb.model.markers import rotation_matrix
+from flexmb.model.model import Model
+from flexmb.results import BodyDamping
+
+Array = NDArray[np.float64]
+
+
+def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
+    """The damping of a flexible body: that of the scene, or else of the body itself."""
+    words = read_damping(getattr(model.bodies[name], "damping", None))
+    return body.damping if words is None else words
+
+
+@one_blas_thread()
+def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, list[BodyDamping]]:
+    """The model with the damping of its flexible bodies, and the ratios of their modes.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model, which is returned as it is if it has its damping already.
+    q : (nq,) array
+        First positions, closed.
+
+    Raises
+    ------
+    SceneError
+        Modes that do not exist, cut-off frequencies below all modes.
+    """
+    if compiled.is_damped:
+        return compiled, []
+    parts = compiled.system.parts
+    pool, bodies = parts.pool.copy(), parts.bodies.copy()
+    flexbodies = dict(compiled.flexbodies)
+    problems: list[Problem] = []
+    dampings: list[BodyDamping] = []
+    every = list(range(len(bodies)))
+    scene, others = None, ""
+    for k, (row, columns) in enumerate(zip(bodies, compiled.layout.bodies, strict=True)):
+        body = compiled.flexbodies.get(columns.name)
+        if body is None or row["m"] == 0:
+            continue
+        name, m, D = columns.name, int(row["m"]), np.asarray(body.D)
+        words = damping_words(model, name, body)
+        if words is None and not np.any(D):
+            dampings.append(BodyDamping(name, "none"))
+            continue
+        if compiled.layout.nv > MAX_COORDINATES:
+            scene, others = _RigidScene(compiled, q, [k]), ", all other bodies at rest"
+        joined = (scene := scene or _RigidScene(compiled, q, every)).vibrations(k)
+        text = "by the matrix of the body"
+        if words is not None:
+            text = words.sentence()
+            try:
+                D = damping_matrix(body, words, joined, f"bodies.{name}.damping")
+            except FlexmbError as error:
+                problems += error.problems
+                continue
+        at = int(row["flex"]) + 12 * m + 2 * m * m
+        pool[at : at + m * m], flexbodies[name] = D.ravel(), replace(body, D=D)
+        put_flags(row, flexbodies[name])
+        ratios = damping_ratios(D, joined)
+        frequencies = joined.omega / (2 * np.pi)
+        dampings.append(
+            BodyDamping(name, text + others, tuple(frequencies.tolist()), tuple(ratios.tolist()))
+        )
+    if problems:
+        raise SceneError.from_problems(problems)
+    if scene is None:
+        return compiled, dampings
+    system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
+    return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
+
+
+class _RigidScene:
+    """The motions that joints and drivers leave to bodies as rigid ones, all others at rest.
+
+    Parameters
+    ----------
+    compiled, q : Compiled, (nq,) array
+        The model and its pose.
+    bodies : list of int
+        Which bodies may move; with all of them the scalar coordinates do as well.
+    """
+
+    def __init__(self, compiled: Compiled, q: Array, bodies: list[int]) -> None:
+        layout, system = compiled.layout, compiled.system
+        self._compiled, everything = compiled, len(bodies) == len(layout.bodies)
+        state, work = new_state(system), new_work(system)
+        state.q[:] = q
+        evaluate_rows(system, state, work)
+        scales = column_scales(compiled)
+        places = np.concatenate([_columns(layout.bodies[k]) for k in bodies])
+        if everything:
+            places = np.arange(layout.nv)
+            A = dense_jacobian(compiled, work)
+        else:
+            A = _rows_of_body(compiled, work, *bodies)
+        order = np.full(layout.nv, -1)
+        order[places] = np.arange(len(places))
+        mass, self._scales, self._order = np.zeros((len(places),) * 2), scales[places], order
+        modal = np.zeros(len(places), bool)
+        for k in bodies:
+            columns = layout.bodies[k]
+            at = order[_columns(columns)]
+            block = _mass(system.parts.bodies[k], compiled.flexbodies.get(columns.name))
+            turn = rotation_matrix(q[columns.iq + 3 : columns.iq + 7])
+            block[:3] = turn @ block[:3]
+            block[:, :3] = block[:, :3] @ turn.T
+            mass[np.ix_(at, at)], modal[at[6:]] = block, True
+        for row in system.parts.coordinates if everything else ():
+            mass[row["iv"], row["iv"]] = row["m"]
+        self._mass = mass * np.outer(self._scales, self._scales)
+        self._A = system.row_weights[:, None] * A * self._scales if everything else A * self._scales
+        self._rigid = np.flatnonzero((self._scales > 0.0) & ~modal)
+        self._rows = Decomposition.of(self._A[:, self._rigid])
+
+    def vibrations(self, k: int) -> Vibrations:
+        """Vibrations of body k, as it is joined, all others rigid."""
+        columns = self._compiled.layout.bodies[k]
+        modal = self._order[_columns(columns)[6:]]
+        rows, A = self._rows, self._A[:, modal]
+        # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
+        r = rows.rank
+        y = null_space(rows.U[:, r:].T @ A, rows.S.max(initial=1.0))
+        x = -(rows.V[:, :r] / rows.S[:r]) @ (rows.U[:, :r].T @ A @ y)
+        n, free = len(self._rigid), rows.free
+        motions = np.block([[free, x], [np.zeros((columns.m, free.shape[1])), y]])
+        both = np.append(self._rigid, modal)
+        mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
+        try:
+            eta = self._scales[modal, None] * motions[n:]
+            return Vibrations.of(self._compiled.flexbodies[columns.name].K, eta, mass)
+        except np.linalg.LinAlgError:
+            what = "has no meaning: a motion of the scene that joints leave free has no inertia"
+            problem = Problem(f"bodies.{columns.name}.damping", what)
+            raise AssemblyError.from_problems([problem]) from None
+
+
+def _columns(columns: BodyColumns) -> NDArray[np.int64]:
+    """(6 + m,) velocity coordinates of a body."""
+    return columns.iv + np.arange(6 + columns.m)
+
+
+def _rows_of_body(compiled: Compiled, work: Work, k: int) -> Array:
+    """(n, 6 + m) weighted rows of the joints of body k for its own motion."""
+    system = compiled.system
+    owner, rows, size = system.parts.markers["body"], system.rows, 6 + compiled.layout.bodies[k].m
+    A = np.zeros((len(rows), size))
+    for side in "IJ":
+        on = np.flatnonzero((rows[f"jac_{side}"] >= 0) & (owner[rows[side]] == k))
+        A[on] += work.dense.jac[rows[f"jac_{side}"][on, None] + np.arange(size)]
+    touched = A.any(axis=1)
+    return np.asarray(system.row_weights[touched, None] * A[touched])
+
+
+def _mass(row: np.void, body: FlexBody | None) -> Array:
+    """(6 + m, 6 + m) of a body at rest, in body axes."""
+    if body is not None and row["m"] > 0:
+        return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)
+    no = np.zeros
+    return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))

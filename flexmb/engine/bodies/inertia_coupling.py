@@ -1,0 +1,386 @@
+"""Flexible bodies whose inertia is coupled with the deformation to order zero or one.
+
+With the integrals of `flexible_body` and the rigid inertia of the undeformed body, J0, S1:
+
+Constant coupling keeps S1, S0, p, W and M_ηη, W = P_yz − P_zy and cyclic: the mass matrix of the
+undeformed body, and of velocity terms those of the rigid body alone,
+
+    force    m a + A (ω̇×S1 + ω×(ω×S1) + p η̈)
+    moment   S1×a' + J0 ω̇ + ω×J0 ω + W η̈
+    modes    pᵀa' + Wᵀω̇ + M_ηη η̈ + Kη + Dη̇
+
+In mean axes p = W = 0: rigid body and modes meet in joints and forces alone; energy ½ vᵀM v + V and
+the angular momentum of the undeformed body are conserved.
+
+Partial coupling adds c = S1 + p η, J = J0 + tr(S) I − S with S_ab = (P_ab + P_ba) η, and all
+velocity terms that are linear in the deformation:
+
+    moment   2 (tr(V) − Vᵀ) ω',   V_ab = P_ab·η̇
+    modes    Σ B_bc (P_cb + M_bc η) − 2 Σ ω'_k G_k η̇
+
+Left out is what is of second order in the inertia of the whole body: M_bc in J, M_ωη and V. Energy
+and angular momentum hold but for terms of that order. The terms with M_bc, the softening by
+rotation and the Coriolis forces between modes, go into the iteration matrix only where they count.
+Source: Shabana, Dynamics of Multibody Systems, 4th ed., §5.4; for the orders Padilla & von Flotow,
+J. Guidance 15 (1992) 131.
+"""
+
+from __future__ import annotations
+
+from flexmb.engine.algebra.ldl import add_body_block
+from flexmb.engine.algebra.vector import (
+    add_column,
+    add_part,
+    dot,
+    inner,
+    modal_vector,
+    mode_vector,
+    outer,
+    part,
+    plus,
+    put_part,
+    times,
+    triple,
+    turned,
+    turned_back,
+)
+from flexmb.engine.bodies.flexible_body import (
+    add_modal_block,
+    add_modal_product,
+    add_product,
+    damping_power,
+    flexible_energies,
+    less_trace,
+    put_modal_rate,
+)
+from flexmb.engine.bodies.rigid_body import (
+    Bodies,
+    prepare_rigid,
+    put_frame_forces,
+    put_frame_matrix,
+    turn_bodies,
+)
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
+
+# Velocity terms between modes enter the iteration matrix where they change it by more than this
+# share of the modal mass.
+_NEGLIGIBLE = 0.05
+
+
+@unit
+def prepare_constant(run: Run, of: Bodies, at: Point) -> int:
+    """J0 and S1, and P and W in the place of the integrals that move with the deformation."""
+    parts, Z, rows = run.system.parts, run.work.now.Z, of.rows
+    prepare_rigid(run, of, at)
+    for n in range(rows.shape[0]):
+        body = parts.bodies[rows[n]]
+        m, z, P = body["m"], body["z"], body["flex"] + 3 * body["m"]
+        for k in range(9 * m):
+            Z[z + k] = parts.pool[P + k]
+        for a in range(3):
+            j, k = (a + 1) % 3, (a + 2) % 3
+            for i in range(m):
+                Z[z + (9 + a) * m + i] = Z[z + (3 * j + k) * m + i] - Z[z + (3 * k + j) * m + i]
+    return FINE
+
+
+@unit
+def prepare_partial(run: Run, of: Bodies, at: Point) -> int:
+    """J and c to first order in the deformation."""
+    parts, now, rows, q = run.system.parts, run.work.now, of.rows, at.q
+    pool = parts.pool
+    prepare_rigid(run, of, at)
+    for n in range(rows.shape[0]):
+        body, J, c = parts.bodies[rows[n]], now.body[rows[n]]["J"], now.body[rows[n]]["c"]
+        m, eta, P = body["m"], body["iq"] + 7, body["flex"] + 3 * body["m"]
+        for a in range(3):
+            c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
+            for b in range(3):
+                s = dot(pool, P + (3 * a + b) * m, q, eta, m)
+                J[a, b] -= s
+                J[b, a] -= s
+                if a == b:
+                    for d in range(3):
+                        J[d, d] += 2.0 * s
+    return FINE
+
+
+@kernel
+def _put_undeformed_forces(run, i, at, p_rate):
+    """Rows of body i with the mass matrix of partial or constant coupling, weight and elasticity.
+
+    `p_rate`: number of modes whose rates act on the frame through p.
+    """
+    parts, now, out, v, vd = run.system.parts, run.work.now, run.work.trial.res, at.v, at.vd
+    body, bn, pool = parts.bodies[i], now.body[i], parts.pool
+    m, iv, flex, zw = body["m"], body["iv"], body["flex"], body["z"] + 9 * body["m"]
+    o = iv + 6
+    put_frame_forces(run, i, at, p_rate)
+    for k in range(m):
+        out[o + k] = 0.0
+    if body["attached"] == 1:
+        if p_rate == 0:
+            add_part(out, iv, 1.0, turned(bn["A"], modal_vector(pool, flex, m, vd, o)))
+        add_product(now.Z, zw, 3, m, vd, o, 1.0, out, iv + 3)
+        a = turned_back(bn["A"], plus(part(vd, iv), -1.0, triple(parts.gravity)))
+        e = part(vd, iv + 3)
+        for k in range(m):
+            out[o + k] += inner(mode_vector(pool, flex + k, m), a)
+            out[o + k] += inner(mode_vector(now.Z, zw + k, m), e)
+    add_modal_product(body, pool, at.q, v, vd, out)
+
+
+@unit
+def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = M v̇ + velocity terms of the rigid body + gravity, elasticity and damping."""
+    for n in range(of.rows.shape[0]):
+        _put_undeformed_forces(run, of.rows[n], at, 0)
+    return FINE
+
+
+@unit
+def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
+    """Trial.res = the same with all velocity terms that are linear in the deformation."""
+    parts, out, q, v = run.system.parts, run.work.trial.res, at.q, at.v
+    pool, x = parts.pool, run.work.dense.T[0]
+    for n in range(of.rows.shape[0]):
+        i = of.rows[n]
+        body, V = parts.bodies[i], run.work.now.body[i]["V"]
+        m, iv, P = body["m"], body["iv"], body["flex"] + 3 * body["m"]
+        o, eta, at_M, size = iv + 6, body["iq"] + 7, P + 9 * m + 3 * m * m, m * m
+        _put_undeformed_forces(run, i, at, m)
+        om = part(v, iv + 3)
+        square = inner(om, om)
+        if square == 0.0:
+            continue
+        put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
+        add_part(out, iv + 3, 2.0, less_trace(V, om))
+        for b in range(3):
+            for c in range(3):
+                f = v[iv + 3 + b] * v[iv + 3 + c] - (square if b == c else 0.0)
+                if b == c:
+                    w = 0.0
+                elif (c - b) % 3 == 1:  # 2 ω̃: − ω of the third axis
+                    w = -2.0 * v[iv + 3 + (b + 2) % 3]
+                else:
+                    w = 2.0 * v[iv + 3 + (c + 2) % 3]
+                if f == 0.0 and w == 0.0:
+                    continue
+                for k in range(m):
+                    x[k] = f * q[eta + k] + w * v[o + k]
+                row = at_M + (3 * c + b) * size  # M_bc
+                load = P + (3 * c + b) * m
+                for k in range(m):
+                    out[o + k] += f * pool[load + k] + dot(pool, row + k * m, x, 0, m)
+    return FINE
+
+
+@unit
+def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, partial: int) -> int:
+    """dense.B = M + cv ∂F/∂v + cp ∂F/∂q of body i, but for the modal rows' velocity terms."""
+    parts, now, B, vd = run.system.parts, run.work.now, run.work.dense.B, at.vd
+    body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
+    m, iv, flex, z, A = body["m"], body["iv"], body["flex"], body["z"], bn["A"]
+    o, at_M = iv + 6, flex + 12 * m
+    put_frame_matrix(run, i, at, cv, cp, m if partial == 1 else 0)
+    for k in range(m):
+        for r in range(6):
+            B[r, 6 + k] = B[6 + k, r] = 0.0
+        for r in range(m):
+            B[6 + k, 6 + r] = pool[at_M + k * m + r]
+    a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
+    if body["attached"] == 1:
+        for k in range(m):
+            p, w = mode_vector(pool, flex + k, m), mode_vector(Z, z + 9 * m + k, m)
+            put_part(B[6 + k], 0, turned(A, p))
+            put_part(B[6 + k], 3, plus(w, cp, outer(p, a)))
+            add_column(B, 0, 6 + k, 1.0, turned(A, p))
+            add_column(B, 3, 6 + k, 1.0, w)
+        if cp != 0.0 and partial == 0:
+            x = modal_vector(pool, flex, m, vd, o)
+            for r in range(3):
+                add_part(B[r], 3, -cp, outer(part(A[r], 0), x))
+    if cv != 0.0 or cp != 0.0:
+        _add_elastic_block(body, pool, cv, cp, B)
+    return FINE
+
+
+@kernel
+def _add_elastic_block(body, pool, cv, cp, B):
+    """Modal rows with the modes: cp K + cv D."""
+    m = body["m"]
+    at = body["flex"] + 12 * m + m * m
+    for k in range(m):
+        for r in range(m):
+            B[6 + k, 6 + r] += cp * pool[at + k * m + r] + cv * pool[at + (m + k) * m + r]
+
+
+@kernel
+def _add_partial_columns(run, i, at, cv, cp, B):
+    """What the modes change in the force and moment, and the spin in the modal forces.
+
+    As in `flexible_body`, with Z = P in the rows of the frame. The integrals with M_bc stand in
+    Now.Z meanwhile.
+    """
+    parts, now, v, vd = run.system.parts, run.work.now, at.v, at.vd
+    body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
+    m, iv, flex, z, A, V = body["m"], body["iv"], body["flex"], body["z"], bn["A"], bn["V"]
+    o, P, at_G = iv + 6, flex + 3 * m, flex + 12 * m + 12 * m * m
+    om, e = part(v, iv + 3), part(vd, iv + 3)
+    a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
+    put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
+    for b in range(3):
+        for c in range(3):
+            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
+            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
+    add_product(pool, at_G - 9 * m * m, 9 * m, m, at.q, body["iq"] + 7, 1.0, Z, z)
+    for k in range(m):
+        p = mode_vector(pool, flex + k, m)
+        turning = outer(om, p)
+        force = plus(outer(om, turning), 1.0, outer(e, p))
+        add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
+        _put_inertia_change(pool, P, m, k, V)
+        spin = turned(V, om)
+        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0, turned(V, e))
+        add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
+        _put_inertia_change(Z, z, m, k, V)
+        add_part(B[6 + k], 3, -cv, turned(V, om))
+        for b in range(3):
+            B[6 + k, 3 + b] -= 2.0 * cv * dot(pool, at_G + (b * m + k) * m, v, o, m)
+    for k in range(9 * m):
+        Z[z + k] = pool[P + k]
+
+
+@kernel
+def _put_inertia_change(Z, z, m, k, V):
+    """V = 2 tr(Z_k) − Z_k − Z_kᵀ, the change of J per η_k."""
+    trace = 0.0
+    for b in range(3):
+        trace += Z[z + 4 * b * m + k]
+    for b in range(3):
+        for c in range(3):
+            V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
+        V[b, b] += 2.0 * trace
+
+
+@kernel
+def _add_diagonal_block(run, i, at, cv, cp):
+    """M + cv ∂F/∂v + cp ∂F/∂q of a body of constant coupling in mean axes, into the panel."""
+    kkt, low, up, parts = run.system.kkt, run.work.factor.low, run.work.factor.up, run.system.parts
+    body, B, pool = parts.bodies[i], run.work.dense.B, parts.pool
+    panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
+    put_frame_matrix(run, i, at, cv, cp, 0)
+    top, nc, m = panel["at"], panel["nc"], body["m"]
+    for r in range(6):
+        pr = column[o + r]
+        for c in range(6):
+            pc = column[o + c]
+            if pr >= pc and pc >= 0:
+                low[top + pr * nc + pc] += B[r, c]
+            if 0 <= pr <= pc:
+                up[top + pc * nc + pr] += B[r, c]
+    size = m * m
+    for k in range(m):
+        at_M = body["flex"] + 12 * m + k * (m + 1)
+        value = pool[at_M] + cp * pool[at_M + size] + cv * pool[at_M + 2 * size]
+        place = top + column[o + 6 + k] * (nc + 1)
+        low[place] += value
+        up[place] += value
+
+
+@unit
+def constant_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of bodies with constant coupling."""
+    for n in range(of.rows.shape[0]):
+        body = run.system.parts.bodies[of.rows[n]]
+        if body["attached"] == 0 and body["diagonal"] == 1 and body["damped"] != 1:
+            _add_diagonal_block(run, of.rows[n], at, cv, cp)
+        else:
+            put_undeformed_matrix(run, of.rows[n], at, cv, cp, 0)
+            add_body_block(run, of.rows[n], run.work.dense.B)
+    return FINE
+
+
+@unit
+def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q of bodies with partial coupling."""
+    B, parts = run.work.dense.B, run.system.parts
+    for n in range(of.rows.shape[0]):
+        i = of.rows[n]
+        body = parts.bodies[i]
+        put_undeformed_matrix(run, i, at, cv, cp, 1)
+        if cv != 0.0 or cp != 0.0:
+            om = part(at.v, body["iv"] + 3)
+            _add_partial_columns(run, i, at, cv, cp, B)
+            square = inner(om, om)
+            if abs(cp) * square > _NEGLIGIBLE or cv * cv * square > _NEGLIGIBLE**2:
+                _add_velocity_block(body, parts.pool, at.v, cv, cp, B)
+        add_body_block(run, i, B)
+    return FINE
+
+
+@kernel
+def _add_velocity_block(body, pool, v, cv, cp, B):
+    """Modal rows with the modes: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b."""
+    add_modal_block(body, pool, v, v, cv, cp, 0.0, 1, B)
+
+
+@kernel
+def _multiply(run, of, at, partial):
+    """Factor.sol = M Trial.res of bodies with constant or partial coupling."""
+    rows, B, place, x = of.rows, run.work.dense.B, run.system.kkt.place, run.work.trial.res
+    for n in range(rows.shape[0]):
+        body = run.system.parts.bodies[rows[n]]
+        o, size = body["iv"], 6 + body["m"]
+        put_undeformed_matrix(run, rows[n], at, 0.0, 0.0, partial)
+        for r in range(size):
+            run.work.factor.sol[place[o + r]] = dot(B[r], 0, x, o, size)
+
+
+@unit
+def constant_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of bodies with constant coupling."""
+    _multiply(run, of, at, 0)
+    return FINE
+
+
+@unit
+def partial_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of bodies with partial coupling."""
+    _multiply(run, of, at, 1)
+    return FINE
+
+
+CONSTANT_BODIES = Kind(
+    "constant_bodies",
+    Bodies,
+    {
+        "constants": prepare_constant,
+        "position": turn_bodies,
+        "force": constant_inertia_forces,
+        "matrix": constant_matrix,
+        "mass": constant_mass_product,
+        "energy": flexible_energies,
+        "power": damping_power,
+    },
+    stiff=True,
+)
+PARTIAL_BODIES = Kind(
+    "partial_bodies",
+    Bodies,
+    {
+        "constants": prepare_constant,
+        "position": turn_bodies,
+        "inertia": prepare_partial,
+        "force": partial_inertia_forces,
+        "matrix": partial_matrix,
+        "mass": partial_mass_product,
+        "energy": flexible_energies,
+        "power": damping_power,
+    },
+    stiff=True,
+)

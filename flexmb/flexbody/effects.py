@@ -1,0 +1,105 @@
+"""The same flexible body with fewer effects, or in another body frame.
+
+In: a body with its modes in mean axes. Out: the rigid body with the same interfaces, nodes and
+surface; the body without the data of geometric stiffening; or its modes relative to a frame that
+one of its interfaces carries along, by u' = u − u_k − θ_k × (s − s_k): integrals of the new modes
+follow exactly from those of the old ones and of rigid motion. Source: Shabana, Dynamics of
+Multibody Systems, 4th ed., §5.6 on reference conditions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.planar_body import combine_modes
+
+_EPS = np.zeros((3, 3, 3))  # permutation symbol
+for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
+
+
+def rigid_twin(body: FlexBody) -> FlexBody:
+    """The body without deformation: its mass properties, and all that can be held on to."""
+    if body.m == 0:
+        return body
+    twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
+    return replace(twin, D=None, inertia_response=None)
+
+
+def without_stiffening(body: FlexBody) -> FlexBody:
+    """The body without the data of geometric stiffening."""
+    ends = tuple(replace(part, bend=None) for part in body.interfaces)
+    return replace(body, centrifugal_stiffness=None, interfaces=ends)
+
+
+def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
+    """The body with its frame fixed at an interface, which then neither moves nor turns in it.
+
+    Parameters
+    ----------
+    body : FlexBody
+        Without data of geometric stiffening, which are those of mean axes.
+    name : str
+        The interface.
+
+    Raises
+    ------
+    ReductionError
+        There is no such interface.
+    """
+    end = body.interface(name)
+    if body.m == 0:
+        return body
+    # rigid motion that is taken out, per eta: translation of the origin and rotation
+    turn = -end.Phi_r
+    shift = -end.Phi_t - np.cross(turn.T, end.position).T
+    fields = _rigid_integrals(body, shift, turn)
+    ends = tuple(
+        Interface(part.name, part.position, *_moved(part.position, shift, turn, part))
+        for part in body.interfaces
+    )
+    nodes, surface = body.nodes, body.surface
+    if nodes is not None:
+        Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
+        Phi_t = nodes.Phi_t + _rigid_displacement(nodes.position, shift, turn)
+        nodes = replace(nodes, Phi_t=Phi_t, Phi_r=Phi_r)
+    if surface is not None:
+        moved = _rigid_displacement(surface.points, shift, turn)
+        surface = replace(surface, modes=surface.modes + moved)
+    loads = tuple(
+        replace(load, modal=load.modal + load.force @ shift + load.moment @ turn)
+        for load in body.loads
+    )
+    return replace(body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads)
+
+
+def _rigid_displacement(points: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
+    """(n, 3, m) displacement of points (n, 3) by rigid motions (3, m)."""
+    return np.asarray(shift + np.einsum("acb,cm,nb->nam", _EPS, turn, points))
+
+
+def _moved(
+    point: FloatArray, shift: FloatArray, turn: FloatArray, part: Interface
+) -> tuple[FloatArray, FloatArray]:
+    return part.Phi_t + _rigid_displacement(point[None], shift, turn)[0], part.Phi_r + turn
+
+
+def _rigid_integrals(body: FlexBody, shift: FloatArray, turn: FloatArray) -> dict[str, Any]:
+    """p, P and Mab of the modes plus rigid motions d + G s, G_ab = ε_acb θ_c."""
+    G = np.einsum("acb,cm->abm", _EPS, turn)
+    p = body.p + body.mass * shift + np.einsum("abm,b->am", G, body.S1)
+    P = body.P + np.einsum("a,bm->abm", body.S1, shift) + np.einsum("bcm,ac->abm", G, body.S0)
+    # int rho N_a (d + G s)_b, and the same of two rigid motions
+    cross = np.einsum("ai,bj->abij", body.p, shift) + np.einsum("bcj,cai->abij", G, body.P)
+    both = body.mass * np.einsum("ai,bj->abij", shift, shift)
+    both += np.einsum("ai,bcj,c->abij", shift, G, body.S1)
+    both += np.einsum("aci,c,bj->abij", G, body.S1, shift)
+    both += np.einsum("aci,cd,bdj->abij", G, body.S0, G)
+    Mab = body.Mab + cross + cross.transpose(1, 0, 3, 2) + both
+    return {"p": p, "P": P, "Mab": Mab}

@@ -1,0 +1,229 @@
+"""Flexible bodies: which of their effects a run contains, and those that are reduced already.
+
+In: names of a scene. Out: checked names, or the ``FlexBody`` itself where a model is built from
+Python. What the words do: :mod:`flexmb.flexbody.effects` and :mod:`flexmb.engine.bodies`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import ValidationInfo, model_validator
+
+from flexmb.errors import Problem, ReductionError, nearest
+from flexmb.flexbody.mesh_options import STIFFENINGS
+from flexmb.model.body import BodySpec
+from flexmb.model.option_specs import DampingField
+from flexmb.model.quantities import Integer, Quantity
+from flexmb.model.reading import (
+    FieldType,
+    Form,
+    Reader,
+    Spec,
+    choice,
+    context_of,
+    fail,
+    only_one,
+    quote,
+    read_entry,
+    reference,
+)
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+
+_Modes = tuple[Annotated[int, Integer(0)], ...]
+_Frequency = Annotated[float, Quantity("Hz", "not negative")]
+
+
+class DeformationSpec(Spec):
+    """How each mode of a flexible body deforms it.
+
+    ``dynamic`` or ``quasi_static`` lists modes by their number, from 0, as the table of the
+    reduction has them: with inertia, or by the static response to the present loads. ``band`` [Hz]:
+    modes of the free body with frequencies within it are dynamic. All others are of the other kind.
+    """
+
+    dynamic: _Modes | None = None
+    quasi_static: _Modes | None = None
+    band: tuple[_Frequency, _Frequency] | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        only_one(self, "dynamic", "quasi_static", "band")
+        if self.band is not None and not self.band[0] < self.band[1]:
+            raise fail(Problem("band", "must be two frequencies, the lower one first"))
+        return self
+
+
+DEFORMATIONS = ("rigid", "quasi-static", "dynamic", "automatic")
+COUPLINGS = ("constant", "partial", "full")
+MEAN_AXIS = "mean axis"
+_INTERFACE = "interface "
+
+
+class _Deformation(FieldType):
+    """Annotation of a word, or a table of modes."""
+
+    def read(self, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, str):
+            return choose(value, DEFORMATIONS, ("a table of modes",))
+        spec, problems = read_entry(DeformationSpec, value, context_of(info))
+        if spec is None:
+            raise fail(*problems)
+        return spec
+
+    def write(self, value: Any, info: Any) -> Any:
+        if isinstance(value, str):
+            return value
+        return value.model_dump(mode="json", exclude_none=True, context=info.context)
+
+    def form(self, source: Any, form_of: Any) -> Form:
+        return {"anyOf": [{"enum": list(DEFORMATIONS)}, reference(DeformationSpec)]}
+
+
+def choose(value: Any, words: tuple[str, ...], others: tuple[str, ...] = ()) -> str:
+    """One of some words, or the problem."""
+    if value not in words:
+        near = nearest(str(value), words)
+        raise fail(Problem("", f"unknown choice {quote(value)}", (*words, *others), near))
+    return str(value)
+
+
+def _stiffening(value: Any, info: ValidationInfo) -> str:
+    if isinstance(value, bool):
+        word = "full" if value else "none"
+        what = f'{quote(value)} has become a word: write geometric_stiffening = "{word}"'
+        raise fail(Problem("", what, STIFFENINGS))
+    return choose(value, STIFFENINGS)
+
+
+def _frame(value: Any, info: ValidationInfo) -> str:
+    if isinstance(value, str) and value.startswith(_INTERFACE) and value[len(_INTERFACE) :].strip():
+        return _INTERFACE + value[len(_INTERFACE) :].strip()
+    return choose(value, (MEAN_AXIS,), ("interface NAME",))
+
+
+Stiffening = Annotated[str, Reader(_stiffening, form=choice(STIFFENINGS))]
+
+
+class FlexibleBodySpec(BodySpec):
+    """What all flexible bodies have: which effects of their deformation a run contains.
+
+    `damping` is a ratio of all modes as joined, the preset "adams", or a table; by default that of
+    the body's file, or none.
+    """
+
+    deformation: Annotated[Any, _Deformation()] = "dynamic"
+    inertia_coupling: Literal["constant", "partial", "full"] = "full"
+    geometric_stiffening: Stiffening | None = None
+    frame: Annotated[str, Reader(_frame, form=choice((MEAN_AXIS, "interface NAME")))] = MEAN_AXIS
+    damping: DampingField | None = None
+
+    @model_validator(mode="after")
+    def _frame_fits(self) -> Self:
+        if self.frame == MEAN_AXIS or self.deformation == "rigid":
+            return self
+        problems = []
+        if self.geometric_stiffening == "full":
+            what = "geometric stiffening is formulated in mean axes: leave the frame out"
+            problems.append(Problem("frame", what))
+        if self.inertia_coupling == "partial":
+            what = "partial coupling needs mean axes: take constant or full coupling, or leave it"
+            problems.append(Problem("frame", what))
+        if self.deformation != "dynamic":
+            what = "quasi-static modes are those of mean axes: leave the frame out"
+            problems.append(Problem("frame", what))
+        if problems:
+            raise fail(*problems)
+        return self
+
+    @property
+    def frame_interface(self) -> str | None:
+        """Name of the interface that the body frame is fixed at; None: mean axes."""
+        return self.frame[len(_INTERFACE) :] if self.frame.startswith(_INTERFACE) else None
+
+    def frame_problems(self, interfaces: Sequence[str]) -> list[Problem]:
+        """The interface of the frame does not exist."""
+        name = self.frame_interface
+        if name is None or name in interfaces or self.deformation == "rigid":
+            return []
+        what = f'the body has no interface "{name}"'
+        return [Problem("frame", what, tuple(interfaces), nearest(name, interfaces))]
+
+    def simulated(self, body: FlexBody) -> FlexBody:
+        """A reduced body as a run has it.
+
+        Raises
+        ------
+        ReductionError
+            Effects that the body has no data for; modes or an interface that it does not have.
+        """
+        from flexmb.flexbody.effects import frame_at_interface, rigid_twin, without_stiffening
+
+        if self.deformation == "rigid":
+            return rigid_twin(body)
+        problems = self.frame_problems([part.name for part in body.interfaces])
+        stiffened = body.centrifugal_stiffness is not None
+        if self.geometric_stiffening == "full" and body.m and not stiffened:
+            what = "the body has no data for it: reduce its mesh with geometric_stiffening = "
+            what += '"full" (flexmb reduce --geometric-stiffening full)'
+            problems.append(Problem("geometric_stiffening", what))
+        if isinstance(self.deformation, DeformationSpec):
+            for word in ("dynamic", "quasi_static"):
+                wrong = [k for k in getattr(self.deformation, word) or () if k >= body.m]
+                if wrong:
+                    what = f"the body has no mode {wrong[0]}: they are numbered from 0 to "
+                    problems.append(Problem(f"deformation.{word}", f"{what}{body.m - 1}"))
+        if problems:
+            raise ReductionError.from_problems(problems)
+        if stiffened and (self.geometric_stiffening == "none" or self.frame != MEAN_AXIS):
+            body = without_stiffening(body)
+        name = self.frame_interface
+        return body if name is None else frame_at_interface(body, name)
+
+    def static_modes(self, body: FlexBody, cutoff: float = math.inf) -> tuple[int, ...]:
+        """Numbers of the quasi-static modes; "automatic" ones are those above the cutoff [Hz]."""
+        words, every = self.deformation, range(body.m)
+        if words in ("dynamic", "rigid"):
+            return ()
+        if words == "quasi-static":
+            return tuple(every)
+        low, high = 0.0, cutoff
+        if isinstance(words, DeformationSpec):
+            if words.quasi_static is not None:
+                return words.quasi_static
+            if words.dynamic is not None:
+                return tuple(k for k in every if k not in words.dynamic)
+            assert words.band is not None  # one of three
+            low, high = words.band
+        square = np.diag(body.K) / np.diag(body.M_eta)
+        hertz = np.sqrt(square.clip(0.0)) / (2.0 * math.pi)
+        return tuple(k for k in every if not low <= hertz[k] <= high)
+
+
+def _read_source(value: Any, info: ValidationInfo) -> Any:
+    from flexmb.flexbody import FlexBody
+
+    if isinstance(value, FlexBody):
+        return value
+    if isinstance(value, str | Path) and str(value).isprintable() and str(value).strip():
+        return Path(value).as_posix()
+    raise fail(Problem("", f"a flexible-body file is expected, given {quote(value)}"))
+
+
+FlexibleSource = Annotated[Any, Reader(_read_source, form={"type": "string"})]
+"""Path of a flexible-body file, or a FlexBody."""
+
+
+class FlexbodySpec(FlexibleBodySpec):
+    """A flexible body that is already reduced: its file, or the object itself.
+
+    ``geometric_stiffening`` is by default ``"full"`` if the file has the data, else ``"none"``.
+    """
+
+    flexbody: FlexibleSource

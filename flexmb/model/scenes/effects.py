@@ -1,0 +1,73 @@
+"""Effects of a whole scene that can be left out: ``[effects]``.
+
+In: switches. Out: a model without what is switched off; the tables of the engine then hold nothing
+of it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from typing import TypeVar
+
+from pydantic import StrictBool
+
+from flexmb.errors import Problem
+from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.forces.stops import AnyStop
+from flexmb.model.lookup import ModelData
+from flexmb.model.reading import Spec
+from flexmb.model.sensor import ReactionSensorSpec
+
+M = TypeVar("M", bound=ModelData)
+
+
+class EffectsSpec(Spec):
+    """Effects that the scene has, each of which may be switched off by ``false``.
+
+    ``gravity``; ``friction`` in joints and contacts; ``contact``; ``stops``; ``planar``: false
+    computes a scene with a ``plane`` in space.
+    """
+
+    gravity: StrictBool = True
+    friction: StrictBool = True
+    contact: StrictBool = True
+    stops: StrictBool = True
+    planar: StrictBool = True
+
+    @property
+    def absent(self) -> dict[str, type | tuple[type, ...]]:
+        """Kinds of forces that are left out, by the switch that does it."""
+        kinds = {"friction": JointFrictionSpec, "contact": ContactSpec, "stops": AnyStop}
+        return {word: kind for word, kind in kinds.items() if not getattr(self, word)}
+
+
+def active_model(model: M) -> M:
+    """The model without what its effects switch off; itself if that is nothing."""
+    effects = model.effects
+    if effects is None or all(getattr(effects, word) for word in EffectsSpec.model_fields):
+        return model
+    active = copy.copy(model)
+    active.effects = None
+    if not effects.gravity:
+        active.gravity = None
+    if not effects.planar:
+        active.plane = None
+    absent = tuple(effects.absent.values())
+    active.forces = {k: spec for k, spec in model.forces.items() if not isinstance(spec, absent)}
+    if not effects.friction:
+        for name, spec in active.forces.items():
+            if isinstance(spec, ContactSpec) and spec.friction is not None:
+                active.forces[name] = spec.model_copy(update={"friction": None})
+    return active
+
+
+def effect_problems(model: ModelData) -> Iterator[Problem]:
+    """Sensors of forces that are switched off."""
+    for word, kind in ({} if model.effects is None else model.effects.absent).items():
+        for name, sensor in model.sensors.items():
+            force = sensor.force if isinstance(sensor, ReactionSensorSpec) else None
+            if force is not None and isinstance(model.forces.get(force), kind):
+                what = f"measures forces.{force}, which effects.{word} = false leaves out"
+                yield Problem(f"sensors.{name}", f"{what}: remove the sensor")
