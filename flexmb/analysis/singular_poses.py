@@ -20,7 +20,7 @@ from flexmb.analysis.assembly.jacobian import (
     WeightedJacobian,
     dense_jacobian,
 )
-from flexmb.analysis.dynamics.failure import not_finite_function
+from flexmb.analysis.procedure import not_finite_function
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import analyse_kinematics, sentence, worst_place

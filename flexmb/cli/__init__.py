@@ -16,7 +16,6 @@ from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import study as study  # isort: skip
 from flexmb.cli import audit as audit  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip
-from flexmb.cli import installation as installation  # isort: skip
 from flexmb.cli.app import app, main
 
 __all__ = ["app", "main"]

@@ -64,8 +64,8 @@ from flexmb.fe.scikit_fem import (
     has_stress,
     mesh_from_skfem,
     model_from_basis,
+    refuse_matrices,
     refuse_mesh_options,
-    require_basis,
 )
 from flexmb.fe.sections.material import MaterialLike, resolve
 from flexmb.fe.sections.section_tables import sections_from
@@ -184,7 +184,8 @@ def reduce(
         findings = model_findings(fe, ends)
         where = where if has_stress(fe) else "none"
     else:
-        require_basis(stiffness, mass)
+        if stiffness is not None or mass is not None:
+            refuse_matrices(stiffness=stiffness, mass=mass)
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
         model, ends, findings = _prepare(

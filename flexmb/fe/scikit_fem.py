@@ -230,21 +230,12 @@ def _check_rigid_motion(model: FEMatrices) -> None:
         raise ReductionError.from_problems([Problem("stiffness", what)])
 
 
-def require_basis(stiffness: Any, mass: Any) -> None:
-    """Refuse matrices that come without a basis.
-
-    Raises
-    ------
-    MeshError
-        Which were given.
-    """
-    problems = [
-        Problem(name, "goes with a basis of scikit-fem: reduce(basis, stiffness=K, mass=M)")
-        for name, matrix in (("stiffness", stiffness), ("mass", mass))
-        if matrix is not None
-    ]
-    if problems:
-        raise MeshError.from_problems(problems)
+def refuse_matrices(**matrices: Any) -> None:
+    """Refuse matrices that come without a basis: a `MeshError` that names them."""
+    what = "goes with a basis of scikit-fem: reduce(basis, stiffness=K, mass=M)"
+    raise MeshError.from_problems(
+        [Problem(name, what) for name, matrix in matrices.items() if matrix is not None]
+    )
 
 
 def refuse_mesh_options(units: str, **others: Any) -> None:

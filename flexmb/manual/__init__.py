@@ -6,7 +6,6 @@ that hold the words, or a site of HTML pages.
 
 from __future__ import annotations
 
-from flexmb.manual.pages import PAGES, Page, Section, page, pages, search
-from flexmb.manual.site import write_site
+from flexmb.manual.pages import PAGES, Page, Section, page, pages, search, write_site
 
 __all__ = ["PAGES", "Page", "Section", "page", "pages", "search", "write_site"]

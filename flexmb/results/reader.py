@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
+from flexmb.flexbody import FlexBody, load
 from flexmb.results.body_damping import DAMPING, BodyDamping, read_damping_text
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.result_file import read_contents, read_state, read_table
@@ -61,6 +62,8 @@ class TemporaryFolder:
 
 class ResultReader:
     """Facts and tables of one run; see `Result`."""
+
+    _bodies: dict[str, tuple[int, FlexBody]] | None = None
 
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
@@ -140,6 +143,32 @@ class ResultReader:
         """For each flexible body the path of its file."""
         folder = self.path.parent
         return {name: folder / file for name, file in self._contents.flexbodies.items()}
+
+    def flexbody(self, name: str) -> FlexBody:
+        """The flexible body of that name, from its file.
+
+        Raises
+        ------
+        ResultFileError
+            No such flexible body, or its file is not the one of this run.
+        BodyFileError
+            The file is missing or damaged.
+        """
+        if name not in self.flexbodies:
+            what = f'the result has no flexible body "{name}"'
+            raise ResultFileError.unknown(what, name, self.flexbodies)
+        path, m = self.flexbodies[name], self.layout.body(name).m
+        stamp = path.stat().st_mtime_ns if path.exists() else 0
+        self._bodies = self._bodies or {}
+        if self._bodies.get(name, (None,))[0] != stamp:
+            body = load(path)
+            if body.m != m:
+                raise ResultFileError(
+                    f"{path}: has {body.m} modes, the run was made with {m}; "
+                    "run the scene again, or bring back the flexible-body file of the run"
+                )
+            self._bodies[name] = (stamp, body)
+        return self._bodies[name][1]
 
     @property
     def time(self) -> Array:

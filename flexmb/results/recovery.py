@@ -21,9 +21,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import (
     SECTION_FORCES,
     STRESS,
-    FlexBody,
     StressModes,
-    load,
     von_mises,
 )
 from flexmb.results.reader import ResultReader
@@ -89,34 +87,6 @@ class StressChannel(NamedTuple):
 
 class Recovery(ResultReader):
     """Stress and section forces of the flexible bodies of a run; see `Result`."""
-
-    _bodies: dict[str, tuple[int, FlexBody]] | None = None
-
-    def flexbody(self, name: str) -> FlexBody:
-        """The flexible body of that name, from its file.
-
-        Raises
-        ------
-        ResultFileError
-            No such flexible body, or its file is not the one of this run.
-        BodyFileError
-            The file is missing or damaged.
-        """
-        if name not in self.flexbodies:
-            what = f'the result has no flexible body "{name}"'
-            raise ResultFileError.unknown(what, name, self.flexbodies)
-        path, m = self.flexbodies[name], self.layout.body(name).m
-        stamp = path.stat().st_mtime_ns if path.exists() else 0
-        self._bodies = self._bodies or {}
-        if self._bodies.get(name, (None,))[0] != stamp:
-            body = load(path)
-            if body.m != m:
-                raise ResultFileError(
-                    f"{path}: has {body.m} modes, the run was made with {m}; "
-                    "run the scene again, or bring back the flexible-body file of the run"
-                )
-            self._bodies[name] = (stamp, body)
-        return self._bodies[name][1]
 
     def stress(
         self,

@@ -6,7 +6,7 @@ flexible-body files say how the modes move their surfaces.
 :class:`Content` holds rigid shapes, flexible surfaces with the values that colour them, joints,
 ground, colour scale, captions and camera, in global axes [m]. Both renderers, VTK and matplotlib,
 take it and show the same. A mechanism is seen along its joint axes if they are parallel, slightly
-from above; up is against gravity where there is any, else z, else (for a mechanism seen along z) y.
+from above; up is against gravity where there is any, else z, else (for a mechanism seen nearly along z) y.
 A body alone is seen from aside and above z, or lengthwise above its thinnest extent if slender.
 """
 
@@ -198,6 +198,7 @@ def size_of(points: Any) -> float:
 
 _ROUND_OFF = 1e-6  # of a body's size: markers that close together are one point
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
+_STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
 _PARALLEL = 0.999  # cosine above which two directions count as one
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
@@ -394,7 +395,9 @@ def _up(mechanism: Mechanism, towards: Array | None) -> Array:
         candidates.insert(0, -np.array(gravity) / np.linalg.norm(gravity))
     if towards is None:
         return candidates[0]
-    return next(up for up in candidates if abs(up @ towards) < _PARALLEL)
+    steep = [_PARALLEL] * (len(candidates) - 3) + [_STEEP] * 3
+    fitting = (abs(up @ towards) < limit for up, limit in zip(candidates, steep, strict=True))
+    return next(up for up, fits in zip(candidates, fitting, strict=True) if fits)
 
 
 def _camera(towards: Array, up: Array) -> Camera:

@@ -96,7 +96,7 @@ def resume_run(
 ) -> RunReport:
     """Resume a run and draw it; see :func:`resume`."""
     from flexmb.analysis.dynamics.dynamics import run_dynamics
-    from flexmb.analysis.dynamics.resume import prepare_resumed
+    from flexmb.analysis.dynamics.passes import prepare_resumed
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
     from flexmb.model.scenes.effects import active_model

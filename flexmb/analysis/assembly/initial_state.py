@@ -33,7 +33,7 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
-from flexmb.model.forces.stops import JointStopSpec
+from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.dynamics.failure import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
@@ -35,7 +34,16 @@ from flexmb.analysis.monitors import (
     SingularOrientationMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import Ending, Outcome, Sink, assemble_first_state, run_chunks
+from flexmb.analysis.procedure import (
+    Ending,
+    Outcome,
+    Sink,
+    assemble_first_state,
+    failure_sentence,
+    gaps_at,
+    open_joint,
+    run_chunks,
+)
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units

@@ -46,7 +46,7 @@ from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, 
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Lowering
-    from flexmb.model.forces.stops import AnyStop
+    from flexmb.model.forces.force_characteristic import AnyStop
     from flexmb.model.functions.expression import Expression
 
 

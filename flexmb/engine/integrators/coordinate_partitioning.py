@@ -36,7 +36,7 @@ from flexmb.engine.equations_of_motion import (
     rate_stage,
     velocity_stage,
 )
-from flexmb.engine.integrators.runge_kutta import (
+from flexmb.engine.integrators.explicit_rk import (
     Tableau,
     add_slopes,
     begin_step,

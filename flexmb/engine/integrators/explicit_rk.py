@@ -1,9 +1,12 @@
 """Explicit Runge–Kutta of high order on the index-1 form, one step, or Baumgarte's method.
 
 Every stage solves [[M, Cqᵀ], [Cq, −ε]] (v̇; λ) = (Q; γ) and integrates q̇ = N(q) v, v̇ as one vector
-(q, v); the Euler parameters of a stage are normalised before it is evaluated. After the step
-positions and velocities are put on the constraints, and the accelerations there are the first stage
-of the next step. For scenes without stiff forces.
+(q, v); the Euler parameters of a stage are normalised before it is evaluated. A stage leaves the
+rates of positions, velocities and works in a row of `Trial.stages`. After the step positions and
+velocities are put on the constraints, and the accelerations there are the first stage of the next
+step. For scenes without stiff forces. Tableaux, error estimates and dense output are those of
+SciPy's `DOP853` and `RK45`: Dormand & Prince 8(5,3) and 5(4) (Hairer, Nørsett & Wanner, Solving
+Ordinary Differential Equations I, 1993, §II.5, II.6, II.10).
 
 Baumgarte's method has γ − 2α (Cq v + C_t) − β² C for γ, so that violations of the constraints obey
 C̈ + 2α Ċ + β² C = 0 and die out with critical damping for α = β (Baumgarte, Comput. Methods Appl.
@@ -15,28 +18,251 @@ order of the method holds for steps that are.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from flexmb.engine.algebra.vector import copy
-from flexmb.engine.bodies.motion import normalise, position_rate
-from flexmb.engine.integrators import runge_kutta
-from flexmb.engine.integrators.runge_kutta import (
-    Tableau,
-    begin_step,
-    combine,
-    end_step,
-    explicit_method,
-    put_shares,
-    put_slopes,
-    tableau_of,
+import numpy as np
+
+from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size
+from flexmb.engine.bodies.motion import motion_of_rate, normalise, position_rate
+from flexmb.engine.equations_of_motion import constraint_stage, powers
+from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
+from flexmb.engine.method import (
+    FINE,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    Method,
 )
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
+
+
+# Gap of a joint over the size of the model after its corrections: the step is too long for them.
+_OPEN = 1e-9
+# Limit of stability by what positions differ by, over that by velocities: of a damper 0.4, of a
+# vibration 0.6.
+_BY_POSITIONS = 0.3
+# Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
+_THIRD = 0.1
+
+
+class Tableau(NamedTuple):
+    """An explicit method: stages, the end of the step as one more, stages of the dense output."""
+
+    A: Matrix  # (all, all) coefficients; row `stages` gives the end of the step
+    c: Vector  # (all,)
+    stages: int  # of a step
+    order: int
+    stable: float  # step times rate from which on it is near its limit of stability
+    loosest: float  # as that of `Method`
+    errors: Matrix  # (1 or 2, stages + 1): error estimate; beside that of order 5 one of order 3
+    dense: Matrix  # (all, degree): weight of each stage at the share θ, times θ, θ², ...
+
+
+def tableau_of(spec: DynamicsSpec) -> Tableau:
+    """The tableau for a scene, by its `order`."""
+    return dormand_prince_5() if spec.order == 5 else dormand_prince_8()
+
+
+def dormand_prince_5() -> Tableau:
+    """The 5(4) pair of Dormand & Prince, with its dense output of order 4."""
+    from scipy.integrate import RK45
+
+    A = np.zeros((7, 7))
+    A[:6, :5] = RK45.A
+    A[6, :6] = RK45.B
+    E, P = RK45.E[None, :].copy(), RK45.P.copy()
+    return Tableau(A, np.array([*RK45.C, 1.0]), 6, 5, 2.5, 2e-6, E, P)
+
+
+def dormand_prince_8() -> Tableau:
+    """The method 8(5,3) of Dormand & Prince, with its dense output of order 7."""
+    from scipy.integrate import DOP853
+
+    A = np.zeros((16, 16))
+    A[:12, :12] = DOP853.A
+    A[12, :12] = DOP853.B
+    A[13:] = DOP853.A_EXTRA
+    c = np.array([*DOP853.C, 1.0, *DOP853.C_EXTRA])
+    E = np.array([DOP853.E5, DOP853.E3])
+    return Tableau(A, c, 12, 8, 4.5, 3e-7, E, _dense_weights(DOP853))
+
+
+@cache
+def _dense_weights(method: type) -> np.ndarray:
+    """Weights (16, 7) of the stages in the dense output of DOP853, as powers of the share θ.
+
+    It is nested, θ (F₀ + (1 − θ) (F₁ + θ (F₂ + ...))), with F linear in the stages.
+    """
+    step, first, last = np.zeros(16), np.zeros(16), np.zeros(16)
+    step[:12], first[0], last[12] = method.B, 1.0, 1.0
+    F = [step, first - step, 2.0 * step - last - first, *method.D]
+    weights = np.zeros((16, 7))
+    share, basis = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
+    for k, coefficients in enumerate(F):
+        basis = basis * (share if k % 2 == 0 else 1.0 - share)
+        weights += np.outer(coefficients, np.pad(basis.coef[1:], (0, 7 - basis.degree())))
+    return weights
+
+
+def explicit_method(tableau: Tableau, step: Unit, interpolate: Unit, **more: Any) -> Method:
+    """A method that steps by a tableau."""
+    return Method(
+        (step,), (interpolate,), (tableau,), order=tableau.order, error_order=tableau.order,
+        stages=len(tableau.c), filter=0.0, keeps_step=0, collocation=0, loosest=tableau.loosest,
+        **more,
+    )  # fmt: skip
+
+
+@kernel
+def combine(y, slopes, at, weights, n, h, out):
+    """out = y + h Σ weights_s slope_s; y may not be out."""
+    for i in range(y.shape[0]):
+        out[i] = 0.0
+    add_slopes(slopes, at, weights, n, out)
+    for i in range(y.shape[0]):
+        out[i] = y[i] + h * out[i]
+
+
+@kernel
+def add_slopes(slopes, at, weights, n, out):
+    """out += Σ weights_s slope_s."""
+    for k in range(n):
+        weight = weights[k]
+        if weight != 0.0:
+            for i in range(out.shape[0]):
+                out[i] += weight * slopes[k, at + i]
+
+
+@kernel
+def begin_step(run):
+    """Slopes of the first stage, those of the state, but for the rates of positions."""
+    st, tr, nq = run.state, run.work.trial, run.state.q.shape[0]
+    copy(st.vd, tr.stages[0, nq:])
+    copy(st.power, tr.stages[0, nq + st.vd.shape[0] :])
+    copy(st.lam, tr.lam)
+
+
+@kernel
+def put_slopes(run, s):
+    """Accelerations and powers of the trial state as slopes of stage s."""
+    tr, count, nq = run.work.trial, run.state.count[0], run.state.q.shape[0]
+    count["residuals"] += 1
+    count["factorisations"] += 1
+    copy(tr.vd, tr.stages[s, nq:])
+    if run.settings.works == 1:
+        powers(run, run.trial_point)
+        copy(run.work.powers, tr.stages[s, nq + tr.vd.shape[0] :])
+
+
+@kernel
+def end_step(run, tableau, h, status, of_parameters):
+    """Errors and works of a step whose end is the trial state; its status, given that of the end.
+
+    `of_parameters`: rates of positions in the stages are those of Euler parameters, else of motions
+    from the start of the step. Velocities of the last but one stage are in `Trial.aa_start`.
+    """
+    st, tr, stages = run.state, run.work.trial, tableau.stages
+    nq, nv = st.q.shape[0], st.v.shape[0]
+    _watch_stability(run, tableau, h, of_parameters)
+    constraint_stage(run, run.trial_point)
+    gap = weighted_size(run.work.con.C, run.system.row_weights)
+    if status == FINE and run.method.stabilised == 0 and not gap < _OPEN:
+        return NO_CONVERGENCE
+    copy(tr.vd, tr.aa)
+    tr.extended[0] = 0
+    if run.settings.works == 1:
+        combine(st.work_done, tr.stages, nq + nv, tableau.A[stages], stages, h, tr.work)
+    size = largest(tr.q) + largest(tr.vd)
+    if run.settings.step == 0.0:
+        _estimate_error(run, tableau.errors, h, of_parameters)
+        size += tr.error[0] + tr.error[1]
+    return NOT_FINITE if status == FINE and not math.isfinite(size) else status
+
+
+@kernel
+def put_shares(tableau, share, weights):
+    """Weights of the slopes in the dense output at a share of the step."""
+    dense = tableau.dense
+    for s in range(tableau.c.shape[0]):
+        weights[s] = 0.0
+        for k in range(dense.shape[1]):
+            weights[s] = share * (weights[s] + dense[s, dense.shape[1] - 1 - k])
+
+
+@kernel
+def _watch_stability(run, tableau, h, of_parameters):
+    """Count a step at the limit of stability.
+
+    The largest rate of the motion is that between the two last stages, which stand at the same
+    time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2).
+    """
+    tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
+    change, apart = 0.0, 0.0
+    for i in range(tr.v.shape[0]):
+        difference = abs(tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]) * weights[i]
+        if not difference <= change:
+            change = difference
+        apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
+    rate = change / apart if apart > 0.0 else 0.0
+    if h * rate > tableau.stable and math.isfinite(rate):
+        # where velocities happen to agree, what positions differ by decides
+        for k in range(last):
+            tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
+        _put_change(run, tr.shares, last, of_parameters)
+        moved = weighted_size(tr.dq, weights)
+        slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
+        if h * slow < _BY_POSITIONS * tableau.stable:
+            return
+    if not h * rate <= tableau.stable:  # what is not finite was not stable either
+        memory = run.state.memory[0]
+        if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
+            memory["fastest_rate"] = rate  # later ones are those of what has grown
+        memory["steps_at_stability_limit"] += 1.0
+
+
+@kernel
+def _estimate_error(run, errors, h, of_parameters):
+    """Local errors of positions and velocities over the motion so far, into trial.error.
+
+    With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method.
+    """
+    st, tr, n = run.state, run.work.trial, errors.shape[1]
+    for level in range(2):
+        size, low = 0.0, 0.0
+        for k in range(errors.shape[0]):
+            scale = st.motion if level == 0 else st.speed
+            if level == 0:
+                _put_change(run, errors[k], n, of_parameters)
+            else:
+                for i in range(tr.dq.shape[0]):
+                    tr.dq[i] = 0.0
+                add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
+            part = scaled_size(tr.dq, run.system.weights, scale, 0.0)
+            if k == 0:
+                size = h * part
+            else:
+                low = _THIRD * h * part
+        if low > 0.0:
+            size *= size / math.sqrt(size * size + low * low)
+        tr.error[level] = size
+
+
+@kernel
+def _put_change(run, weights, n, of_parameters):
+    """dq (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
+    tr = run.work.trial
+    out = tr.rate if of_parameters else tr.dq
+    for i in range(out.shape[0]):
+        out[i] = 0.0
+    add_slopes(tr.stages, 0, weights, n, out)
+    if of_parameters:
+        motion_of_rate(run.system.parts, run.state.q, out, tr.dq)
+
 
 # Violations fall to 1/e within this share of the run by default, and within a fixed step at least.
 _SHARE = 0.05
@@ -55,16 +281,6 @@ def stabilised_method(spec: DynamicsSpec) -> Method:
     return explicit_method(
         tableau_of(spec), step, interpolate, stabilised=1, alpha=alpha, beta=beta
     )
-
-
-def dormand_prince_5() -> Method:
-    """The method of order 5."""
-    return explicit_method(runge_kutta.dormand_prince_5(), step, interpolate)
-
-
-def dormand_prince_8() -> Method:
-    """The method of order 8."""
-    return explicit_method(runge_kutta.dormand_prince_8(), step, interpolate)
 
 
 @unit

@@ -45,10 +45,10 @@ from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.control import State
+from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.forces.friction import JointFrictionSpec, friction_coordinate
 from flexmb.model.forces.load import LineForceSpec
 from flexmb.model.forces.spring_damper import JointSpringSpec
-from flexmb.model.forces.stops import JointStopSpec
 from flexmb.model.model import Model
 
 

@@ -26,6 +26,7 @@ from skfem.refdom import RefHex, RefLine, RefTet, RefTri
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
+Faces = tuple[tuple[int, ...], ...]
 STRESS = ("xx", "yy", "zz", "yz", "zx", "xy")
 """Order of stress components."""
 
@@ -347,3 +348,12 @@ def _cofactors(J: FloatArray) -> FloatArray:
             b, c = (a + 1) % 3, (a + 2) % 3
             C[:, i, a] = J[:, j, b] * J[:, k, c] - J[:, j, c] * J[:, k, b]
     return C
+
+
+def second_order_faces(faces: Faces, edges: tuple[tuple[int, int], ...], corners: int) -> Faces:
+    """The faces with the nodes in the middle of their sides."""
+    middle = {frozenset(edge): corners + number for number, edge in enumerate(edges)}
+    return tuple(
+        face + tuple(middle[frozenset(s)] for s in zip(face, face[1:] + face[:1], strict=True))
+        for face in faces
+    )

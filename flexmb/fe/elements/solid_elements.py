@@ -38,6 +38,7 @@ from flexmb.fe.elements.element_family import (
     hexahedron,
     hexahedron_rule,
     inverse_jacobians,
+    second_order_faces,
     strain_rows,
     tetrahedron,
     tetrahedron_rule,
@@ -281,17 +282,6 @@ _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
 _HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
 _WEDGE_FACES = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2))
 
-Faces = tuple[tuple[int, ...], ...]
-
-
-def _second_order(faces: Faces, edges: tuple[tuple[int, int], ...], corners: int) -> Faces:
-    """The faces with the nodes in the middle of their sides."""
-    middle = {frozenset(edge): corners + number for number, edge in enumerate(edges)}
-    return tuple(
-        face + tuple(middle[frozenset(s)] for s in zip(face, face[1:] + face[:1], strict=True))
-        for face in faces
-    )
-
 
 TETRA = Solid(
     "tetra",
@@ -312,7 +302,7 @@ TETRA10 = Solid(
     rule=tetrahedron_rule(2),
     mass_rule=tetrahedron_rule(5),
     stress_rule=tetrahedron_rule(2),
-    faces=_second_order(_TET_FACES, TET_EDGES, 4),
+    faces=second_order_faces(_TET_FACES, TET_EDGES, 4),
     edges=TET_EDGES,
 )
 HEXAHEDRON = Incompatible(
@@ -332,7 +322,7 @@ HEXAHEDRON20 = Solid(
     rule=hexahedron_rule(5),
     mass_rule=hexahedron_rule(5),
     stress_rule=hexahedron_rule(3),
-    faces=_second_order(_HEX_FACES, HEX_EDGES, 8),
+    faces=second_order_faces(_HEX_FACES, HEX_EDGES, 8),
     edges=HEX_EDGES,
 )
 HEXAHEDRON27 = Solid(
@@ -343,7 +333,8 @@ HEXAHEDRON27 = Solid(
     mass_rule=hexahedron_rule(5),
     stress_rule=hexahedron_rule(3),
     faces=tuple(
-        (*face, 20 + number) for number, face in enumerate(_second_order(_HEX_FACES, HEX_EDGES, 8))
+        (*face, 20 + number)
+        for number, face in enumerate(second_order_faces(_HEX_FACES, HEX_EDGES, 8))
     ),
     edges=HEX_EDGES,
 )
@@ -354,7 +345,7 @@ WEDGE15 = Solid(
     rule=wedge_rule(2, 5),
     mass_rule=wedge_rule(4, 5),
     stress_rule=wedge_rule(2, 3),
-    faces=_second_order(_WEDGE_FACES, WEDGE_EDGES, 6),
+    faces=second_order_faces(_WEDGE_FACES, WEDGE_EDGES, 6),
     edges=WEDGE_EDGES,
 )
 

@@ -14,8 +14,8 @@ from pydantic import StrictBool
 
 from flexmb.errors import Problem
 from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import JointFrictionSpec
-from flexmb.model.forces.stops import AnyStop
 from flexmb.model.lookup import ModelData
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import ReactionSensorSpec

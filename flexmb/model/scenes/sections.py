@@ -14,6 +14,11 @@ from flexmb.errors import Problem
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.force_characteristic import (
+    RotationalStopSpec,
+    StopSpec,
+    TranslationalStopSpec,
+)
 from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.forces.load import ForceSpec, LineForceSpec, TorqueSpec
 from flexmb.model.forces.spring_damper import (
@@ -21,7 +26,6 @@ from flexmb.model.forces.spring_damper import (
     SpringDamperSpec,
     TranslationalSpringSpec,
 )
-from flexmb.model.forces.stops import RotationalStopSpec, StopSpec, TranslationalStopSpec
 from flexmb.model.joints.coupler import LinearCouplerSpec
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec

@@ -11,10 +11,9 @@ import pytest
 
 from flexmb.errors import FlexmbError, ViewError
 from flexmb.studies.channel_errors import error_text
-from flexmb.studies.report import Study
+from flexmb.studies.report import Study, cost_of_a_digit
 from flexmb.studies.rows import Error, Row
 from flexmb.studies.study_settings import headings, label
-from flexmb.studies.summary import cost_of_a_digit
 from flexmb.view.plot import Curve, pareto_figure
 
 

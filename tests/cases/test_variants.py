@@ -1,0 +1,42 @@
+"""What the texts of cases say of their variants: one word changed, and another answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexmb
+from flexmb.errors import FlexmbError
+
+CASES = Path(__file__).parents[2] / "cases"
+
+
+def test_the_four_bar_without_geometric_stiffening_bows_otherwise(tmp_path: Path) -> None:
+    change = {"bodies.coupler.geometric_stiffening": "none"}
+    scene = CASES / "flexible_four_bar/scene.toml"
+    report = flexmb.run_scene(scene, output=tmp_path, overrides=change, pictures=False)
+    bow = np.array(
+        [check.value - check.expected for check in report.checks if check.sensor == "bow"]
+    )
+    assert np.abs(bow).max() / 4.9e-3 == pytest.approx(0.15, abs=0.02)
+
+
+def test_the_misaligned_four_bar_locks_when_it_is_rigid(tmp_path: Path) -> None:
+    rigid = {f"bodies.{name}.deformation": "rigid" for name in ("crank", "coupler", "rocker")}
+    with pytest.raises(FlexmbError, match=r"locked|nothing to drive"):
+        flexmb.run_scene(CASES / "misaligned_four_bar/scene.toml", output=tmp_path, overrides=rigid)
+
+
+def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path) -> None:
+    change = {"bodies.boom.deformation": "rigid", "dynamics.outputs": "11"}
+    folder = CASES / "excavator"
+    dynamics = flexmb.run_scene(
+        folder / "flexible.toml", output=tmp_path / "a", overrides=change, pictures=False
+    )
+    kinematics = flexmb.run_scene(folder / "scene.toml", output=tmp_path / "b", pictures=False)
+    a, b = (flexmb.load_result(report.result) for report in (dynamics, kinematics))
+    for axis in "xyz":
+        expected = b[f"tooth.{axis}"][::20]
+        np.testing.assert_allclose(a[f"tooth.{axis}"], expected, atol=1e-9)
