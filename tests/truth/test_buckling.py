@@ -33,7 +33,9 @@ def column(stiffening=True, kind="line", size=1.0):
         mesh = solid_box("hexahedron20", (16, 1, 1), (1.0, thickness, thickness))
         material = {"E": 12.0 / thickness**4, "nu": 0.0, "density": 1.0 / thickness**2}
         options["interfaces"] = {"root": "x0", "tip": "x1"}
-    return reduce(mesh, material=material, geometric_stiffening=stiffening, **options)
+    return reduce(
+        mesh, material=material, geometric_stiffening="full" if stiffening else "none", **options
+    )
 
 
 def loaded(ends, load, place=(0.0, 0.0, 0.0), size=1.0, **options):

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
-from flexmb.analysis.dynamics.indicator import Indicator
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -59,6 +59,7 @@ class _Watched:
     frequencies: Array  # (j,) as it is joined, ascending, rad/s
     amplitudes: Array  # (j, m) deflection in each of these modes, over the length, per unit eta
     is_stiffened: bool  # by centrifugal loads and the forces of joints
+    softens: bool  # by its rotation, as its inertia coupling says
 
 
 class LinearElasticityMonitor:
@@ -86,7 +87,7 @@ class LinearElasticityMonitor:
             sizes = np.linalg.norm((deflection @ shapes).reshape(-1, 3, len(frequencies)), axis=1)
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
-            stiffened = body.centrifugal_stiffness is not None
+            stiffened, spec = body.centrifugal_stiffness is not None, model.bodies[columns.name]
             self._bodies.append(
                 _Watched(
                     columns,
@@ -97,6 +98,7 @@ class LinearElasticityMonitor:
                     frequencies,
                     amplitudes,
                     stiffened,
+                    getattr(spec, "inertia_coupling", "full") != "constant",
                 )  # fmt: skip
             )
         n = len(self._bodies)
@@ -132,9 +134,10 @@ class LinearElasticityMonitor:
             if not one.is_stiffened:
                 ratio = speed / one.frequencies[present].min(initial=np.inf)
             least = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
-            text = partial(self._softening, name, speed, ratio, spun)
-            yield Indicator(name, "speed", ratio, spun, least, text)
-            text = partial(self._deflected, name, deflection, at, ratio)
+            text = partial(self._softening, name, speed, ratio, spun, one.softens)
+            quantity = "speed" if one.softens else "speed, of constant inertia"
+            yield Indicator(name, quantity, ratio, spun, least, text)
+            text = partial(self._deflected, name, deflection, at, ratio * one.softens)
             yield Indicator(name, "deflection", deflection, at, LARGEST_DEFLECTION, text)
             text = partial(self._rotated, name, rotation, turned)
             yield Indicator(name, "rotation", rotation, turned, LARGEST_ROTATION, text)
@@ -149,7 +152,7 @@ class LinearElasticityMonitor:
     def _deflected(self, name: str, deflection: float, t: float, ratio: float) -> str:
         what = f"bodies.{name} is deflected by {deflection:.2g} of its length at"
         if ratio >= 1.0:
-            cure = f"{INCONSISTENT}, and diverges; reduce it with geometric_stiffening = true"
+            cure = f'{INCONSISTENT}, and diverges; reduce it with geometric_stiffening = "full"'
             return f"{what} t = {self._units.say(t, 's', 4)}: {cure}"
         return (
             f"{what} t = {self._units.say(t, 's', 4)}: linear elasticity holds up to about "
@@ -165,11 +168,14 @@ class LinearElasticityMonitor:
             f"which are too long by {error:.2g} %; divide the body into several that are joined"
         )
 
-    def _softening(self, name: str, speed: float, ratio: float, t: float) -> str:
+    def _softening(self, name: str, speed: float, ratio: float, t: float, softens: bool) -> str:
         where = f"bodies.{name} turns with {self._units.say(speed, 'rad/s', 3)}"
         share = f"{ratio:.2g} of its lowest natural frequency as it is joined"
         why = "centrifugal stiffening is left out"
-        if ratio >= 1.0:
+        if not softens:
+            loss = 100 * _SOFTENING * ratio**2
+            error = f"frequencies across its plane of rotation are too low by about {loss:.2g} %"
+        elif ratio >= 1.0:
             error = "the linear equations lose all stiffness there and deflections mean nothing: "
             error += INCONSISTENT
         else:

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, eigh
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
-from flexmb.analysis.dynamics.indicator import Indicator
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.dynamics.missing_response import in_body_axes
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
@@ -133,7 +133,7 @@ class LoadFactorMonitor:
         return (
             f"bodies.{name}: at t = {at} it is compressed by about {value:.2g} of the load that "
             "buckles it, yet its forces do not soften it; reduce it with "
-            "geometric_stiffening = true"
+            'geometric_stiffening = "full"'
         )
 
     def _values(self, rows: OutputBlock, row: int) -> Array:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.indicator import Indicator
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_frame
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody import InertiaResponse
 from flexmb.model.model import Model
