@@ -251,8 +251,8 @@ def _geometric_stiffness(
             Phi = pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
             K[:3, 3:] -= np.cross(Phi.T, f).T
             if marker["bend"] >= 0:
-                bend = pool[marker["bend"] : marker["bend"] + 3 * m * m].reshape(3, m, m)
-                K[3:, 3:] += np.tensordot(f, bend, axes=1)
+                bend = pool[marker["bend"] : marker["bend"] + 3 * m * m].reshape(m, 3, m)
+                K[3:, 3:] += np.einsum("d,idj->ij", f, bend)
     K[:3, :3] = 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
     if body is not None:
         carried = np.einsum("kl,ljc->kjc", G, body.P) + np.einsum("k,jc->kjc", a, body.p)
